@@ -60,7 +60,9 @@ class Experiment:
             frozen[name] = copy
         lengths = {name: len(values) for name, values in frozen.items()}
         if len(set(lengths.values())) > 1:
-            raise InputError(f"{self.name}: channels differ in length ({lengths}); give one length.")
+            raise InputError(
+                f"{self.name}: channels differ in length ({lengths}); give one length."
+            )
         object.__setattr__(self, "channels", MappingProxyType(frozen))
 
     def __len__(self) -> int:

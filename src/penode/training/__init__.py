@@ -1,0 +1,1 @@
+"""Training: one objective, its optimisers, and the uncertainty of what they find."""

@@ -1,0 +1,35 @@
+"""penode: physical parameters and learned maps from recorded data, at the horizon that fits."""
+
+from penode import pmsm
+from penode.data.experiment import Experiment
+from penode.data.load import load
+from penode.data.windows import Contiguous, Jittered, Windows
+from penode.errors import InputError
+from penode.horizon.identifiability import Start
+from penode.horizon.ladder import ladder_plan
+from penode.identify import identify
+from penode.models.base import Model
+from penode.models.parameters import parameter, physical
+from penode.predictors.base import Predictor
+from penode.training.fit import Fit
+from penode.training.plan import Plan, Stage
+
+__all__ = [
+    "Contiguous",
+    "Experiment",
+    "Fit",
+    "InputError",
+    "Jittered",
+    "Model",
+    "Plan",
+    "Predictor",
+    "Stage",
+    "Start",
+    "Windows",
+    "identify",
+    "ladder_plan",
+    "load",
+    "parameter",
+    "physical",
+    "pmsm",
+]

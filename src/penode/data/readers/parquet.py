@@ -1,0 +1,79 @@
+"""Reader of parquet files with flat numeric columns."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from penode.arrays import FloatArray
+from penode.data.table import Table, cell_error, clean_names
+from penode.errors import InputError
+
+_MAGIC = b"PAR1"
+
+
+def read(path: Path) -> Table:
+    """Read the columns of a parquet file.
+
+    Parameters
+    ----------
+    path : Path
+        File to read.
+
+    Returns
+    -------
+    dict of str to ndarray, each of shape (time,)
+        Columns in the order of the file, float64 and finite, in the units of the file.
+
+    Raises
+    ------
+    InputError
+        If the file is empty, not parquet or damaged, has a bad column name, a column that is not
+        numeric, or a value that is missing or not finite; the message names the data row (from 1)
+        and the channel.
+    OSError
+        If the file cannot be opened.
+    """
+    file = str(path)
+    frame = _frame(file, path.read_bytes())
+    names = clean_names(file, frame.columns)
+    return {name: _column(file, name, frame.to_series(i)) for i, name in enumerate(names)}
+
+
+def _frame(file: str, raw: bytes) -> pl.DataFrame:
+    """Decode the bytes of the file."""
+    if not raw:
+        raise InputError(f"{file}: the file is empty; a parquet file was wanted.")
+    if not raw.startswith(_MAGIC):
+        raise InputError(
+            f"{file}: the content is not parquet; rename a text file to end in .csv, "
+            "or export the recording again."
+        )
+    try:
+        return pl.read_parquet(io.BytesIO(raw))
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise InputError(
+            f"{file}: the parquet file is damaged or incomplete ({reason}); "
+            "copy or export it again."
+        ) from error
+
+
+def _column(file: str, name: str, series: pl.Series) -> FloatArray:
+    """Convert one column to float64, refusing what is not a finite number."""
+    if series.null_count():
+        row = int(series.is_null().arg_true()[0]) + 1
+        raise cell_error(file, f"data row {row}", name, None)
+    if not (series.dtype.is_numeric() or series.dtype == pl.Boolean):
+        if len(series) and series.dtype == pl.String:
+            raise cell_error(file, "data row 1", name, series[0])
+        raise InputError(
+            f"{file}: channel {name} holds {series.dtype} values where numbers were wanted; "
+            "convert it to float64 in SI units or remove the column."
+        )
+    values = series.cast(pl.Float64).to_numpy()
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise cell_error(file, f"data row {bad[0] + 1}", name, str(values[bad[0]]))
+    return values

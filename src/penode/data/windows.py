@@ -1,0 +1,277 @@
+"""Windows: a batch of stretches cut from recordings, each predicted from its measured start."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from penode.arrays import FloatArray, IntArray
+from penode.data.experiment import Experiment
+from penode.errors import InputError
+
+# Time steps that differ by less, relative, are one.
+_TIME_STEP_TOLERANCE = 1e-4
+
+
+class Placement(Protocol):
+    """Where windows start within one recording."""
+
+    def starts(self, first: int, last: int, horizon: int) -> IntArray:
+        """Place the windows of one recording.
+
+        Parameters
+        ----------
+        first, last : int
+            First and last admissible start, both included.
+        horizon : int
+            Steps predicted from each start.
+
+        Returns
+        -------
+        ndarray of int64, shape (window,)
+            Starts in ascending order, all within ``first .. last``.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Jittered:
+    """One start drawn uniformly from each stratum of `horizon` admissible starts.
+
+    Regular starts sample a periodic disturbance at few phases, which biases parameters; these
+    starts do not. The draw depends on the seed and the place of the recording only, so the same
+    call gives the same windows, and different recordings get different ones.
+
+    Attributes
+    ----------
+    seed : int
+        Seed of the draw, not negative.
+
+    Raises
+    ------
+    InputError
+        If the seed is negative.
+    """
+
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise InputError(f"seed {self.seed} came where 0 or more was wanted; change the seed.")
+
+    def starts(self, first: int, last: int, horizon: int) -> IntArray:
+        """Place one window in each stratum; the last stratum may be shorter than the others.
+
+        Parameters
+        ----------
+        first, last : int
+            First and last admissible start, both included.
+        horizon : int
+            Steps predicted from each start, and length of a stratum.
+
+        Returns
+        -------
+        ndarray of int64, shape (ceil((last - first + 1) / horizon),)
+            Starts in ascending order.
+        """
+        lower = np.arange(first, last + 1, horizon, dtype=np.int64)
+        upper = np.minimum(lower + horizon, last + 1)
+        # `first` counts through all recordings, so it sets each one's draw apart; the horizon sets
+        # the rungs of a ladder apart.
+        random = np.random.default_rng([self.seed, first, horizon])
+        return random.integers(lower, upper, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Contiguous:
+    """Windows end to end: each starts where the one before it ends."""
+
+    def starts(self, first: int, last: int, horizon: int) -> IntArray:
+        """Place windows at ``first``, ``first + horizon``, ``first + 2 horizon``, ...
+
+        Parameters
+        ----------
+        first, last : int
+            First and last admissible start, both included.
+        horizon : int
+            Steps predicted from each start.
+
+        Returns
+        -------
+        ndarray of int64, shape (window,)
+            Starts in ascending order.
+        """
+        return np.arange(first, last + 1, horizon, dtype=np.int64)
+
+
+DEFAULT_PLACEMENT = Jittered(seed=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """A batch of windows cut from recordings of one time step.
+
+    With ``s = starts[w]``, ``P = past`` and ``H = horizon``, window ``w``
+
+    - starts from the measured ``states[s - P + 1], ..., states[s]``,
+    - uses ``inputs[s - P + 1], ..., inputs[s + H - 1]``,
+    - predicts, and is compared with, ``states[s + 1], ..., states[s + H]``,
+
+    so that ``states[s + k]`` is the k-step-ahead target, k = 1 .. H. All of these lie within the
+    one recording ``recording[w]``.
+
+    Attributes
+    ----------
+    states : ndarray, shape (time, state)
+        Measured states of all recordings, one after the other, in SI units.
+    inputs : ndarray, shape (time, input)
+        Inputs beside them; ``inputs[k]`` acts from sample k to sample k + 1.
+    starts : ndarray of int64, shape (window,)
+        Start of each window, an index into `states`; ascending.
+    recording : ndarray of int64, shape (window,)
+        Index of the recording each window is cut from.
+    horizon : int
+        Steps H predicted from each start.
+    past : int
+        Measured samples P a prediction starts from, the start included.
+    time_step : float
+        Sampling interval in s.
+    """
+
+    states: FloatArray
+    inputs: FloatArray
+    starts: IntArray
+    recording: IntArray
+    horizon: int
+    past: int
+    time_step: float
+
+    def __post_init__(self) -> None:
+        for name in ("states", "inputs", "starts", "recording"):
+            kind = np.int64 if name in ("starts", "recording") else np.float64
+            copy = np.array(getattr(self, name), dtype=kind, order="C")
+            copy.setflags(write=False)
+            object.__setattr__(self, name, copy)
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+
+def cut(
+    experiments: Sequence[Experiment],
+    state_names: Sequence[str],
+    input_names: Sequence[str],
+    horizon: int,
+    *,
+    past: int = 1,
+    placement: Placement = DEFAULT_PLACEMENT,
+) -> Windows:
+    """Cut recordings into windows; no window crosses from one recording into the next.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Recordings of one time step.
+    state_names, input_names : sequence of str
+        Channels that are the states and the inputs, in the order of the columns wanted.
+    horizon : int
+        Steps H predicted from each start, at least 1.
+    past : int, default 1
+        Measured samples a prediction starts from, the start included, at least 1.
+    placement : Placement, optional
+        Where the windows start; ``Jittered(seed=0)`` if not given. `Contiguous` cuts them end
+        to end.
+
+    Returns
+    -------
+    Windows
+        The windows of the first recording, then those of the second, and so on, each in order of
+        time; the index formula stands at `Windows`.
+
+    Raises
+    ------
+    InputError
+        If there is no recording, one is shorter than ``past + horizon`` samples, lacks a channel
+        or holds a value that is not finite, the time steps differ by more than 1e-6 (relative),
+        or `horizon` or `past` is below 1.
+    """
+    _check_counts(horizon, past)
+    _check_time_steps(experiments)
+    starts, recording, offset = [], [], 0
+    for index, experiment in enumerate(experiments):
+        _check_length(experiment, horizon, past)
+        first, last = offset + past - 1, offset + len(experiment) - 1 - horizon
+        placed = _placed(placement, first, last, horizon)
+        starts.append(placed)
+        recording.append(np.full(len(placed), index, dtype=np.int64))
+        offset += len(experiment)
+    return Windows(
+        states=np.concatenate([_columns(each, state_names) for each in experiments]),
+        inputs=np.concatenate([_columns(each, input_names) for each in experiments]),
+        starts=np.concatenate(starts),
+        recording=np.concatenate(recording),
+        horizon=horizon,
+        past=past,
+        time_step=experiments[0].time_step,
+    )
+
+
+def _check_counts(horizon: int, past: int) -> None:
+    """Refuse a horizon or a past without samples."""
+    for word, count in (("horizon", horizon), ("past", past)):
+        if count < 1:
+            raise InputError(
+                f"{word} {count} came where 1 sample or more was wanted; raise {word} to 1 or more."
+            )
+
+
+def _check_time_steps(experiments: Sequence[Experiment]) -> None:
+    """Refuse recordings that cannot be cut together."""
+    if not experiments:
+        raise InputError("no recording came where at least one was wanted; give a recording.")
+    first = experiments[0]
+    for other in experiments[1:]:
+        difference = abs(other.time_step - first.time_step)
+        if difference > _TIME_STEP_TOLERANCE * first.time_step:
+            raise InputError(
+                f"{other.name}: the time step is {other.time_step:.9g} s where {first.name} has "
+                f"{first.time_step:.9g} s; resample one of them or fit them separately."
+            )
+
+
+def _check_length(experiment: Experiment, horizon: int, past: int) -> None:
+    """Refuse a recording too short for one window."""
+    if len(experiment) < past + horizon:
+        raise InputError(
+            f"{experiment.name}: {len(experiment)} samples came where horizon {horizon} with "
+            f"{past} past samples needs at least {past + horizon}; "
+            "shorten the horizon or record for longer."
+        )
+
+
+def _placed(placement: Placement, first: int, last: int, horizon: int) -> IntArray:
+    """Place the windows of one recording, and hold the placement to its promise."""
+    starts = placement.starts(first, last, horizon)
+    inside = starts.size and starts[0] >= first and starts[-1] <= last
+    if not inside or (np.diff(starts) < 0).any():
+        raise InputError(
+            f"{placement}: starts came that leave {first} .. {last} or do not ascend; "
+            "return at least one start within these bounds, in ascending order."
+        )
+    return starts
+
+
+def _columns(experiment: Experiment, names: Sequence[str]) -> FloatArray:
+    """Return the named channels side by side (none at all is allowed), all finite."""
+    if not names:
+        return np.empty((len(experiment), 0))
+    columns = experiment.stack(names)
+    bad = np.argwhere(~np.isfinite(columns))
+    if bad.size:
+        row, column = bad[0]
+        raise InputError(
+            f"{experiment.name}: data row {row + 1}, channel {names[column]} is "
+            f"{columns[row, column]} where a finite number was wanted; cut the recording before it."
+        )
+    return columns

@@ -1,0 +1,145 @@
+"""Account: a climbed ladder and the choice made on it, told as a `Fit`."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from penode.arrays import float64
+from penode.data.experiment import Experiment
+from penode.horizon.identifiability import Start
+from penode.horizon.ladder import Ascent, RungFit
+from penode.horizon.selection import Choice
+from penode.models.base import Model
+from penode.training.fit import Estimate, Fit, HorizonChoice, Rung
+from penode.validation.coverage import thin
+from penode.validation.free_run import Comparison, compare, free_run_rmse
+from penode.validation.residual_tests import residual_spectrum
+
+
+@dataclass(frozen=True, eq=False)
+class Account:
+    """A climbed ladder and the choice made on it, to be told as a `Fit`.
+
+    Attributes
+    ----------
+    ascent : Ascent
+        Objective, recordings and reported quantities.
+    start : Start
+        Where training began and what the data could tell before it.
+    rungs : sequence of RungFit
+        Shortest horizon first.
+    choice : Choice
+        The selector's answer.
+    """
+
+    ascent: Ascent
+    start: Start
+    rungs: Sequence[RungFit]
+    choice: Choice
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the physical parameters."""
+        return self.ascent.objective.layout.physical
+
+    def fit(self, validation: Sequence[Experiment], provenance: Mapping[str, Any]) -> Fit:
+        """Return the fit, every recording predicted by the selected model.
+
+        Parameters
+        ----------
+        validation : sequence of Experiment
+            Recordings that were not trained on.
+        provenance : mapping
+            Added to versions and data hashes.
+        """
+        predictor, experiments = self.ascent.objective.predictor, self.ascent.experiments
+        model = self._model(self.rungs[self.choice.index])
+        roles = [(e, "train") for e in experiments] + [(e, "validation") for e in validation]
+        comparisons = tuple(compare(predictor, model, e, role) for e, role in roles)
+        visited = np.concatenate([e.stack(model.states) for e in experiments])
+        return Fit(
+            model=model,
+            parameters=self._estimates(),
+            horizon=self._horizon(),
+            excited=thin(visited),
+            comparisons=comparisons,
+            spectrum=residual_spectrum(comparisons[0]),
+            warnings=self._warnings(comparisons),
+            provenance={**_environment(experiments, validation), **provenance},
+        )
+
+    def _model(self, rung: RungFit) -> Model:
+        with float64():
+            model: Model = self.ascent.objective.layout.plain_model(rung.solution.raw)
+        return model
+
+    def _estimates(self) -> dict[str, Estimate]:
+        layout = self.ascent.objective.layout
+        chosen = self.rungs[self.choice.index]
+        physical = len(self.names)
+        agreeing = np.stack([self.rungs[k].values[:physical] for k in self.choice.agreeing])
+        spread = agreeing.std(axis=0)
+        estimates = {}
+        for k, name in enumerate(self.names):
+            value, std = float(chosen.values[k]), float(np.hypot(chosen.deviation[k], spread[k]))
+            unit = layout.settings[layout.names.index(name)].unit
+            interval = (value - 1.96 * std, value + 1.96 * std)
+            rho = self.start.identifiability.get(name)
+            estimates[name] = Estimate(value, std, interval, unit, rho)
+        return estimates
+
+    def _horizon(self) -> HorizonChoice:
+        verdict, reason = self.choice.verdict, self.choice.reason
+        hidden = self.start.indistinguishable
+        if hidden:
+            verdict = "not identifiable"
+            reason = f"{_hidden(self.start, hidden)} {self.start.repair}"
+        return HorizonChoice(
+            selected=self.rungs[self.choice.index].horizon,
+            verdict=verdict,
+            reason=reason,
+            ladder=tuple(self._rung(rung) for rung in self.rungs),
+            plateau=tuple(self.rungs[k].horizon for k in self.choice.agreeing),
+        )
+
+    def _rung(self, rung: RungFit) -> Rung:
+        free = free_run_rmse(
+            self.ascent.objective.predictor, self._model(rung), self.ascent.experiments
+        )
+        return Rung(
+            horizon=rung.horizon,
+            parameters=dict(zip(self.names, rung.values.tolist(), strict=False)),
+            std=dict(zip(self.names, rung.deviation.tolist(), strict=False)),
+            rmse=float(np.sqrt(rung.solution.terms.loss)),
+            free_run_rmse=free if np.isfinite(free) else None,
+            iterations=rung.solution.evaluations,
+            outcome=rung.solution.outcome,
+        )
+
+    def _warnings(self, comparisons: Sequence[Comparison]) -> tuple[str, ...]:
+        found = [
+            f"{c.name}: the free run diverges; the map is unusable for simulation there."
+            for c in comparisons
+            if not np.isfinite(c.free_run_rmse)
+        ]
+        hidden = self.start.indistinguishable
+        if hidden:
+            found.insert(0, f"{_hidden(self.start, hidden)} {self.start.repair}")
+        return tuple(found)
+
+
+def _hidden(start: Start, names: Sequence[str]) -> str:
+    shares = ", ".join(f"{n} ({start.identifiability[n]:.1e} of it is its own)" for n in names)
+    return f"These data cannot tell {shares} from the learned map."
+
+
+def _environment(
+    experiments: Sequence[Experiment], validation: Sequence[Experiment]
+) -> dict[str, Any]:
+    return {
+        "versions": {name: version(name) for name in ("penode", "jax", "numpy", "scipy")},
+        "data": {e.name: e.source.sha256 for e in (*experiments, *validation)},
+    }

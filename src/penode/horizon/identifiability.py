@@ -1,0 +1,34 @@
+"""What the data can tell of a physical parameter, before and beside any training."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from penode.models.base import Model
+
+#: Below this independence a parameter and the learned map can stand in for each other.
+THRESHOLD = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where training begins, and what the data can tell of each physical parameter.
+
+    Attributes
+    ----------
+    model : Model
+        Untrained or convexly started model with physical values.
+    identifiability : mapping of str to float
+        Share of each physical parameter's low-passed regressor that no regressor of the learned
+        map explains; a parameter without an entry was not examined.
+    repair : str
+        The cheapest change of the recording or the model that would help, as a sentence.
+    """
+
+    model: Model
+    identifiability: Mapping[str, float] = field(default_factory=dict)
+    repair: str = "Record another regime, or use a learned map with more structure."
+
+    @property
+    def indistinguishable(self) -> tuple[str, ...]:
+        """Physical parameters that the data cannot tell from the learned map."""
+        return tuple(n for n, rho in self.identifiability.items() if rho < THRESHOLD)

@@ -1,0 +1,171 @@
+"""Ladder: the same fit at growing horizons, each warm-started by the one before."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.data.experiment import Experiment
+from penode.data.windows import Jittered, Windows, cut
+from penode.errors import InputError
+from penode.models.base import Model
+from penode.training.covariance import Reported, sandwich
+from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Solution, Stage
+from penode.training.residuals import Objective
+from penode.training.second_order import LevenbergMarquardt
+
+#: Told an event, such as one evaluation or a finished rung, as plain values.
+Observer = Callable[[Mapping[str, Any]], None]
+
+HORIZONS = (1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200)
+
+
+def ladder_plan(
+    horizons: Sequence[int] = HORIZONS, optimiser: Optimiser | None = None, seed: int = 0
+) -> Plan:
+    """Return the default plan: every horizon in turn, all parameters moving.
+
+    Parameters
+    ----------
+    horizons : sequence of int
+        Steps, ascending; the default grows by a factor of about 1.5 up to 200.
+    optimiser : Optimiser, optional
+        Levenberg-Marquardt by default.
+    seed : int
+        Seed of the jittered windows.
+
+    Raises
+    ------
+    InputError
+        If the horizons are not ascending whole numbers above 0.
+    """
+    if not horizons or min(horizons) < 1 or list(horizons) != sorted(set(horizons)):
+        raise InputError(f"horizons {list(horizons)} came; give ascending whole numbers above 0.")
+    chosen = optimiser or LevenbergMarquardt(evaluations=25)
+    return Plan(tuple(Stage(h, chosen) for h in horizons), Jittered(seed))
+
+
+def fitting_plan(plan: Plan, experiments: Sequence[Experiment]) -> Plan:
+    """Drop stages whose horizon leaves fewer than 20 windows in the shortest recording."""
+    longest = min(len(e) for e in experiments) // 20
+    stages = tuple(stage for stage in plan.stages if stage.horizon <= max(longest, 1))
+    return Plan(stages, plan.placement)
+
+
+@dataclass(frozen=True, eq=False)
+class RungFit:
+    """One rung of a climbed ladder.
+
+    Attributes
+    ----------
+    horizon : int
+        Steps.
+    solution : Solution
+        Raw parameters, terms and outcome.
+    values, deviation : ndarray, shape (reported,)
+        Reported quantities, physical parameters first, and their HAC deviations; SI units.
+    influence : ndarray, shape (physical, window)
+        What each window contributed to each physical parameter, SI units.
+    windows : Windows
+    """
+
+    horizon: int
+    solution: Solution
+    values: FloatArray
+    deviation: FloatArray
+    influence: FloatArray
+    windows: Windows
+
+
+@dataclass(frozen=True, eq=False)
+class Ascent:
+    """What a climb needs: objective, reported quantities, recordings, and who is told."""
+
+    objective: Objective
+    reported: Reported
+    model: Model
+    experiments: Sequence[Experiment]
+    observer: Observer
+
+    def climb(self, plan: Plan, raw: FloatArray) -> tuple[RungFit, ...]:
+        """Run the stages in order from raw (parameter,), ending early at a divergence.
+
+        Returns
+        -------
+        tuple of RungFit
+            Finished rungs; at least one.
+
+        Raises
+        ------
+        InputError
+            If already the first stage diverges.
+        """
+        rungs: list[RungFit] = []
+        for number, stage in enumerate(plan.stages):
+            problem = self._problem(stage, plan)
+            share = (number, len(plan.stages))
+            solution = stage.optimiser.minimise(problem, raw, self._progress(stage.horizon, share))
+            if solution.outcome == DIVERGED:
+                break
+            raw = solution.raw
+            rungs.append(self._finish(stage, problem, solution))
+        if not rungs:
+            raise InputError(
+                f"the predictions diverge already at horizon {plan.stages[0].horizon}; check the "
+                "units and signs of the channels, or start from a better model."
+            )
+        return tuple(rungs)
+
+    def _problem(self, stage: Stage, plan: Plan) -> Problem:
+        windows = cut(
+            self.experiments,
+            self.model.states,
+            self.model.inputs,
+            stage.horizon,
+            placement=plan.placement,
+        )
+        moving = self.objective.layout.members(stage.groups)
+        return Problem(self.objective, self.reported, windows, moving)
+
+    def _finish(self, stage: Stage, problem: Problem, solution: Solution) -> RungFit:
+        jacobian = problem.reported_jacobian(solution.raw)
+        spread = sandwich(solution.terms, jacobian, problem.windows)
+        values = self.reported.values(solution.raw)
+        names = self.objective.layout.physical
+        self.observer(
+            {
+                "event": "rung",
+                "horizon": stage.horizon,
+                "rmse": float(np.sqrt(solution.terms.loss)),
+                "parameters": dict(zip(names, values.tolist(), strict=False)),
+                "std": dict(zip(names, spread.deviation.tolist(), strict=False)),
+                "evaluations": solution.evaluations,
+                "outcome": solution.outcome,
+            }
+        )
+        influence = spread.influence[: len(names)]
+        return RungFit(
+            stage.horizon, solution, values, spread.deviation, influence, problem.windows
+        )
+
+    def _progress(
+        self, horizon: int, share: tuple[int, int]
+    ) -> Callable[[FloatArray, float], None]:
+        names = self.objective.layout.physical
+
+        def tell(raw: FloatArray, loss: float) -> None:
+            values = self.reported.values(raw)[: len(names)]
+            self.observer(
+                {
+                    "event": "evaluation",
+                    "horizon": horizon,
+                    "stage": share[0] + 1,
+                    "stages": share[1],
+                    "loss": loss,
+                    "parameters": dict(zip(names, values.tolist(), strict=True)),
+                }
+            )
+
+        return tell

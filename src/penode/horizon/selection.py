@@ -1,0 +1,155 @@
+"""Selection of the horizon: interchangeable small objects, each two-sided where it can be."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Protocol
+
+import numpy as np
+from scipy.stats import norm
+
+from penode.arrays import FloatArray
+from penode.horizon.ladder import RungFit
+from penode.training.covariance import bartlett, correlation_length
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A selector's answer.
+
+    Attributes
+    ----------
+    index : int
+        Selected rung.
+    verdict, reason : str
+        See `penode.training.fit.HorizonChoice`.
+    agreeing : tuple of int
+        Indices of the rungs that agree with the selected one, itself included.
+    """
+
+    index: int
+    verdict: str
+    reason: str
+    agreeing: tuple[int, ...]
+
+
+class Selector(Protocol):
+    """Anything that picks a rung of a climbed ladder."""
+
+    def select(self, rungs: Sequence[RungFit]) -> Choice:
+        """Return the choice among rungs, shortest horizon first."""
+        ...
+
+
+@dataclass(frozen=True)
+class Longest:
+    """The longest horizon reached, for a user who named it."""
+
+    def select(self, rungs: Sequence[RungFit]) -> Choice:
+        """Return the last rung."""
+        horizon = rungs[-1].horizon
+        last = len(rungs) - 1
+        return Choice(last, "fixed", f"The horizon was set to {horizon} by the user.", (last,))
+
+
+@dataclass(frozen=True)
+class Plateau:
+    """The most precise rung of the longest run of horizons whose estimates agree (Lepski's rule).
+
+    Two rungs agree when their physical parameters differ by no more than the deviation of the
+    difference allows; that deviation comes from the paired influences of their windows, so that
+    what both horizons share cancels.
+
+    Attributes
+    ----------
+    level : float
+        Probability of parting two equal rungs anywhere on the ladder (Bonferroni).
+    rungs, factor : int, float
+        A run with fewer rungs, or spanning a smaller factor in H, is no plateau.
+    tie : float
+        Rungs within this factor of the smallest deviation are as good; the shortest is taken.
+    """
+
+    level: float = 0.05
+    rungs: int = 3
+    factor: float = 4.0
+    tie: float = 1.25
+
+    def select(self, rungs: Sequence[RungFit]) -> Choice:
+        """Return the choice among rungs, shortest horizon first."""
+        run = _longest_run(_agreement(rungs, self.level), [rung.horizon for rung in rungs])
+        precision = np.array([_deviation(rungs[k]) for k in run])
+        index = run[int(np.argmax(precision <= self.tie * precision.min()))]
+        low, high, chosen = rungs[run[0]].horizon, rungs[run[-1]].horizon, rungs[index].horizon
+        if len(run) < self.rungs or high < self.factor * low:
+            reason = (
+                f"The estimates depend on the horizon: the longest agreement is H = {low} to "
+                f"{high}. Take the range over the ladder as the answer, or record another regime."
+            )
+            return Choice(index, "no plateau", reason, tuple(range(len(rungs))))
+        if chosen == 1:
+            reason = f"Estimates agree up to H = {high}, and none is more precise than H = 1."
+            return Choice(index, "H = 1 suffices", reason, run)
+        reason = (
+            f"Estimates agree from H = {low} to {high}; H = {chosen} is the shortest of the most "
+            "precise."
+        )
+        return Choice(index, "plateau", reason, run)
+
+
+def _deviation(rung: RungFit) -> float:
+    """Geometric mean of the deviations: one vote for physical parameters, one for the map."""
+    physical = len(rung.influence)
+    parts = [np.mean(np.log(part**2)) for part in _parts(rung.deviation, physical) if len(part)]
+    return float(np.exp(0.5 * np.mean(parts)))
+
+
+def _parts(deviation: FloatArray, physical: int) -> tuple[FloatArray, FloatArray]:
+    learned = deviation[physical:]
+    overall = np.sqrt(np.mean(learned**2, keepdims=True)) if len(learned) else learned
+    return np.maximum(deviation[:physical], 1e-300), np.maximum(overall, 1e-300)
+
+
+def _agreement(rungs: Sequence[RungFit], level: float) -> set[tuple[int, int]]:
+    pairs = list(combinations(range(len(rungs)), 2))
+    physical = len(rungs[0].influence)
+    limit = norm.isf(0.5 * level / max(len(pairs) * physical, 1))
+    agreeing = set()
+    for a, b in pairs:
+        change = np.abs(rungs[b].values - rungs[a].values)[:physical]
+        if (change <= limit * paired_deviation(rungs[a], rungs[b])).all():
+            agreeing.add((a, b))
+    return agreeing
+
+
+def paired_deviation(a: RungFit, b: RungFit) -> FloatArray:
+    """Return the deviation of the difference of two rungs' physical parameters, SI units.
+
+    The influences are summed over bins of time by the middle of their windows, and their
+    difference is treated as one autocorrelated series.
+    """
+    samples = len(a.windows.states)
+    width = max(samples // 1000, 16)
+    bandwidth = max(correlation_length(a.windows), correlation_length(b.windows)) // width + 1
+    series = _binned(a, width) - _binned(b, width)
+    return np.sqrt([bartlett(row[None], bandwidth)[0, 0] for row in series])
+
+
+def _binned(rung: RungFit, width: int) -> FloatArray:
+    middle = rung.windows.starts + rung.horizon // 2
+    bins = -(-len(rung.windows.states) // width)
+    sums = [np.bincount(middle // width, row, minlength=bins) for row in rung.influence]
+    return np.reshape(sums, (len(rung.influence), bins))
+
+
+def _longest_run(agreeing: set[tuple[int, int]], horizons: Sequence[int]) -> tuple[int, ...]:
+    """Longest run, in log H, of rungs that agree pair by pair; the later one where runs tie."""
+    best: tuple[int, ...] = (0,)
+    for first in range(len(horizons)):
+        for last in range(first, len(horizons)):
+            run = tuple(range(first, last + 1))
+            span = horizons[last] / horizons[first]
+            known = horizons[best[-1]] / horizons[best[0]]
+            if span >= known and all(pair in agreeing for pair in combinations(run, 2)):
+                best = run
+    return best

@@ -1,0 +1,86 @@
+"""The main path: model + experiments + plan -> Fit, one line a stage."""
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.errors import InputError
+from penode.horizon.account import Account
+from penode.horizon.identifiability import Start
+from penode.horizon.ladder import Ascent, Observer, fitting_plan, ladder_plan
+from penode.horizon.selection import Plateau, Selector
+from penode.models.base import Model
+from penode.predictors.base import Predictor
+from penode.training.covariance import Reported
+from penode.training.fit import Fit
+from penode.training.plan import Plan
+from penode.training.residuals import Objective
+from penode.validation.coverage import thin
+
+
+def nobody(event: Mapping[str, Any]) -> None:
+    """Observe nothing."""
+
+
+DEFAULT_SELECTOR = Plateau()
+
+
+def identify(
+    start: Model | Start,
+    experiments: Sequence[Experiment],
+    *,
+    plan: Plan | None = None,
+    selector: Selector = DEFAULT_SELECTOR,
+    validation: Sequence[Experiment] = (),
+    observer: Observer = nobody,
+) -> Fit:
+    """Find physical parameters and learned maps, and the horizon that makes them right.
+
+    Parameters
+    ----------
+    start : Model or Start
+        Where training begins.
+    experiments : sequence of Experiment
+        Recordings to train on, of one time step.
+    plan : Plan, optional
+        Stages of training; by default Levenberg-Marquardt up a ladder of horizons to 200.
+    selector : Selector
+        Picks the horizon; Lepski's plateau by default.
+    validation : sequence of Experiment
+        Recordings that are predicted but not trained on.
+    observer : callable
+        Told of each evaluation and rung.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    InputError
+        If a channel is missing, the recordings differ in time step or are too short, or the
+        predictions diverge at the first horizon.
+    """
+    began = time.monotonic()
+    start = start if isinstance(start, Start) else Start(start)
+    ascent = _prepare(start.model, experiments, observer)
+    plan = fitting_plan(plan or ladder_plan(), experiments)
+    rungs = ascent.climb(plan, ascent.objective.layout.raw(start.model))
+    choice = selector.select(rungs)
+    wall_time = time.monotonic() - began
+    provenance = {"training_time_s": wall_time, "placement": str(plan.placement)}
+    return Account(ascent, start, rungs, choice).fit(validation, provenance)
+
+
+def _prepare(model: Model, experiments: Sequence[Experiment], observer: Observer) -> Ascent:
+    if not experiments:
+        raise InputError("no recording came; give at least one.")
+    visited = np.concatenate([e.stack(model.states) for e in experiments])
+    one_unit = len(set(model.state_units)) == 1
+    scale = np.ones(visited.shape[1]) if one_unit else np.maximum(visited.std(axis=0), 1e-300)
+    objective = Objective(Predictor(experiments[0].time_step), model, scale)
+    reported = Reported(objective.layout, thin(visited, most=100))
+    return Ascent(objective, reported, model, experiments, observer)

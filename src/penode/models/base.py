@@ -1,0 +1,69 @@
+"""Model: state derivative, learned maps and their names, as one pytree of parameters."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import equinox as eqx
+
+from penode.arrays import JaxArray
+
+
+class Model(eqx.Module):
+    """An ordinary differential equation x' = f(x, u, theta) with learned and physical parameters.
+
+    Write a subclass with its parameters as fields (see `penode.models.parameters.parameter`) and
+    one method, `derivative`. Inside compiled code every parameter carries one trailing batch
+    axis, of length 1 or batch, so that plain arithmetic with ``x[0]`` broadcasts:
+    ``-self.R * x[0]`` is right as written.
+
+    Class attributes
+    ----------------
+    states, inputs : tuple of str
+        Channel names of the state x and the input u, in the order of their rows.
+    state_units : tuple of str
+        SI units of the states.
+    """
+
+    states: ClassVar[tuple[str, ...]]
+    inputs: ClassVar[tuple[str, ...]]
+    state_units: ClassVar[tuple[str, ...]]
+
+    @abstractmethod
+    def derivative(self, x: JaxArray, u: JaxArray) -> JaxArray:
+        """Return dx/dt.
+
+        Parameters
+        ----------
+        x : array, shape (state, batch)
+            State, SI units.
+        u : array, shape (input, batch)
+            Input, SI units.
+
+        Returns
+        -------
+        array, shape (state, batch)
+            State derivative, SI units per second.
+        """
+
+    def learned(self, x: JaxArray) -> JaxArray:
+        """Return the output of the learned part at given states.
+
+        Training stops when this map stands still over the excited region, and its deviation is
+        weighed when the horizon is chosen. The default is an empty map.
+
+        Parameters
+        ----------
+        x : array, shape (state, batch)
+            States, SI units.
+
+        Returns
+        -------
+        array, shape (output, batch)
+            Output of the learned map, any unit.
+        """
+        return x[:0]
+
+    def maps(self) -> Mapping[str, Callable[..., Any]]:
+        """Return the learned maps by name, as functions of NumPy arrays (none by default)."""
+        return {}

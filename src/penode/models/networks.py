@@ -1,0 +1,117 @@
+"""Small networks with their scaling inside and their Jacobian in closed form.
+
+Weights carry a trailing batch axis inside compiled code (see `penode.models.base.Model`), so
+products are written as broadcast sums, which compile to one fused loop over the batch.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import JaxArray, Leaf
+from penode.models.parameters import Positive, PositiveDefinite, parameter
+
+
+def dense(weights: JaxArray, x: JaxArray) -> JaxArray:
+    """Multiply weights (m, n, batch or 1) with columns x (n, batch) or matrices x (n, k, batch)."""
+    if x.ndim == 2:
+        return jnp.sum(weights * x[None], axis=1)
+    return jnp.sum(weights[:, :, None] * x[None], axis=1)
+
+
+class TanhLayers(eqx.Module):
+    """Fully connected network with tanh hidden layers and a linear output layer.
+
+    Attributes
+    ----------
+    weights, biases : tuple of arrays, shapes (n_out, n_in) and (n_out,)
+        One of each a layer, dimensionless.
+    """
+
+    weights: tuple[Leaf, ...]
+    biases: tuple[Leaf, ...]
+
+    @classmethod
+    def random(cls, sizes: Sequence[int], seed: int) -> "TanhLayers":
+        """Draw uniform weights in +-1/sqrt(n_in) (the common default of deep-learning libraries).
+
+        Parameters
+        ----------
+        sizes : sequence of int
+            Neurons a layer, inputs first: ``(2, 6, 4, 2)`` is the paper's network.
+        seed : int
+            Seed of the draw.
+        """
+        random = np.random.default_rng(seed)
+        weights, biases = [], []
+        for n_in, n_out in pairwise(sizes):
+            bound = 1.0 / np.sqrt(n_in)
+            weights.append(random.uniform(-bound, bound, (n_out, n_in)))
+            biases.append(random.uniform(-bound, bound, n_out))
+        return cls(tuple(weights), tuple(biases))
+
+    def value_and_jacobian(self, x: JaxArray) -> tuple[JaxArray, JaxArray]:
+        """Return the output (m, batch) and its Jacobian (m, n, batch) at x (n, batch)."""
+        hidden = jnp.tanh(dense(self.weights[0], x) + self.biases[0])
+        slope = self.weights[0] * (1.0 - hidden**2)[:, None]
+        for weights, bias in zip(self.weights[1:-1], self.biases[1:-1], strict=True):
+            hidden = jnp.tanh(dense(weights, hidden) + bias)
+            slope = dense(weights, slope) * (1.0 - hidden**2)[:, None]
+        return dense(self.weights[-1], hidden) + self.biases[-1], dense(self.weights[-1], slope)
+
+
+class ConvexGradient(eqx.Module):
+    """Gradient of a strictly convex scalar: offset + stiffness x + A' (gain * tanh(A x + bias)).
+
+    The scalar is offset'x + x' stiffness x / 2 + sum(gain * log cosh(A x + bias)). With a positive
+    definite stiffness and positive gains its Hessian is symmetric positive definite everywhere,
+    so the map is invertible (gradient networks, arXiv:2602.14947).
+
+    Attributes
+    ----------
+    offset : array, shape (n,)
+    stiffness : array, shape (n, n), symmetric positive definite
+    directions : array, shape (unit, n)
+        The matrix A.
+    bias : array, shape (unit,)
+    gain : array, shape (unit,), positive
+    """
+
+    offset: Leaf = parameter()
+    stiffness: Leaf = parameter(transform=PositiveDefinite())
+    directions: Leaf = parameter()
+    bias: Leaf = parameter()
+    gain: Leaf = parameter(transform=Positive())
+
+    @classmethod
+    def random(cls, inputs: int, units: int, seed: int) -> "ConvexGradient":
+        """Draw directions of random angle and length 1 to 3, with biases inside the unit ball.
+
+        Parameters
+        ----------
+        inputs, units : int
+            Sizes n and unit.
+        seed : int
+            Seed of the draw.
+        """
+        random = np.random.default_rng(seed)
+        directions = random.normal(size=(units, inputs))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        length = random.uniform(1.0, 3.0, units)
+        bias = random.uniform(-0.8, 0.8, units) * length
+        gain = np.full(units, 0.3 / units)
+        stiffness = 0.3 * np.eye(inputs)
+        return cls(np.zeros(inputs), stiffness, directions * length[:, None], bias, gain)
+
+    def value_and_jacobian(self, x: JaxArray) -> tuple[JaxArray, JaxArray]:
+        """Return the gradient (n, batch) and the Hessian (n, n, batch) at x (n, batch)."""
+        saturation = jnp.tanh(dense(self.directions, x) + self.bias)
+        pull = self.gain * saturation
+        slope = self.gain * (1.0 - saturation**2)
+        gradient = self.offset + dense(self.stiffness, x)
+        gradient += jnp.sum(self.directions * pull[:, None], axis=0)
+        outer = self.directions[:, :, None] * self.directions[:, None]
+        return gradient, self.stiffness + jnp.sum(outer * slope[:, None, None], axis=0)

@@ -1,0 +1,64 @@
+"""Canonical channels of a drive recording, and what can be checked of them before any fit."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.data.quality import check_excitation
+from penode.errors import InputError
+from penode.pmsm.frames import dq_from_abc
+
+#: Channel -> SI unit. Currents and voltages are peak values in the amplitude-invariant dq frame.
+CANONICAL = {"u_d": "V", "u_q": "V", "i_d": "A", "i_q": "A", "omega_el": "rad/s", "theta_el": "rad"}
+
+_PHASES = ("u_a", "u_b", "u_c", "i_a", "i_b", "i_c")
+#: Electrical angle turned in one sample beyond which the recording cannot be what it says.
+_LARGEST_TURN = np.pi / 2
+
+
+def drive_recording(experiment: Experiment) -> Experiment:
+    """Return a recording with the channels i_d, i_q, u_d, u_q and omega_el, checked.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Has the dq channels and omega_el, or the phase channels u_a .. i_c with theta_el.
+
+    Returns
+    -------
+    Experiment
+        The same recording; phase quantities are transformed to dq, and the speed is the
+        derivative of the angle where it is not recorded.
+
+    Raises
+    ------
+    InputError
+        If a channel is missing, a current never moves, or the machine turns more than a quarter
+        electrical turn a sample (a time column in ms, or a speed in rpm).
+    """
+    if "i_d" not in experiment.channels and set(_PHASES) & set(experiment.channels):
+        experiment = _from_phases(experiment)
+    experiment.stack(("i_d", "i_q", "u_d", "u_q", "omega_el"))
+    check_excitation(experiment, ("i_d", "i_q", "u_d", "u_q"))
+    speed = np.abs(experiment.channels["omega_el"])
+    turn = float(np.median(speed)) * experiment.time_step
+    if turn > _LARGEST_TURN:
+        raise InputError(
+            f"{experiment.name}: omega_el {np.median(speed):.4g} rad/s at a time step of "
+            f"{experiment.time_step:.4g} s turns {turn:.3g} rad a sample where less than "
+            f"{_LARGEST_TURN:.2g} was wanted; give t in seconds and omega_el in electrical rad/s."
+        )
+    return experiment
+
+
+def _from_phases(experiment: Experiment) -> Experiment:
+    experiment.stack((*_PHASES, "theta_el"))
+    theta = experiment.channels["theta_el"]
+    channels = dict(experiment.channels)
+    for kind in ("u", "i"):
+        phases = experiment.stack([f"{kind}_{phase}" for phase in "abc"])
+        channels[f"{kind}_d"], channels[f"{kind}_q"] = dq_from_abc(phases, theta).T
+    if "omega_el" not in channels:
+        channels["omega_el"] = np.gradient(np.unwrap(theta), experiment.time_step)
+    return replace(experiment, channels=channels)

@@ -1,0 +1,173 @@
+"""From drive recordings to a machine: the application's main path, and the files it writes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.errors import InputError
+from penode.horizon.identifiability import Start
+from penode.horizon.ladder import HORIZONS, Observer, ladder_plan
+from penode.horizon.selection import Longest, Plateau, Selector
+from penode.identify import identify as identify_model
+from penode.identify import nobody
+from penode.pmsm.channels import drive_recording
+from penode.pmsm.flux_maps import FLUX_MAPS
+from penode.pmsm.report import machine_report
+from penode.pmsm.start import weak_start
+from penode.training.archive import write_atomically
+from penode.training.fit import Fit
+from penode.training.plan import Plan
+
+#: Points a side of the grid in ``flux_map.csv``.
+GRID = 41
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a user may ask for; everything has a default.
+
+    Attributes
+    ----------
+    flux_map : str
+        A key of `penode.pmsm.flux_maps.FLUX_MAPS`.
+    horizon : int or None
+        Steps of one sample; None selects it from the data.
+    pole_pairs : int or None
+        For the torque; None where it is not needed.
+    seed : int
+        Seed of network draws and window placement.
+
+    Raises
+    ------
+    InputError
+        If the flux map is unknown or the horizon is below 1.
+    """
+
+    flux_map: str = "coenergy"
+    horizon: int | None = None
+    pole_pairs: int | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.flux_map not in FLUX_MAPS:
+            raise InputError(
+                f"flux map {self.flux_map!r} came; choose one of {', '.join(FLUX_MAPS)}."
+            )
+        if self.horizon is not None and self.horizon < 1:
+            raise InputError(f"horizon {self.horizon} came; give a whole number from 1, or auto.")
+
+    def plan(self) -> Plan:
+        """Return the ladder: up to the horizon asked for, or the whole of it."""
+        if self.horizon is None:
+            return ladder_plan(seed=self.seed)
+        below = [h for h in HORIZONS if h < self.horizon]
+        return ladder_plan([*below[::3], self.horizon], seed=self.seed)
+
+    def selector(self) -> Selector:
+        """Return the rule that picks the horizon."""
+        return Plateau() if self.horizon is None else Longest()
+
+
+DEFAULT_STUDY = Study()
+
+
+def identify(
+    experiments: Sequence[Experiment],
+    *,
+    pole_pairs: int | None = None,
+    study: Study = DEFAULT_STUDY,
+    validation: Sequence[Experiment] = (),
+    observer: Observer = nobody,
+) -> Fit:
+    """Find the resistance and the flux-linkage map of a machine from drive recordings.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Recordings with u_d, u_q (V), i_d, i_q (A) and omega_el (rad/s), or phase quantities with
+        theta_el (rad), of one time step.
+    pole_pairs : int, optional
+        For the torque; overrides the study's.
+    study : Study
+        Flux map, horizon and seed.
+    validation : sequence of Experiment
+        Recordings that are predicted but not trained on.
+    observer : callable
+        Told of each evaluation and rung.
+
+    Returns
+    -------
+    Fit
+        With ``flux_map(i_d, i_q)`` in Vs and ``differential_inductance(i_d, i_q)`` in H.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be used; the message names it, the channel and the mend.
+    """
+    recordings = [drive_recording(e) for e in experiments]
+    unseen = [drive_recording(e) for e in validation]
+    observer({"event": "start", "recordings": [e.name for e in recordings]})
+    start = _start(recordings, study)
+    fit = identify_model(
+        start,
+        recordings,
+        plan=study.plan(),
+        selector=study.selector(),
+        validation=unseen,
+        observer=observer,
+    )
+    speed = float(np.median(np.abs(recordings[0].channels["omega_el"])))
+    facts = {
+        "flux_map": study.flux_map,
+        "seed": study.seed,
+        "pole_pairs": pole_pairs or study.pole_pairs,
+        "electrical_frequency_hz": speed / (2 * np.pi),
+    }
+    return replace(fit, provenance={**fit.provenance, **facts})
+
+
+def _start(recordings: Sequence[Experiment], study: Study) -> Start:
+    machine, independence = weak_start(recordings, study.flux_map, study.seed)
+    repair = "Add a recording at another speed, or reverse the speed."
+    if not FLUX_MAPS[study.flux_map].reciprocal:
+        repair = (
+            f"Use the reciprocal map (--flux-map coenergy). Or: {repair[0].lower()}{repair[1:]}"
+        )
+    return Start(machine, {"R": independence}, repair)
+
+
+def write(fit: Fit, folder: str | Path) -> None:
+    """Write the result, the map, the reloadable fit and the report into a folder.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of a machine.
+    folder : str or Path
+        Gets ``result.json``, ``flux_map.csv``, ``fit/`` and ``report.html``, each replaced in one
+        step.
+    """
+    folder = Path(folder)
+    report = machine_report(fit)
+    table = flux_map_csv(fit)
+    fit.save(folder)
+    write_atomically(folder / "flux_map.csv", table)
+    write_atomically(folder / "report.html", report)
+
+
+def flux_map_csv(fit: Fit) -> str:
+    """Return the map on an even grid over the visited range, as CSV in SI units."""
+    low, high = fit.excited.min(axis=0), fit.excited.max(axis=0)
+    axes = [np.linspace(a, b, GRID) for a, b in zip(low, high, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    psi = fit.flux_map(*points.T)
+    inductance = fit.differential_inductance(*points.T).reshape(4, -1)
+    rows = np.column_stack([points, psi.T, inductance.T])
+    lines = ["i_d,i_q,psi_d,psi_q,l_dd,l_dq,l_qd,l_qq,supported"]
+    for row, inside in zip(rows, fit.supported(points), strict=True):
+        lines.append(",".join(f"{value:.9g}" for value in row) + f",{int(inside)}")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,48 @@
+"""The recursion over a horizon, one for training, sensitivities and free run."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import jax
+
+from penode.arrays import JaxArray
+
+Carry = TypeVar("Carry")
+
+
+def rollout(
+    step: Callable[[JaxArray, JaxArray], tuple[JaxArray, Any]],
+    start: JaxArray,
+    horizon: int | JaxArray,
+    visit: Callable[[JaxArray, JaxArray, Any, Carry], Carry],
+    carry: Carry,
+) -> Carry:
+    """Feed a predictor its own output for `horizon` steps (paper, k-step-ahead prediction).
+
+    Parameters
+    ----------
+    step : callable
+        ``step(k, x) -> (x_next, extra)``: one prediction from sample k of the window, and anything
+        the visitor wants to know of it, such as its linearisation.
+    start : array, shape (state, batch)
+        Measured states at the windows' starts.
+    horizon : int or scalar array
+        Number of steps H. A Python int gives a loop that reverse mode can differentiate; an array
+        gives one program for every H (forward sensitivities need no reverse pass).
+    visit : callable
+        ``visit(k, x_next, extra, carry) -> carry``: receives each prediction, for k = 0 .. H - 1.
+    carry : pytree
+        What the visitor accumulates.
+
+    Returns
+    -------
+    pytree
+        The last carry.
+    """
+
+    def body(k: JaxArray, state: tuple[JaxArray, Carry]) -> tuple[JaxArray, Carry]:
+        x_next, extra = step(k, state[0])
+        return x_next, visit(k, x_next, extra, state[1])
+
+    result: tuple[JaxArray, Carry] = jax.lax.fori_loop(0, horizon, body, (start, carry))
+    return result[1]

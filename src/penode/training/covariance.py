@@ -1,0 +1,144 @@
+"""Uncertainty under autocorrelated residuals: the HAC sandwich and the influence of each window."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import FloatArray, float64
+from penode.data.windows import Windows
+from penode.models.base import Model
+from penode.models.parameters import Layout
+from penode.training.residuals import GaussNewtonTerms
+
+#: Directions of the normal matrix below this share of the largest (after scaling) are flat.
+FLAT = 1e-12
+
+
+def marquardt_scale(normal: FloatArray) -> FloatArray:
+    """Return the square roots of the diagonal, shape (parameter,), with a floor against zeros."""
+    diagonal = np.diag(normal)
+    floor = 1e-14 * max(float(diagonal.max()), 1e-300)
+    return np.asarray(np.sqrt(np.maximum(diagonal, floor)))
+
+
+def inverse_normal(normal: FloatArray) -> FloatArray:
+    """Return the pseudo-inverse, shape (parameter, parameter), of a scaled normal matrix."""
+    scale = marquardt_scale(normal)
+    eigenvalues, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    kept = eigenvalues > FLAT * eigenvalues[-1]
+    weights = np.where(kept, 1.0 / np.where(kept, eigenvalues, 1.0), 0.0)
+    return np.asarray((vectors * weights) @ vectors.T / np.outer(scale, scale))
+
+
+def bartlett(series: FloatArray, bandwidth: int) -> FloatArray:
+    """Return sum over lags |l| < bandwidth of (1 - |l| / bandwidth) sum_t s_t s_(t+l)'.
+
+    Parameters
+    ----------
+    series : ndarray, shape (parameter, time)
+        Scores or influences, ordered in time.
+    bandwidth : int
+        Lags beyond it are taken as uncorrelated.
+
+    Returns
+    -------
+    ndarray, shape (parameter, parameter)
+        Positive semidefinite (Newey and West 1987, doi:10.2307/1913610), computed as the sum of
+        squared overlapping block sums.
+    """
+    size, length = series.shape
+    sums = np.concatenate([np.zeros((size, 1)), np.cumsum(series, axis=1)], axis=1)
+    first = np.arange(1 - bandwidth, length)
+    blocks = sums[:, np.minimum(first + bandwidth, length)] - sums[:, np.maximum(first, 0)]
+    return np.asarray(blocks @ blocks.T / bandwidth)
+
+
+def correlation_length(windows: Windows) -> int:
+    """Return the default HAC bandwidth in samples: samples^0.6, at least two horizons."""
+    return max(int(len(windows.states) ** 0.6), 2 * windows.horizon)
+
+
+def bandwidth_in_windows(windows: Windows) -> int:
+    """Return the default HAC bandwidth counted in windows."""
+    spacing = len(windows.states) / len(windows.starts)
+    return max(round(correlation_length(windows) / spacing), 1)
+
+
+class Reported:
+    """The quantities a fit reports: physical parameters and the learned map on visited states.
+
+    Parameters
+    ----------
+    layout : Layout
+        Of the model.
+    points : ndarray, shape (point, state)
+        States at which the learned map is watched, SI units.
+    """
+
+    def __init__(self, layout: Layout[Model], points: FloatArray):
+        self.layout = layout
+        self._points = np.asarray(points, dtype=np.float64)
+
+    def jacobian(self, raw: FloatArray) -> FloatArray:
+        """Return d(reported)/d(raw), shape (reported, parameter); physical parameters first."""
+        with float64():
+            return np.asarray(self._jacobian(jnp.asarray(raw)))
+
+    def values(self, raw: FloatArray) -> FloatArray:
+        """Return the reported quantities, shape (reported,), SI units."""
+        with float64():
+            return np.asarray(self._values(jnp.asarray(raw)))
+
+    def _evaluate(self, raw: Any) -> Any:
+        values = self.layout.values(raw)
+        learned = self.layout.model(values[:, None]).learned(jnp.asarray(self._points.T))
+        return jnp.concatenate([self.layout.physical_values(values), learned.ravel()])
+
+    @cached_property
+    def _values(self) -> Any:
+        return jax.jit(self._evaluate)
+
+    @cached_property
+    def _jacobian(self) -> Any:
+        return jax.jit(jax.jacfwd(self._evaluate))
+
+
+@dataclass(frozen=True, eq=False)
+class Sandwich:
+    """HAC covariance of reported quantities at a minimum of the loss.
+
+    Attributes
+    ----------
+    deviation : ndarray, shape (reported,)
+        Standard deviations, SI units.
+    influence : ndarray, shape (reported, window)
+        What each window contributed to each estimate, SI units.
+    starts : ndarray, shape (window,)
+        Sample at which each window starts.
+    """
+
+    deviation: FloatArray
+    influence: FloatArray
+    starts: FloatArray
+
+
+def sandwich(terms: GaussNewtonTerms, jacobian: FloatArray, windows: Windows) -> Sandwich:
+    """Return A^-1 B A^-1 seen through the reported quantities, A = sum S'S, B = HAC of the scores.
+
+    Parameters
+    ----------
+    terms : GaussNewtonTerms
+        At the minimum.
+    jacobian : ndarray, shape (reported, parameter)
+        Derivative of the reported quantities.
+    windows : Windows
+        Those the terms were summed over.
+    """
+    influence = jacobian @ inverse_normal(terms.normal) @ terms.scores
+    bandwidth = bandwidth_in_windows(windows)
+    variance = np.array([bartlett(row[None], bandwidth)[0, 0] for row in influence])
+    return Sandwich(np.sqrt(variance), influence, windows.starts.astype(np.float64))

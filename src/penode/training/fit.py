@@ -1,0 +1,243 @@
+"""Fit: parameters in physical units with their uncertainty, the horizon's story, provenance."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from penode.arrays import BoolArray, FloatArray
+from penode.errors import InputError
+from penode.models.base import Model
+from penode.training.archive import (
+    describe_module,
+    read_archive,
+    restore_module,
+    to_json,
+    write_archive,
+    write_atomically,
+)
+from penode.validation.coverage import supported
+from penode.validation.free_run import Comparison
+from penode.validation.residual_tests import Spectrum
+
+SCHEMA = "penode/1"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One physical parameter as reported.
+
+    Attributes
+    ----------
+    value, std : float
+        Estimate and its standard deviation, in ``unit``.
+    interval_95 : tuple of float
+        Lower and upper end of the 95 % interval, in ``unit``.
+    unit : str
+        SI unit.
+    identifiability : float or None
+        Share of the parameter's low-passed regressor that no regressor of the learned map explains:
+        1 is independent, 0 is indistinguishable; None where it was not computed.
+    """
+
+    value: float
+    std: float
+    interval_95: tuple[float, float]
+    unit: str
+    identifiability: float | None = None
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One horizon of the ladder.
+
+    Attributes
+    ----------
+    horizon : int
+        Steps of one sample.
+    parameters, std : mapping of str to float
+        Physical parameters and their standard deviations (HAC sandwich), SI units.
+    rmse : float
+        Root mean squared k-step-ahead error on the training windows, in the state's unit.
+    free_run_rmse : float or None
+        Free-run error on the training recordings, in the state's unit; None where it diverged.
+    iterations : int
+        Gauss-Newton evaluations spent.
+    outcome : str
+        Why the optimiser stopped, as a sentence.
+    """
+
+    horizon: int
+    parameters: Mapping[str, float]
+    std: Mapping[str, float]
+    rmse: float
+    free_run_rmse: float | None
+    iterations: int
+    outcome: str
+
+
+@dataclass(frozen=True)
+class HorizonChoice:
+    """The selected horizon and why.
+
+    Attributes
+    ----------
+    selected : int
+        Steps of one sample.
+    verdict : str
+        ``"plateau"``, ``"H = 1 suffices"``, ``"fixed"``, ``"no plateau"`` or
+        ``"not identifiable"``; the last two mean that the data cannot answer.
+    reason : str
+        One or two sentences for a person.
+    ladder : tuple of Rung
+        Every horizon tried, shortest first.
+    plateau : tuple of int
+        Horizons that agree with the selected one.
+    """
+
+    selected: int
+    verdict: str
+    reason: str
+    ladder: tuple[Rung, ...]
+    plateau: tuple[int, ...] = ()
+
+    @property
+    def answered(self) -> bool:
+        """Whether the data could answer."""
+        return self.verdict not in ("no plateau", "not identifiable")
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What identification gives back.
+
+    The learned maps of the model are methods of the fit: ``fit.flux_map(i_d, i_q)`` for a machine.
+
+    Attributes
+    ----------
+    model : Model
+        The trained model; its leaves are physical values.
+    parameters : mapping of str to Estimate
+        Physical parameters.
+    horizon : HorizonChoice
+        Selected horizon, verdict and ladder.
+    excited : ndarray, shape (sample, state)
+        A thinned set of the states visited in training, SI units.
+    comparisons : tuple of Comparison
+        Measured against one-step and free-run predictions, per recording.
+    spectrum : Spectrum
+        Spectrum of the one-step residual on the first training recording.
+    warnings : tuple of str
+        One sentence each.
+    provenance : mapping
+        Versions, data hashes, seeds, command, wall time.
+    """
+
+    model: Model
+    parameters: Mapping[str, Estimate]
+    horizon: HorizonChoice
+    excited: FloatArray
+    comparisons: tuple[Comparison, ...]
+    spectrum: Spectrum
+    warnings: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        if name.startswith("_") or name == "model":
+            raise AttributeError(name)
+        maps = self.model.maps()
+        if name not in maps:
+            raise AttributeError(f"Fit has no {name!r}; this model's maps are {sorted(maps)}.")
+        return maps[name]
+
+    def supported(self, points: FloatArray) -> BoolArray:
+        """Return which points (point, state), SI units, lie in the excited region."""
+        return supported(self.excited, np.asarray(points, dtype=np.float64))
+
+    def result(self) -> dict[str, Any]:
+        """Return the content of ``result.json``."""
+        units = set(self.model.state_units)
+        unit = f"_{units.pop()}" if len(units) == 1 else ""
+        metrics: dict[str, Any] = {"train": {}, "validation": {}}
+        for comparison in self.comparisons:
+            metrics[comparison.role][comparison.name] = {
+                f"one_step_rmse{unit}": comparison.one_step_rmse,
+                f"free_run_rmse{unit}": comparison.free_run_rmse,
+            }
+        return {
+            "schema": SCHEMA,
+            "horizon": asdict(self.horizon),
+            "parameters": {name: asdict(p) for name, p in self.parameters.items()},
+            "metrics": metrics,
+            "warnings": list(self.warnings),
+            "provenance": dict(self.provenance),
+        }
+
+    def save(self, folder: str | Path) -> None:
+        """Write ``result.json`` and the reloadable ``fit/`` into a folder.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Made if absent; files of an earlier fit are replaced, each in one step.
+        """
+        folder = Path(folder)
+        arrays: dict[str, FloatArray] = {"excited": self.excited}
+        comparisons = [
+            _describe(c, f"comparison.{k}", arrays) for k, c in enumerate(self.comparisons)
+        ]
+        document = {
+            **self.result(),
+            "model": describe_module(self.model, "model", arrays),
+            "comparisons": comparisons,
+            "spectrum": _describe(self.spectrum, "spectrum", arrays),
+        }
+        write_archive(folder / "fit", document, arrays)
+        write_atomically(folder / "result.json", to_json(self.result()))
+
+    @classmethod
+    def load(cls, folder: str | Path) -> "Fit":
+        """Read a fit back from the folder that `save` wrote.
+
+        Raises
+        ------
+        InputError
+            If a file is missing, damaged or of another schema.
+        """
+        document, arrays = read_archive(Path(folder) / "fit")
+        if document.get("schema") != SCHEMA:
+            raise InputError(
+                f"{folder}: schema {document.get('schema')!r} came, {SCHEMA!r} was wanted; "
+                "read it with the version of penode that wrote it."
+            )
+        return cls(
+            model=restore_module(document["model"], arrays),
+            parameters={n: _estimate(p) for n, p in document["parameters"].items()},
+            horizon=_horizon(document["horizon"]),
+            excited=arrays["excited"],
+            comparisons=tuple(_restore(Comparison, c, arrays) for c in document["comparisons"]),
+            spectrum=_restore(Spectrum, document["spectrum"], arrays),
+            warnings=tuple(document["warnings"]),
+            provenance=document["provenance"],
+        )
+
+
+def _describe(record: Any, name: str, arrays: dict[str, FloatArray]) -> dict[str, Any]:
+    values = {f.name: getattr(record, f.name) for f in fields(record)}
+    return {k: describe_module(v, f"{name}.{k}", arrays) for k, v in values.items()}
+
+
+def _restore(kind: Any, document: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Any:
+    return kind(**{k: restore_module(v, arrays) for k, v in document.items()})
+
+
+def _estimate(document: Mapping[str, Any]) -> Estimate:
+    low, high = document["interval_95"]
+    return Estimate(**{**document, "interval_95": (low, high)})
+
+
+def _horizon(document: Mapping[str, Any]) -> HorizonChoice:
+    ladder = tuple(Rung(**rung) for rung in document["ladder"])
+    return HorizonChoice(**{**document, "ladder": ladder, "plateau": tuple(document["plateau"])})

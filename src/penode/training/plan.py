@@ -1,0 +1,121 @@
+"""Plan: ordered stages of training, and the problem each one hands to its optimiser."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from penode.arrays import BoolArray, FloatArray
+from penode.data.windows import DEFAULT_PLACEMENT, Placement, Windows
+from penode.training.covariance import Reported
+from penode.training.residuals import GaussNewtonTerms, Objective
+
+#: Told the raw parameters (parameter,) and the loss as an optimiser goes.
+Progress = Callable[[FloatArray, float], None]
+
+DIVERGED = "The rollouts diverge."
+
+
+def silent(raw: FloatArray, loss: float) -> None:
+    """Report nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One stage made concrete: an objective over windows, with some parameters held.
+
+    Attributes
+    ----------
+    objective : Objective
+    reported : Reported
+        Quantities by which convergence is judged.
+    windows : Windows
+    moving : ndarray of bool, shape (parameter,)
+        Raw parameters that move; all others stay.
+    """
+
+    objective: Objective
+    reported: Reported
+    windows: Windows
+    moving: BoolArray
+
+    def gauss_newton(self, raw: FloatArray) -> GaussNewtonTerms:
+        """Return the terms of the moving parameters at raw (parameter,)."""
+        terms = self.objective.gauss_newton(raw, self.windows)
+        normal = terms.normal[np.ix_(self.moving, self.moving)]
+        scores = terms.scores[self.moving]
+        return GaussNewtonTerms(terms.loss, terms.count, normal, terms.descent[self.moving], scores)
+
+    def reported_jacobian(self, raw: FloatArray) -> FloatArray:
+        """Return d(reported)/d(moving raw), shape (reported, moving)."""
+        return self.reported.jacobian(raw)[:, self.moving]
+
+    def spread(self, step: FloatArray) -> FloatArray:
+        """Return a step of the moving parameters as one of all, zero elsewhere."""
+        full = np.zeros(len(self.moving))
+        full[self.moving] = step
+        return full
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where an optimiser stopped.
+
+    Attributes
+    ----------
+    raw : ndarray, shape (parameter,)
+        Raw parameters.
+    terms : GaussNewtonTerms
+        Loss and Gauss-Newton terms of the moving parameters there.
+    evaluations : int
+        Gauss-Newton evaluations, or epochs.
+    outcome : str
+        Why it stopped, as a sentence.
+    """
+
+    raw: FloatArray
+    terms: GaussNewtonTerms
+    evaluations: int
+    outcome: str
+
+
+class Optimiser(Protocol):
+    """Anything that lowers the loss of a `Problem`."""
+
+    def minimise(self, problem: Problem, raw: FloatArray, progress: Progress = silent) -> Solution:
+        """Return the best parameters found from `raw` (parameter,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One horizon of training.
+
+    Attributes
+    ----------
+    horizon : int
+        Steps.
+    optimiser : Optimiser
+    groups : tuple of str or None
+        Parameter groups that move; None moves all.
+    """
+
+    horizon: int
+    optimiser: Optimiser
+    groups: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Ordered stages, each warm-started by the one before.
+
+    Attributes
+    ----------
+    stages : tuple of Stage
+    placement : Placement
+        Where windows start: jittered by default, `Contiguous` for the paper's mode.
+    """
+
+    stages: tuple[Stage, ...]
+    placement: Placement = DEFAULT_PLACEMENT

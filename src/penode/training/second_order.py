@@ -1,0 +1,85 @@
+"""Levenberg-Marquardt on streamed Gauss-Newton terms, stopped by what is reported."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.training.covariance import marquardt_scale, sandwich
+from penode.training.plan import DIVERGED, Problem, Progress, Solution, silent
+from penode.training.residuals import GaussNewtonTerms
+
+_LARGEST_DAMPING = 1e10
+#: Directions of the normal matrix weaker than this are left out of the remaining step: the loss
+#: creeps along them for many iterations without moving anything that is reported.
+_CREEP = 1e-4
+
+
+@dataclass(frozen=True)
+class LevenbergMarquardt:
+    """Damped Gauss-Newton with Marquardt's scaling, so that units do not matter.
+
+    Attributes
+    ----------
+    evaluations : int
+        Most evaluations of the Gauss-Newton terms.
+    tolerance : float
+        Stop when the remaining step is below this many standard deviations in every physical
+        parameter and below five times as many, in root mean square, in the learned map.
+    damping : float
+        First damping, relative to the scaled diagonal.
+    """
+
+    evaluations: int = 40
+    tolerance: float = 0.1
+    damping: float = 1e-4
+
+    def minimise(self, problem: Problem, raw: FloatArray, progress: Progress = silent) -> Solution:
+        """Lower the loss from `raw`.
+
+        Parameters
+        ----------
+        problem : Problem
+            What is minimised, over which windows, moving which parameters.
+        raw : ndarray, shape (parameter,)
+            Where to begin.
+        progress : callable
+            Told the raw parameters and the loss before each step.
+
+        Returns
+        -------
+        Solution
+            The lowest loss seen; a start whose rollouts diverge is given back as it came.
+        """
+        terms = problem.gauss_newton(raw)
+        damping = self.damping
+        for evaluation in range(1, self.evaluations):
+            progress(raw, terms.loss)
+            if not terms.finite:
+                return Solution(raw, terms, evaluation, DIVERGED)
+            if self._settled(problem, raw, terms):
+                return Solution(raw, terms, evaluation, "Reported quantities stand still.")
+            candidate = raw + problem.spread(_step(terms, damping))
+            trial = problem.gauss_newton(candidate)
+            if trial.finite and trial.loss < terms.loss:
+                raw, terms, damping = candidate, trial, max(damping / 10, 1e-12)
+            elif damping > _LARGEST_DAMPING:
+                return Solution(raw, terms, evaluation, "No step lowers the loss any more.")
+            else:
+                damping *= 5
+        return Solution(raw, terms, self.evaluations, "The evaluations are used up.")
+
+    def _settled(self, problem: Problem, raw: FloatArray, terms: GaussNewtonTerms) -> bool:
+        jacobian = problem.reported_jacobian(raw)
+        left = jacobian @ _step(terms, _CREEP)
+        deviation = sandwich(terms, jacobian, problem.windows).deviation
+        ratio = np.abs(left) / np.maximum(deviation, 1e-300)
+        physical = len(problem.objective.layout.physical)
+        learned = np.sqrt(np.mean(ratio[physical:] ** 2)) if len(ratio) > physical else 0.0
+        return bool(max(*ratio[:physical], learned / 5, 0.0) < self.tolerance)
+
+
+def _step(terms: GaussNewtonTerms, damping: float) -> FloatArray:
+    scale = marquardt_scale(terms.normal)
+    damped = terms.normal / np.outer(scale, scale) + damping * np.eye(len(scale))
+    return np.asarray(np.linalg.solve(damped, terms.descent / scale) / scale)

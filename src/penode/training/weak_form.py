@@ -1,0 +1,111 @@
+"""Weak form: parameters of a linear-in-parameters balance without differentiating data.
+
+For a balance d/dt s = r with s = s_0 + sum_j c_j s_j and r = r_0 + sum_j c_j r_j, and a smooth test
+function w that vanishes at the ends of a window, integration by parts gives one equation a window
+and state,
+
+    sum_j c_j (int w r_j + int w' s_j) = -(int w r_0 + int w' s_0),
+
+linear in c. A Hann window over whole periods of a disturbance also nulls its harmonics from the
+second on, so they cannot pull the coefficients.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.arrays import FloatArray
+
+#: Singular values below this share of the largest are noise of the arithmetic.
+_RANK_TOLERANCE = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class WeakRegression:
+    """Equations of the weak form.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (equation, coefficient)
+    target : ndarray, shape (equation,)
+    """
+
+    matrix: FloatArray
+    target: FloatArray
+
+    def solve(self) -> FloatArray:
+        """Return the least-squares coefficients, shape (coefficient,)."""
+        size = np.linalg.norm(self.matrix, axis=0)
+        size = np.where(size > 0, size, 1.0)
+        solution = np.linalg.lstsq(self.matrix / size, self.target, rcond=_RANK_TOLERANCE)[0]
+        return np.asarray(solution / size)
+
+    def independence(self, column: int) -> float:
+        """Return the share of a column's energy that no other column explains.
+
+        Parameters
+        ----------
+        column : int
+            Index of the coefficient.
+
+        Returns
+        -------
+        float
+            rho = 1 - R^2 of the column on all others: 1 independent, 0 indistinguishable.
+        """
+        own = self.matrix[:, column]
+        others = np.delete(self.matrix, column, axis=1)
+        size = np.linalg.norm(others, axis=0)
+        others = others / np.where(size > 0, size, 1.0)
+        explained = others @ np.linalg.lstsq(others, own, rcond=_RANK_TOLERANCE)[0]
+        return float(np.sum((own - explained) ** 2) / np.sum(own**2))
+
+
+def join(parts: Sequence[WeakRegression]) -> WeakRegression:
+    """Return the equations of several recordings as one regression."""
+    matrix = np.concatenate([part.matrix for part in parts])
+    return WeakRegression(matrix, np.concatenate([part.target for part in parts]))
+
+
+def weak_regression(
+    stored: FloatArray,
+    supplied: FloatArray,
+    held: FloatArray,
+    time_step: float,
+    length: int,
+) -> WeakRegression:
+    """Set up the equations of one recording, windows overlapping by three quarters.
+
+    Parameters
+    ----------
+    stored : ndarray, shape (time, state, coefficient)
+        s_j, the stored quantity of each coefficient.
+    supplied : ndarray, shape (time, state, coefficient)
+        r_j, the supply of each coefficient, smooth between samples.
+    held : ndarray, shape (time, state)
+        r_0, known and held from each sample to the next; s_0 is zero.
+    time_step : float
+        s.
+    length : int
+        Samples in a window, at most time - 1.
+
+    Returns
+    -------
+    WeakRegression
+        One row a window and state.
+    """
+    stride = max(length // 4, 1)
+    phase = np.arange(length + 1) / length
+    weight = np.sin(np.pi * phase) ** 2 * time_step
+    slope = np.pi / length * np.sin(2 * np.pi * phase)
+    area = (phase / 2 - np.sin(2 * np.pi * phase) / (4 * np.pi)) * length * time_step
+    balance = _integrate(supplied, weight, stride) + _integrate(stored, slope, stride)
+    known = _integrate(held[:-1], np.diff(area), stride)
+    return WeakRegression(balance.reshape(-1, balance.shape[-1]), -known.reshape(-1))
+
+
+def _integrate(values: FloatArray, weight: FloatArray, stride: int) -> FloatArray:
+    """Weighted sums over windows of len(weight) samples, shape (window, ...)."""
+    windows = np.lib.stride_tricks.sliding_window_view(values, len(weight), axis=0)[::stride]
+    return np.asarray(windows @ weight)

@@ -1,0 +1,92 @@
+"""Quality checks: they report what is there and keep quiet about sound signals."""
+
+import numpy as np
+import pytest
+
+from penode.data import Experiment, check_excitation, find_clipping, find_stuck, inspect
+from penode.errors import InputError
+
+
+def recording(**channels: np.ndarray) -> Experiment:
+    return Experiment("run.csv", 1e-3, channels)
+
+
+def sine(samples: int = 2000, noise: float = 0.0) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return np.sin(0.0123 * np.arange(samples)) + noise * rng.standard_normal(samples)
+
+
+def test_constant_channel_is_refused() -> None:
+    run = recording(x=sine(), u=np.full(2000, 3.25))
+    check_excitation(run, ["x"])
+    with pytest.raises(InputError, match=r"run\.csv: channel u is constant at 3\.25 .*moving u"):
+        check_excitation(run, ["x", "u"])
+
+
+def test_constant_but_for_rounding_is_refused() -> None:
+    u = np.full(100, 0.1)
+    u[::2] = 0.3 - 0.2
+    assert np.ptp(u) > 0.0
+    with pytest.raises(InputError, match="constant"):
+        check_excitation(recording(u=u), ["u"])
+
+
+def test_constant_zero_is_refused() -> None:
+    with pytest.raises(InputError, match="constant at 0"):
+        check_excitation(recording(u=np.zeros(100)), ["u"])
+
+
+def test_small_motion_on_a_large_value_passes() -> None:
+    check_excitation(recording(u=1e4 + 1e-5 * sine()), ["u"])
+
+
+def test_missing_channel_is_named() -> None:
+    for check in (check_excitation, inspect):
+        with pytest.raises(InputError, match=r"run\.csv: no channel y"):
+            check(recording(x=sine()), ["y"])
+
+
+def test_stuck_samples_are_found_with_their_rows() -> None:
+    x = sine(noise=0.1)
+    x[700:760] = x[700] = 0.2
+    finding = find_stuck(recording(x=x), "x")
+    assert finding is not None
+    assert finding.severity == "warning"
+    assert "run.csv: channel x" in finding.sentence
+    assert "60 samples (data rows 701 to 760)" in finding.sentence
+
+
+def test_clipping_is_found_on_either_side() -> None:
+    for sign, word in ((1.0, "largest"), (-1.0, "smallest")):
+        x = sign * np.minimum(sine(), 0.8)
+        finding = find_clipping(recording(x=x), "x")
+        assert finding is not None
+        assert finding.severity == "warning"
+        count = np.sum(x == sign * 0.8)
+        assert f"{word} value {sign * 0.8:g} in {count} of 2000 samples" in finding.sentence
+
+
+@pytest.mark.parametrize(
+    "signal",
+    [
+        sine(),
+        np.round(sine(20_000), 3),  # a quantised sine dwells longest at its peaks
+        np.floor(sine(20_000) * 512),
+        np.repeat(np.random.default_rng(0).integers(0, 2, 200), 10),  # a binary test signal
+        np.repeat(np.random.default_rng(1).standard_normal(50), 40),  # a staircase
+        np.maximum(np.arange(2000.0) - 500, 0.0),  # rest, then motion
+        np.random.default_rng(2).standard_normal(2000),
+    ],
+    ids=["sine", "rounded", "converter", "binary", "stairs", "rest", "noise"],
+)
+def test_sound_signals_raise_no_finding(signal: np.ndarray) -> None:
+    assert inspect(recording(x=signal), ["x"]) == ()
+
+
+def test_inspect_reports_in_the_order_of_channels_and_changes_nothing() -> None:
+    run = recording(x=np.minimum(sine(), 0.8), u=np.ones(2000), y=sine())
+    before = {name: values.copy() for name, values in run.channels.items()}
+    found = inspect(run, ["x", "u", "y"])
+    assert [(each.channel, each.severity) for each in found] == [("x", "warning"), ("u", "error")]
+    for name, values in run.channels.items():
+        np.testing.assert_array_equal(values, before[name])
