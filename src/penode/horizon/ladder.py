@@ -11,7 +11,7 @@ from penode.data.experiment import Experiment
 from penode.data.windows import Jittered, Windows, cut
 from penode.errors import InputError
 from penode.models.base import Model
-from penode.training.covariance import Reported, sandwich
+from penode.training.covariance import Reported, influence, sandwich_deviation
 from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Solution, Stage
 from penode.training.residuals import Objective
 from penode.training.second_order import LevenbergMarquardt
@@ -32,7 +32,8 @@ def ladder_plan(
     horizons : sequence of int
         Steps, ascending; the default grows by a factor of about 1.5 up to 200.
     optimiser : Optimiser, optional
-        Levenberg-Marquardt by default.
+        Levenberg-Marquardt by default, with more evaluations for the first rung, which alone
+        starts cold.
     seed : int
         Seed of the jittered windows.
 
@@ -43,8 +44,10 @@ def ladder_plan(
     """
     if not horizons or min(horizons) < 1 or list(horizons) != sorted(set(horizons)):
         raise InputError(f"horizons {list(horizons)} came; give ascending whole numbers above 0.")
-    chosen = optimiser or LevenbergMarquardt(evaluations=25)
-    return Plan(tuple(Stage(h, chosen) for h in horizons), Jittered(seed))
+    first = optimiser or LevenbergMarquardt(evaluations=60)
+    later = optimiser or LevenbergMarquardt(evaluations=25)
+    stages = (Stage(horizons[0], first), *(Stage(h, later) for h in horizons[1:]))
+    return Plan(stages, Jittered(seed))
 
 
 def fitting_plan(plan: Plan, experiments: Sequence[Experiment]) -> Plan:
@@ -131,7 +134,7 @@ class Ascent:
 
     def _finish(self, stage: Stage, problem: Problem, solution: Solution) -> RungFit:
         jacobian = problem.reported_jacobian(solution.raw)
-        spread = sandwich(solution.terms, jacobian, problem.windows)
+        deviation = sandwich_deviation(solution.terms, jacobian, problem.windows)
         values = self.reported.values(solution.raw)
         names = self.objective.layout.physical
         self.observer(
@@ -140,15 +143,14 @@ class Ascent:
                 "horizon": stage.horizon,
                 "rmse": float(np.sqrt(solution.terms.loss)),
                 "parameters": dict(zip(names, values.tolist(), strict=False)),
-                "std": dict(zip(names, spread.deviation.tolist(), strict=False)),
+                "std": dict(zip(names, deviation.tolist(), strict=False)),
+                "units": self.objective.layout.units,
                 "evaluations": solution.evaluations,
                 "outcome": solution.outcome,
             }
         )
-        influence = spread.influence[: len(names)]
-        return RungFit(
-            stage.horizon, solution, values, spread.deviation, influence, problem.windows
-        )
+        share = influence(solution.terms, jacobian[: len(names)])
+        return RungFit(stage.horizon, solution, values, deviation, share, problem.windows)
 
     def _progress(
         self, horizon: int, share: tuple[int, int]
@@ -165,6 +167,7 @@ class Ascent:
                     "stages": share[1],
                     "loss": loss,
                     "parameters": dict(zip(names, values.tolist(), strict=True)),
+                    "units": self.objective.layout.units,
                 }
             )
 

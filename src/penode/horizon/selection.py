@@ -54,11 +54,13 @@ class Longest:
 
 @dataclass(frozen=True)
 class Plateau:
-    """The most precise rung of the longest run of horizons whose estimates agree (Lepski's rule).
+    """The surest rung of the longest run of horizons whose estimates agree (after Lepski).
 
     Two rungs agree when their physical parameters differ by no more than the deviation of the
     difference allows; that deviation comes from the paired influences of their windows, so that
-    what both horizons share cancels.
+    what both horizons share cancels. Within the run each rung's mean squared error is estimated as
+    its variance plus its squared distance from the run's precision-weighted mean, for physical
+    parameters and for the learned map.
 
     Attributes
     ----------
@@ -67,7 +69,8 @@ class Plateau:
     rungs, factor : int, float
         A run with fewer rungs, or spanning a smaller factor in H, is no plateau.
     tie : float
-        Rungs within this factor of the smallest deviation are as good; the shortest is taken.
+        Rungs within this factor of the smallest root mean squared error are as good; the shortest
+        is taken.
     """
 
     level: float = 0.05
@@ -78,8 +81,8 @@ class Plateau:
     def select(self, rungs: Sequence[RungFit]) -> Choice:
         """Return the choice among rungs, shortest horizon first."""
         run = _longest_run(_agreement(rungs, self.level), [rung.horizon for rung in rungs])
-        precision = np.array([_deviation(rungs[k]) for k in run])
-        index = run[int(np.argmax(precision <= self.tie * precision.min()))]
+        error = _expected_errors([rungs[k] for k in run])
+        index = run[int(np.argmax(error <= self.tie * error.min()))]
         low, high, chosen = rungs[run[0]].horizon, rungs[run[-1]].horizon, rungs[index].horizon
         if len(run) < self.rungs or high < self.factor * low:
             reason = (
@@ -88,26 +91,28 @@ class Plateau:
             )
             return Choice(index, "no plateau", reason, tuple(range(len(rungs))))
         if chosen == 1:
-            reason = f"Estimates agree up to H = {high}, and none is more precise than H = 1."
+            reason = f"Estimates agree up to H = {high}, and none is surer than H = 1."
             return Choice(index, "H = 1 suffices", reason, run)
         reason = (
-            f"Estimates agree from H = {low} to {high}; H = {chosen} is the shortest of the most "
-            "precise."
+            f"Estimates agree from H = {low} to {high}; H = {chosen} is the shortest of the surest."
         )
         return Choice(index, "plateau", reason, run)
 
 
-def _deviation(rung: RungFit) -> float:
-    """Geometric mean of the deviations: one vote for physical parameters, one for the map."""
-    physical = len(rung.influence)
-    parts = [np.mean(np.log(part**2)) for part in _parts(rung.deviation, physical) if len(part)]
-    return float(np.exp(0.5 * np.mean(parts)))
+def _expected_errors(rungs: Sequence[RungFit]) -> FloatArray:
+    """Return the expected root mean squared error of each rung, shape (rung,), up to a factor.
 
-
-def _parts(deviation: FloatArray, physical: int) -> tuple[FloatArray, FloatArray]:
-    learned = deviation[physical:]
-    overall = np.sqrt(np.mean(learned**2, keepdims=True)) if len(learned) else learned
-    return np.maximum(deviation[:physical], 1e-300), np.maximum(overall, 1e-300)
+    Physical parameters have one vote and the learned map another: the geometric mean of both.
+    """
+    physical = len(rungs[0].influence)
+    values = np.stack([rung.values for rung in rungs])
+    variance = np.maximum(np.stack([rung.deviation for rung in rungs]) ** 2, 1e-300)
+    consensus = np.sum(values / variance, axis=0) / np.sum(1 / variance, axis=0)
+    squares = variance + (values - consensus) ** 2
+    votes = [np.log(squares[:, :physical]).mean(axis=1)] if physical else []
+    if squares.shape[1] > physical:
+        votes.append(np.log(squares[:, physical:].mean(axis=1)))
+    return np.asarray(np.exp(0.5 * np.mean(votes, axis=0)))
 
 
 def _agreement(rungs: Sequence[RungFit], level: float) -> set[tuple[int, int]]:

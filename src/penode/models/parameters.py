@@ -211,6 +211,12 @@ class Layout(Generic[AnyModule]):
         """Names of the physical parameters, in the order of the tree."""
         return tuple(n for n, s in zip(self.names, self.settings, strict=True) if s.physical)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """SI unit of each physical parameter."""
+        pairs = zip(self.names, self.settings, strict=True)
+        return {name: setting.unit for name, setting in pairs if setting.physical}
+
     def raw(self, model: AnyModule) -> FloatArray:
         """Return the raw vector, shape (size,), of a model without batch axis."""
         leaves = jax.tree.leaves(model)

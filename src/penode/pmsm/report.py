@@ -25,6 +25,8 @@ from penode.training.fit import Fit
 _MEANINGS = {"R": "stator resistance"}
 _HARMONIC = 6
 _LINES = 8
+#: Recordings drawn at most, so that the page stays small; the table holds all.
+_DRAWN = 8
 _GREY = (
     "Inside the dashed outline lie the recorded currents (dots). Outside it, greyed, the map is "
     "an extrapolation that no recording supports."
@@ -91,9 +93,9 @@ def machine_document(fit: Fit) -> Document:
             [provenance_table(fit.provenance)],
         ),
     ]
-    answer = [
+    answer: list[Block] = [
         verdict_notice(fit.horizon),
-        *warning_notices(fit.warnings),
+        *warning_notices([one for one in fit.warnings if one != fit.horizon.reason]),
         _key_values(fit),
         _WORDS,
     ]
@@ -114,28 +116,28 @@ def _lead(fit: Fit) -> str:
         source = names[0]
     elif names:
         source = f"{len(names)} recordings"
+    subject = "It was" if fit.horizon.answered else "Each was"
     method = (
-        f"It was fitted to {source} together with the machine's flux-linkage map, so that the "
+        f"{subject} fitted to {source} together with the machine's flux-linkage map, so that the "
         "voltage equation predicts the measured currents."
     )
     if fit.horizon.answered:
         return f"With 95 % confidence it lies between {interval.replace(' to ', ' and ')}. {method}"
+    return f"The horizons tried gave values from {_spread(fit)}. {method}"
+
+
+def _spread(fit: Fit) -> str:
     values = [rung.parameters["R"] for rung in fit.horizon.ladder if "R" in rung.parameters]
-    return f"The horizons tried gave {range_text(values, fit.parameters['R'].unit)}. {method}"
+    return range_text(values, fit.parameters["R"].unit)
 
 
 def _key_values(fit: Fit) -> KeyValues:
     choice, resistance = fit.horizon, fit.parameters["R"]
     value, interval = estimate_text(resistance)
-    items = [
-        KeyValue(
-            "Stator resistance R",
-            value,
-            f"95 % interval {interval}" if choice.answered else "do not use: see above",
-            resistance.value,
-            doubtful=not choice.answered,
-        )
-    ]
+    label = "Stator resistance R"
+    items = [KeyValue(label, value, f"95 % interval {interval}", resistance.value)]
+    if not choice.answered:
+        items = [KeyValue(label, "no answer", f"{_spread(fit)} over the horizons", doubtful=True)]
     free_run = free_run_value(fit.comparisons)
     items += [free_run] if free_run else []
     trained = [one for one in fit.comparisons if np.isfinite(one.one_step_rmse)]
@@ -160,15 +162,17 @@ def _resistance(fit: Fit) -> Section:
             ladder_title(fit, name),
             "Each point is a complete identification at one horizon, its bar 1.96 standard "
             "deviations. Where neighbouring points agree, the value no longer depends on how "
-            "the model was trained; that is the shaded plateau.",
+            "far ahead the model predicted; that is the plateau. The blue band is the reported "
+            "95 % interval: the bar of the selected horizon, widened by the spread between "
+            "horizons.",
             parameter_over_ladder(fit, name),
         )
         for name in ("R", *(name for name in fit.parameters if name != "R"))
     ]
     return Section(
         "Parameters over the horizon",
-        "A short horizon lets unmodelled ripple and sensor noise pull the resistance away; a long "
-        "one averages them out. The right value is the one that neighbouring horizons agree on.",
+        "A short horizon can let unmodelled ripple and sensor noise pull the resistance away; a "
+        "longer one averages them out. The right value is the one that neighbouring horizons agree on.",
         [parameter_table(fit, _MEANINGS), *blocks],
     )
 
@@ -183,7 +187,7 @@ def _flux_linkage(fit: Fit) -> Section:
         "bend or draw apart, the iron saturates.",
         [
             Figure(
-                f"The recorded currents span {spans[0]} in d and {spans[1]} in q",
+                f"Flux linkage of {spans[0]} in the d axis and {spans[1]} in the q axis",
                 _GREY,
                 machine_figures.flux_map_contours(fit),
             ),
@@ -216,7 +220,9 @@ def _inductances(fit: Fit) -> Section:
 
 
 def _validation(fit: Fit) -> Section:
-    ordered = sorted(fit.comparisons, key=lambda one: one.role != "validation")
+    ordered = sorted(
+        fit.comparisons, key=lambda one: (one.role != "validation", -one.free_run_rmse)
+    )
     blocks: list[Block] = [
         Figure(
             overlay_title(one),
@@ -224,22 +230,23 @@ def _validation(fit: Fit) -> Section:
             "with its error. The close-up at the right is a typical stretch, shaded at the left.",
             overlay(one),
         )
-        for one in ordered
+        for one in ordered[:_DRAWN]
     ]
     return Section(
         "Prediction against measurement",
         "In a free run the model sees the voltages, the speed and the first sample of the "
-        "currents, nothing else. Recordings not used for training count most.",
+        "currents, nothing else. Recordings not used for training count most, and those with "
+        "the largest errors come first.",
         [validation_table(ordered), *blocks],
     )
 
 
 def _residual(fit: Fit) -> Section:
     spectrum = fit.spectrum
-    base = fit.provenance.get("electrical_frequency_hz")
+    base = abs(float(fit.provenance.get("electrical_frequency_hz") or 0.0))
     orders = [_HARMONIC * k for k in range(1, _LINES + 1)] if base else []
-    lines = [(order * abs(float(base)), f"{order}×") for order in orders]
-    units = ["i<sub>d</sub> in A", "i<sub>q</sub> in A"]
+    lines = [(order * base, f"{order}×") for order in orders]
+    states = (("i_d", "A"), ("i_q", "A"))
     caption = (
         f"Amplitude spectrum of the one-step residual of {spectrum.recording}; of neighbouring "
         "frequencies the largest is drawn."
@@ -247,7 +254,7 @@ def _residual(fit: Fit) -> Section:
     if lines:
         caption += (
             f" Dotted: multiples of {_HARMONIC} times the electrical frequency "
-            f"({with_unit(abs(float(base)), 'Hz')})."
+            f"({with_unit(base, 'Hz')})."
         )
     return Section(
         "What the model does not explain",
@@ -256,7 +263,7 @@ def _residual(fit: Fit) -> Section:
         "cannot follow; a longer horizon keeps them from bending the resistance.",
         [
             Figure(
-                spectrum_title(spectrum, lines), caption, residual_spectrum(spectrum, units, lines)
+                spectrum_title(spectrum, lines), caption, residual_spectrum(spectrum, states, lines)
             )
         ],
     )

@@ -17,8 +17,8 @@ from penode.training.weak_form import WeakRegression, join, weak_regression
 
 #: Degree of the polynomial coenergy, and of the polynomials of a map without coenergy.
 _DEGREE = {True: 8, False: 6}
-_DRAWS = 3
-_POINTS = 300
+_DRAWS = 2
+_POINTS = 200
 #: Weight of the differential inductance beside the flux linkage, both scaled to order 1.
 _SLOPE_WEIGHT = 0.1
 
@@ -68,7 +68,7 @@ def weak_start(
     kind : str
         A key of `penode.pmsm.flux_maps.FLUX_MAPS`.
     seed : int
-        Seed of the network draws; the best of three is kept.
+        Seed of the network draws; the best of two is kept.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def _fit_networks(
     with float64():
         value, jacobian = jax.jit(residual), jax.jit(jax.jacfwd(residual))
         fits = [
-            least_squares(value, layout.raw(draw), jac=jacobian, method="lm", max_nfev=150)
+            least_squares(value, layout.raw(draw), jac=jacobian, method="lm", max_nfev=100)
             for draw in draws
         ]
         best = min(fits, key=lambda fit: float(fit.cost))

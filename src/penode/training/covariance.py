@@ -1,6 +1,5 @@
 """Uncertainty under autocorrelated residuals: the HAC sandwich and the influence of each window."""
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -107,27 +106,27 @@ class Reported:
         return jax.jit(jax.jacfwd(self._evaluate))
 
 
-@dataclass(frozen=True, eq=False)
-class Sandwich:
-    """HAC covariance of reported quantities at a minimum of the loss.
+def sandwich_deviation(
+    terms: GaussNewtonTerms, jacobian: FloatArray, windows: Windows
+) -> FloatArray:
+    """Return the deviations of reported quantities from A^-1 B A^-1, shape (reported,), SI units.
 
-    Attributes
+    Parameters
     ----------
-    deviation : ndarray, shape (reported,)
-        Standard deviations, SI units.
-    influence : ndarray, shape (reported, window)
-        What each window contributed to each estimate, SI units.
-    starts : ndarray, shape (window,)
-        Sample at which each window starts.
+    terms : GaussNewtonTerms
+        At the minimum; A is the sum of S'S, B the HAC covariance of the scores.
+    jacobian : ndarray, shape (reported, parameter)
+        Derivative of the reported quantities.
+    windows : Windows
+        Those the terms were summed over.
     """
+    gain = jacobian @ inverse_normal(terms.normal)
+    meat = bartlett(terms.scores, bandwidth_in_windows(windows))
+    return np.sqrt(np.maximum(np.sum((gain @ meat) * gain, axis=1), 0.0))
 
-    deviation: FloatArray
-    influence: FloatArray
-    starts: FloatArray
 
-
-def sandwich(terms: GaussNewtonTerms, jacobian: FloatArray, windows: Windows) -> Sandwich:
-    """Return A^-1 B A^-1 seen through the reported quantities, A = sum S'S, B = HAC of the scores.
+def influence(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:
+    """Return what each window contributed to each reported quantity, shape (reported, window).
 
     Parameters
     ----------
@@ -135,10 +134,5 @@ def sandwich(terms: GaussNewtonTerms, jacobian: FloatArray, windows: Windows) ->
         At the minimum.
     jacobian : ndarray, shape (reported, parameter)
         Derivative of the reported quantities.
-    windows : Windows
-        Those the terms were summed over.
     """
-    influence = jacobian @ inverse_normal(terms.normal) @ terms.scores
-    bandwidth = bandwidth_in_windows(windows)
-    variance = np.array([bartlett(row[None], bandwidth)[0, 0] for row in influence])
-    return Sandwich(np.sqrt(variance), influence, windows.starts.astype(np.float64))
+    return np.asarray(jacobian @ inverse_normal(terms.normal) @ terms.scores)

@@ -212,8 +212,11 @@ def _recordings(windows: Windows) -> tuple[JaxArray, JaxArray]:
 
 
 def _padded(windows: Windows) -> JaxArray:
-    """Return the starts at a length that the recordings alone decide: one shape a ladder."""
+    """Return the starts at a length that the recordings alone decide: one shape a ladder.
+
+    The last window pads: a rollout from elsewhere could overflow, and zero times that is nan.
+    """
     capacity = CHUNK * -(-len(windows.states) // CHUNK)
-    starts: IntArray = np.zeros(capacity, dtype=np.int64)
+    starts: IntArray = np.full(capacity, windows.starts[-1], dtype=np.int64)
     starts[: len(windows.starts)] = windows.starts
     return jnp.asarray(starts)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.training.covariance import marquardt_scale, sandwich
+from penode.training.covariance import marquardt_scale, sandwich_deviation
 from penode.training.plan import DIVERGED, Problem, Progress, Solution, silent
 from penode.training.residuals import GaussNewtonTerms
 
@@ -72,7 +72,7 @@ class LevenbergMarquardt:
     def _settled(self, problem: Problem, raw: FloatArray, terms: GaussNewtonTerms) -> bool:
         jacobian = problem.reported_jacobian(raw)
         left = jacobian @ _step(terms, _CREEP)
-        deviation = sandwich(terms, jacobian, problem.windows).deviation
+        deviation = sandwich_deviation(terms, jacobian, problem.windows)
         ratio = np.abs(left) / np.maximum(deviation, 1e-300)
         physical = len(problem.objective.layout.physical)
         learned = np.sqrt(np.mean(ratio[physical:] ** 2)) if len(ratio) > physical else 0.0

@@ -1,0 +1,147 @@
+"""The command line: exit status 0 done, 1 the data cannot answer, 2 bad input or usage."""
+
+import hashlib
+import platform
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import jax
+import typer
+from rich.console import Console
+
+from penode.cli.progress import Stopped, watched
+from penode.cli.summary import print_demo, print_fit
+from penode.data.load import load
+from penode.errors import InputError
+from penode.pmsm.demo import run_demo
+from penode.pmsm.flux_maps import FLUX_MAPS
+from penode.pmsm.report import machine_report
+from penode.pmsm.study import Study, identify, write
+from penode.training.archive import write_atomically
+from penode.training.fit import Fit
+
+app = typer.Typer(
+    help="Find the flux-linkage map and the resistance of a PMSM from an ordinary recording.",
+    no_args_is_help=True,
+    add_completion=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Folder = Annotated[Path, typer.Option("--out", help="Folder for the results; made if absent.")]
+
+
+def main() -> None:
+    """Run the command line; bad input is told in one sentence."""
+    _use_compilation_cache()
+    try:
+        app()
+    except InputError as error:
+        _say(f"error: {error}")
+        sys.exit(2)
+    except Stopped:
+        _say("Stopped; no result was written.")
+        sys.exit(130)
+
+
+@app.command("identify")
+def identify_command(
+    runs: Annotated[list[Path], typer.Argument(help="Recordings to train on, CSV or Parquet.")],
+    out: Folder,
+    validate: Annotated[
+        list[Path] | None, typer.Option(help="Recording to predict, not to train on. Repeatable.")
+    ] = None,
+    horizon: Annotated[str, typer.Option(help="auto, or the number of steps.")] = "auto",
+    flux_map: Annotated[str, typer.Option(help=f"One of {', '.join(FLUX_MAPS)}.")] = "coenergy",
+    seed: Annotated[int, typer.Option(help="Seed of every random draw.")] = 0,
+) -> None:
+    """Identify resistance and flux-linkage map from recordings of a drive.
+
+    Columns: t (s), u_d and u_q (V), i_d and i_q (A), omega_el (rad/s, electrical), optionally
+    theta_el (rad); or u_a .. u_c, i_a .. i_c and theta_el. Currents and voltages are peak values.
+
+    Example: penode identify run.csv --validate other.csv --out result
+    """
+    began = time.monotonic()
+    study = Study(flux_map, _steps(horizon), seed=seed)
+    recordings = [load(run) for run in runs]
+    unseen = [load(run) for run in validate or []]
+    with watched(out, _errors) as observer:
+        fit = identify(recordings, study=study, validation=unseen, observer=observer)
+    fit = _signed(fit, began)
+    write(fit, out)
+    print_fit(_output, fit, out)
+    if not fit.horizon.answered:
+        raise typer.Exit(1)
+
+
+@app.command()
+def demo(out: Folder = Path("penode-demo")) -> None:
+    """Show the whole story on the built-in machine: record, identify, compare with the truth."""
+    began = time.monotonic()
+    _say("Recording the built-in machine on the simulated bench ...")
+    with watched(out, _errors) as observer:
+        story = run_demo(out / "recordings", observer)
+    story = replace(story, fit=_signed(story.fit, began))
+    write(story.fit, out)
+    print_fit(_output, story.fit, out)
+    print_demo(_output, story)
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")],
+) -> None:
+    """Write report.html again from a saved fit."""
+    page = folder / "report.html"
+    write_atomically(page, machine_report(Fit.load(folder)))
+    _output.print(f"report  {page}", soft_wrap=True, highlight=False)
+
+
+_output = Console()
+_errors = Console(stderr=True)
+
+
+def _say(text: str) -> None:
+    _errors.print(text, soft_wrap=True, highlight=False, markup=False)
+
+
+def _steps(horizon: str) -> int | None:
+    if horizon == "auto":
+        return None
+    try:
+        return int(horizon)
+    except ValueError as error:
+        raise InputError(
+            f"--horizon {horizon} came; give auto or a whole number of steps from 1."
+        ) from error
+
+
+def _signed(fit: Fit, began: float) -> Fit:
+    """Add the command and its wall time to the provenance."""
+    command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    facts = {"command": command, "wall_time_s": round(time.monotonic() - began, 2)}
+    return replace(fit, provenance={**fit.provenance, **facts})
+
+
+def _use_compilation_cache() -> None:
+    """Keep compiled programs between runs, apart for each processor; the cache is best effort."""
+    with suppress(OSError, ValueError):
+        processor = f"{platform.machine()} {platform.processor()} {_processor_flags()}"
+        key = hashlib.sha256(f"{processor} {jax.__version__}".encode()).hexdigest()[:16]
+        folder = Path.home() / ".cache" / "penode" / "compiled" / key
+        folder.mkdir(parents=True, exist_ok=True)
+        configure: Callable[[str, object], None] = jax.config.update
+        configure("jax_compilation_cache_dir", str(folder))
+        configure("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+def _processor_flags() -> str:
+    information = Path("/proc/cpuinfo")
+    lines = information.read_text().splitlines() if information.exists() else []
+    return next((line for line in lines if line.startswith("flags")), "")

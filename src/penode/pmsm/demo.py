@@ -1,0 +1,93 @@
+"""The whole story on the built-in machine, whose truth is known: record, identify, compare."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.data.save import save
+from penode.horizon.ladder import Observer
+from penode.identify import nobody
+from penode.pmsm.bench.coenergy_table import true_flux_map
+from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.references import Lissajous
+from penode.pmsm.bench.run import simulate
+from penode.pmsm.study import identify
+from penode.training.fit import Fit
+
+
+@dataclass(frozen=True, eq=False)
+class Demo:
+    """A fit beside the truth.
+
+    Attributes
+    ----------
+    fit : Fit
+    true_resistance : float
+        ohm.
+    flux_error : float
+        Mean absolute error of psi_d and psi_q over the excited region of the current disc, Vs.
+    flux_share : float
+        The same as a share of the magnet's flux linkage.
+    """
+
+    fit: Fit
+    true_resistance: float
+    flux_error: float
+    flux_share: float
+
+
+def record(folder: Path) -> tuple[Experiment, tuple[Experiment, ...]]:
+    """Simulate the paper's hard recording and two others, and write them as CSV.
+
+    Parameters
+    ----------
+    folder : Path
+        Gets ``train_1500rpm.csv``, ``test_900rpm.csv`` and ``test_2500rpm.csv``.
+
+    Returns
+    -------
+    Experiment, tuple of Experiment
+        The recording to train on and those to validate with.
+    """
+    machine = TRACTION_300A
+    slow = Lissajous(0.8 * machine.current_limit, rate_d=14.0, rate_q=15.0)
+    other = Lissajous(0.7 * machine.current_limit, rate_d=40.0, rate_q=33.0)
+    runs = {
+        "train_1500rpm.csv": simulate(machine, slow, speed_rpm=1500.0, duration=2.0),
+        "test_900rpm.csv": simulate(machine, other, speed_rpm=900.0, duration=0.6),
+        "test_2500rpm.csv": simulate(machine, other, speed_rpm=2500.0, duration=0.6),
+    }
+    named = [
+        Experiment(name, run.time_step, run.channels, run.source) for name, run in runs.items()
+    ]
+    for experiment in named:
+        save(experiment, folder / experiment.name)
+    return named[0], tuple(named[1:])
+
+
+def run_demo(folder: Path, observer: Observer = nobody) -> Demo:
+    """Record, identify, and compare with the truth that the identification never saw.
+
+    Parameters
+    ----------
+    folder : Path
+        Gets the recordings.
+    observer : callable
+        Told of each evaluation and rung.
+    """
+    train, validation = record(folder)
+    machine = TRACTION_300A
+    fit = identify([train], pole_pairs=machine.pole_pairs, validation=validation, observer=observer)
+    error = float(np.mean(np.abs(_flux_error(fit))))
+    return Demo(fit, machine.resistance, error, error / machine.magnet_flux_linkage)
+
+
+def _flux_error(fit: Fit) -> np.ndarray:
+    limit = np.abs(fit.excited).max()
+    axis = np.linspace(-limit, limit, 61)
+    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    points = points[fit.supported(points)]
+    truth = true_flux_map(TRACTION_300A, *points.T)
+    return np.asarray(fit.flux_map(*points.T).T - truth)

@@ -1,0 +1,26 @@
+"""Recordings of the simulated bench, made once."""
+
+import pytest
+
+from penode.data.experiment import Experiment
+from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.references import Lissajous
+from penode.pmsm.bench.run import simulate
+
+
+@pytest.fixture(scope="session")
+def slow_run() -> Experiment:
+    """The paper's hard case: one speed, slow trajectory, unmodelled harmonics."""
+    return simulate(TRACTION_300A, Lissajous(240.0, 14.0, 15.0), speed_rpm=1500.0, duration=1.0)
+
+
+@pytest.fixture(scope="session")
+def fast_run() -> Experiment:
+    """The well-designed case: low speed, fast trajectory."""
+    return simulate(TRACTION_300A, Lissajous(200.0, 140.0, 150.0), speed_rpm=150.0, duration=1.0)
+
+
+@pytest.fixture(scope="session")
+def unseen_run() -> Experiment:
+    """Another speed and trajectory."""
+    return simulate(TRACTION_300A, Lissajous(200.0, 40.0, 33.0), speed_rpm=900.0, duration=0.3)

@@ -1,0 +1,72 @@
+"""From a recording to a machine, and the files written."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import penode
+from penode.errors import InputError
+from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.study import GRID, Study, flux_map_csv, identify, write
+
+
+@pytest.fixture(scope="module")
+def fit(slow_run, unseen_run):
+    study = Study(horizon=27)
+    return identify([slow_run], pole_pairs=5, study=study, validation=[unseen_run])
+
+
+def test_resistance_is_right_and_inside_its_interval(fit):
+    estimate = fit.parameters["R"]
+    low, high = estimate.interval_95
+    assert abs(estimate.value / TRACTION_300A.resistance - 1) < 0.05
+    assert low <= TRACTION_300A.resistance <= high
+    assert estimate.unit == "ohm"
+    assert fit.horizon.selected == 27
+    assert fit.horizon.verdict == "fixed"
+
+
+def test_free_run_on_unseen_speed_stays_close(fit):
+    unseen = next(c for c in fit.comparisons if c.role == "validation")
+    ripple = 6.0  # the unmodelled harmonics alone leave about 3 A
+    assert unseen.free_run_rmse < ripple
+
+
+def test_unconstrained_map_at_one_speed_is_called_unanswerable(slow_run):
+    fit = identify([slow_run], study=Study(flux_map="mlp", horizon=1))
+    assert fit.horizon.verdict == "not identifiable"
+    assert not fit.horizon.answered
+    assert fit.parameters["R"].value < 0
+    assert any("cannot tell R" in warning and "coenergy" in warning for warning in fit.warnings)
+
+
+def test_flux_map_csv_is_the_fits_own_map(fit):
+    rows = list(csv.DictReader(flux_map_csv(fit).splitlines()))
+    assert len(rows) == GRID**2
+    table = np.array([[float(row[name]) for name in row] for row in rows])
+    psi = fit.flux_map(table[:, 0], table[:, 1])
+    np.testing.assert_allclose(table[:, 2:4].T, psi, rtol=1e-6, atol=1e-10)
+    inductance = fit.differential_inductance(table[:, 0], table[:, 1]).reshape(4, -1)
+    np.testing.assert_allclose(table[:, 4:8].T, inductance, rtol=1e-6, atol=1e-12)
+    reach = np.hypot(table[:, 0], table[:, 1])
+    assert table[reach < 200, 8].mean() > 0.6  # one second of the trajectory leaves gaps
+    assert table[reach > 300, 8].max() == 0
+
+
+def test_everything_written_reads_back(fit, tmp_path):
+    write(fit, tmp_path)
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["parameters"]["R"]["value"] == fit.parameters["R"].value
+    assert set(result["metrics"]["train"]["simulated"]) == {"one_step_rmse_A", "free_run_rmse_A"}
+    assert "<html" in (tmp_path / "report.html").read_text()
+    again = penode.Fit.load(tmp_path)
+    np.testing.assert_array_equal(again.flux_map(50.0, -80.0), fit.flux_map(50.0, -80.0))
+    assert again.result() == json.loads(json.dumps(fit.result())) or again.horizon == fit.horizon
+
+
+@pytest.mark.parametrize("choice", [{"flux_map": "magic"}, {"horizon": 0}])
+def test_unknown_choices_are_refused(choice):
+    with pytest.raises(InputError):
+        Study(**choice)
