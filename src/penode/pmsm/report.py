@@ -172,7 +172,7 @@ def _resistance(fit: Fit) -> Section:
     return Section(
         "Parameters over the horizon",
         "A short horizon can let unmodelled ripple and sensor noise pull the resistance away; a "
-        "longer one averages them out. The right value is the one that neighbouring horizons agree on.",
+        "longer one averages them out. The right value is the one neighbouring horizons agree on.",
         [parameter_table(fit, _MEANINGS), *blocks],
     )
 

@@ -5,6 +5,7 @@ import json
 import os
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -130,7 +131,7 @@ def read_archive(folder: Path) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         raise InputError(
             f"{error.filename}: no such file; give the folder that `penode identify --out` wrote."
         ) from error
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(
             f"{folder}: the saved fit is damaged ({error}); run the identification again."
         ) from error

@@ -1,0 +1,1 @@
+"""Benchmarks: each checks accuracy first and prints a ratio from one run."""

@@ -1,0 +1,171 @@
+"""Numbers as people read them: SI prefixes, and digits that follow the uncertainty."""
+
+import math
+import re
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+_SYMBOLS = {"ohm": "Ω", "Ohm": "Ω", "deg": "°"}
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+# fmt: off
+_TAKES_PREFIX = frozenset({
+    "A", "C", "F", "H", "Hz", "J", "K", "N", "Nm", "Ohm", "Pa", "S", "T", "V", "Vs", "W", "Wb",
+    "g", "m", "ohm", "rad", "s", "Ω",
+})
+# fmt: on
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A unit with the prefix that makes given numbers legible.
+
+    Attributes
+    ----------
+    factor : float
+        Numbers to show are SI values times this.
+    unit : str
+        Unit to show beside them, such as ``"mΩ"``.
+    """
+
+    factor: float
+    unit: str
+
+
+def scale_for(values: ArrayLike, unit: str) -> Scale:
+    """Choose the SI prefix under which the largest of the values is between 1 and 1000.
+
+    Parameters
+    ----------
+    values : array_like, any shape
+        Values in ``unit``; NaN and infinities do not count.
+    unit : str
+        SI unit. Units that take no prefix (``"1/s"``, ``"rad/s"``, none) keep factor 1.
+
+    Returns
+    -------
+    Scale
+        Factor and unit to show.
+    """
+    symbol = _SYMBOLS.get(unit, unit)
+    sizes = np.abs(np.asarray(values, dtype=np.float64)).ravel()
+    sizes = sizes[np.isfinite(sizes)]
+    largest = float(sizes.max()) if sizes.size else 0.0
+    if largest == 0.0 or unit not in _TAKES_PREFIX:
+        return Scale(1.0, symbol)
+    exponent = 3 * math.floor(math.log10(largest * (1 + 1e-12)) / 3)
+    exponent = min(max(exponent, min(_PREFIXES)), max(_PREFIXES))
+    return Scale(10.0**-exponent, _PREFIXES[exponent] + symbol)
+
+
+def decimals_for(std: float, value: float) -> int:
+    """Return how many decimals to show so that the uncertainty has two significant digits.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation, in the unit shown; where it is zero or not finite the value gets four
+        significant digits.
+    value : float
+        The value, in the same unit.
+
+    Returns
+    -------
+    int
+        Decimals, 0 to 6.
+    """
+    if math.isfinite(std) and std > 0:
+        decimals = 1 - math.floor(math.log10(std))
+    elif math.isfinite(value) and value != 0:
+        decimals = 3 - math.floor(math.log10(abs(value)))
+    else:
+        decimals = 0
+    return min(max(decimals, 0), 6)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Format a number to significant digits, without exponent where that stays short.
+
+    Parameters
+    ----------
+    value : float or None
+        Number; None and NaN become a dash, infinities the sign for them.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        Text with a true minus sign.
+    """
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if value != 0 and not 1e-4 <= abs(value) < 1e6:
+        return f"{value:.{digits - 1}e}".replace("-", "−")
+    magnitude = math.floor(math.log10(abs(value))) if value else 0
+    return fixed(value, max(digits - 1 - magnitude, 0))
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Format a number to a number of decimals.
+
+    Parameters
+    ----------
+    value : float
+        Number; NaN and infinities as in `number`.
+    decimals : int
+        Digits after the point.
+
+    Returns
+    -------
+    str
+        Text with a true minus sign.
+    """
+    if not math.isfinite(value):
+        return number(value)
+    text = f"{value:.{decimals}f}"
+    return text.replace("-", "−") if float(text) else text.removeprefix("-")
+
+
+def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
+    """Format a value with its unit and an SI prefix.
+
+    Parameters
+    ----------
+    value : float or None
+        Value in ``unit``.
+    unit : str
+        SI unit.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        Such as ``"2.96 A"`` or ``"10.0 mΩ"``, joined by a no-break space.
+    """
+    if value is None or not math.isfinite(value):
+        return number(value)
+    scale = scale_for(value, unit)
+    return f"{number(value * scale.factor, digits)}\N{NO-BREAK SPACE}{scale.unit}".rstrip()
+
+
+def symbol(name: str) -> str:
+    """Return a channel's or parameter's name as markup for figures and tables.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``"i_d"``.
+
+    Returns
+    -------
+    str
+        Escaped markup, the part after one underscore as an index: ``i<sub>d</sub>``.
+    """
+    parts = re.fullmatch(r"([A-Za-z]{1,3})_([A-Za-z0-9]{1,4})", name)
+    return f"{parts[1]}<sub>{parts[2]}</sub>" if parts else escape(name)

@@ -1,0 +1,236 @@
+"""Tables any identification has: parameters, ladder, validation, provenance."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from penode.report.document import Cell, Row, Table
+from penode.report.quantities import decimals_for, fixed, number, scale_for
+from penode.training.fit import Estimate, Fit, HorizonChoice, Rung
+from penode.validation.free_run import Comparison
+
+_SPACE = "\N{NO-BREAK SPACE}"
+_ROLES = {"train": "training", "validation": "validation"}
+
+
+def parameter_table(fit: Fit, meanings: Mapping[str, str] | None = None) -> Table:
+    """Tabulate the physical parameters.
+
+    Parameters
+    ----------
+    fit : Fit
+        Identification result.
+    meanings : mapping of str to str, optional
+        What a parameter is, in words.
+
+    Returns
+    -------
+    Table
+        One row per parameter, with SI prefixes.
+    """
+    columns = (
+        "parameter",
+        "value",
+        "standard deviation",
+        "95 % interval",
+        "unit",
+        "identifiability",
+    )
+    rows = tuple(
+        _parameter_row(name, estimate, (meanings or {}).get(name, ""))
+        for name, estimate in fit.parameters.items()
+    )
+    caption = (
+        "The standard deviation allows for residuals that are correlated in time and for the "
+        "spread over the horizons that agree. Identifiability "
+        "is 1 where nothing in the learned map can imitate the parameter, and 0 where the data "
+        "cannot tell the two apart."
+    )
+    if not fit.horizon.answered:
+        caption = f"For diagnosis only; the data cannot answer. {caption}"
+    return Table("Physical parameters", columns, rows, caption)
+
+
+def ladder_table(choice: HorizonChoice, units: Mapping[str, str], error_unit: str) -> Table:
+    """Tabulate every horizon tried.
+
+    Parameters
+    ----------
+    choice : HorizonChoice
+        Selected horizon and ladder.
+    units : mapping of str to str
+        SI unit of each parameter to show; its keys say which, and in which order.
+    error_unit : str
+        SI unit of the errors.
+
+    Returns
+    -------
+    Table
+        One row per horizon; the selected one and its plateau are marked.
+    """
+    scales = {
+        name: scale_for([rung.parameters.get(name, math.nan) for rung in choice.ladder], unit)
+        for name, unit in units.items()
+    }
+    heads = []
+    for name, scale in scales.items():
+        heads += [f"{name} in{_SPACE}{scale.unit}" if scale.unit else name, "± std"]
+    error = f" in{_SPACE}{error_unit}" if error_unit else ""
+    outcomes = list(dict.fromkeys(rung.outcome for rung in choice.ladder))
+    columns = (
+        "horizon H",
+        *heads,
+        f"H-step rmse{error}",
+        f"free-run rmse{error}",
+        "iterations",
+        "outcome",
+    )
+    rows = []
+    for rung in choice.ladder:
+        cells = [_number(str(rung.horizon), rung.horizon)]
+        for name, scale in scales.items():
+            cells += _estimate_cells(rung, name, scale.factor)
+        cells += [_plain(rung.rmse), _free_run(rung.free_run_rmse)]
+        cells += [
+            _number(str(rung.iterations), rung.iterations),
+            Cell(_letter(outcomes.index(rung.outcome))),
+        ]
+        rows.append(Row(tuple(cells), _mark(rung.horizon, choice)))
+    ends = " ".join(f"{_letter(k)}: {outcome}" for k, outcome in enumerate(outcomes))
+    caption = "Errors are root mean squares over the training recordings. The optimiser's outcome: "
+    return Table("Estimates and errors at each horizon", columns, tuple(rows), caption + ends)
+
+
+def validation_table(comparisons: Sequence[Comparison]) -> Table:
+    """Tabulate prediction errors per recording.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        Recordings beside their predictions.
+
+    Returns
+    -------
+    Table
+        One row per recording.
+    """
+    unit = _common_unit(comparisons)
+    error = f" in{_SPACE}{unit}" if unit else ""
+    columns = (
+        "recording",
+        "used for",
+        f"duration in{_SPACE}s",
+        f"one-step rmse{error}",
+        f"free-run rmse{error}",
+    )
+    rows = tuple(
+        Row(
+            (
+                Cell(comparison.name),
+                Cell(_ROLES.get(comparison.role, comparison.role)),
+                _plain(len(comparison.measured) * comparison.time_step),
+                _plain(comparison.one_step_rmse),
+                _free_run(comparison.free_run_rmse),
+            )
+        )
+        for comparison in comparisons
+    )
+    caption = (
+        "One step: every sample predicted from the measured one before it. Free run: the whole "
+        "recording predicted from its first sample alone."
+    )
+    return Table("Prediction errors", columns, rows, caption)
+
+
+def provenance_table(provenance: Mapping[str, Any]) -> Table:
+    """Tabulate where the result came from.
+
+    Parameters
+    ----------
+    provenance : mapping
+        Versions, data hashes, seeds, command and the like; may be nested.
+
+    Returns
+    -------
+    Table
+        One row per entry.
+    """
+    rows = tuple(
+        Row((Cell(name, kind="code"), Cell(text, kind="code")))
+        for name, text in _flat(provenance, "")
+    )
+    return Table("Versions, data and settings", ("entry", "value"), rows)
+
+
+def _parameter_row(name: str, estimate: Estimate, meaning: str) -> Row:
+    scale = scale_for([estimate.value], estimate.unit)
+    value, std = estimate.value * scale.factor, estimate.std * scale.factor
+    decimals = decimals_for(std, value)
+    low, high = (bound * scale.factor for bound in estimate.interval_95)
+    share = estimate.identifiability
+    return Row(
+        (
+            Cell(f"{name}, {meaning}" if meaning else name),
+            _number(fixed(value, decimals), estimate.value),
+            _number(fixed(std, decimals), estimate.std),
+            Cell(f"{fixed(low, decimals)} to {fixed(high, decimals)}", kind="number"),
+            Cell(scale.unit or "1"),
+            _number("–" if share is None else number(share, 2), share),
+        )
+    )
+
+
+def _estimate_cells(rung: Rung, name: str, factor: float) -> list[Cell]:
+    if name not in rung.parameters:
+        return [Cell("–", kind="number")] * 2
+    value, std = rung.parameters[name], rung.std.get(name, math.nan)
+    decimals = decimals_for(std * factor, value * factor)
+    return [
+        _number(fixed(value * factor, decimals), value),
+        _number(fixed(std * factor, decimals), std),
+    ]
+
+
+def _letter(position: int) -> str:
+    return "abcdefghijklmnopqrstuvwxyz"[position] if position < 26 else str(position + 1)
+
+
+def _mark(horizon: int, choice: HorizonChoice) -> str:
+    if horizon == choice.selected:
+        return "selected"
+    return "plateau" if choice.answered and horizon in choice.plateau else ""
+
+
+def _free_run(rmse: float | None) -> Cell:
+    if rmse is None or not math.isfinite(rmse):
+        return Cell("diverged", kind="number")
+    return _plain(rmse)
+
+
+def _plain(value: float) -> Cell:
+    return _number(number(value), value)
+
+
+def _number(text: str, value: float | None) -> Cell:
+    return Cell(text, value, "number")
+
+
+def _common_unit(comparisons: Sequence[Comparison]) -> str:
+    units = {unit for comparison in comparisons for unit in comparison.units}
+    return units.pop() if len(units) == 1 else ""
+
+
+def _flat(content: Any, name: str) -> list[tuple[str, str]]:
+    """Return every entry of nested mappings and lists with the path that leads to it."""
+    if isinstance(content, Mapping) and content:
+        items = [(f"{name}.{key}" if name else str(key), item) for key, item in content.items()]
+        return [row for path, item in items for row in _flat(item, path)]
+    if isinstance(content, (list, tuple)) and any(isinstance(item, Mapping) for item in content):
+        return [row for k, item in enumerate(content) for row in _flat(item, f"{name}[{k}]")]
+    if isinstance(content, (list, tuple)):
+        return [(name, ", ".join(map(_entry, content)))]
+    return [(name, _entry(content))]
+
+
+def _entry(content: Any) -> str:
+    return f"{content:.6g}" if isinstance(content, float) else str(content)

@@ -1,0 +1,134 @@
+"""Figures hold the record's numbers, stay small and survive what diverged."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from penode.report import panels
+from penode.report.figures import overlay, parameter_over_ladder, residual_spectrum
+from penode.report.overlay import typical_window
+
+
+def points(figure, name):
+    return next(trace for trace in figure.data if trace.name == name)
+
+
+def test_ladder_shows_every_estimate_once_per_panel(fit):
+    figure = parameter_over_ladder(fit, "mass")
+    shown = {}
+    for trace in figure.data:
+        if trace.xaxis == "x" and trace.error_y.array is not None:
+            shown |= dict(zip(trace.x, zip(trace.y, trace.error_y.array, strict=True), strict=True))
+    assert sorted(shown) == [rung.horizon for rung in fit.horizon.ladder]
+    for rung in fit.horizon.ladder:
+        expected = (rung.parameters["mass"], 1.96 * rung.std["mass"])
+        np.testing.assert_allclose(shown[rung.horizon], expected)
+
+
+def test_ladder_marks_what_was_selected_and_the_interval(fit):
+    figure = parameter_over_ladder(fit, "mass")
+    assert list(points(figure, "selected, H = 50").x) == [50]
+    assert list(points(figure, "horizons that agree").x) == [10, 20, 100]
+    bands = [(shape.y0, shape.y1) for shape in figure.layout.shapes if shape.yref == "y"]
+    assert bands == [fit.parameters["mass"].interval_95]
+
+
+def test_ladder_enlarges_a_plateau_that_would_be_a_line(fit):
+    figure = parameter_over_ladder(fit, "mass")
+    low, high = figure.layout.yaxis2.range
+    assert high - low < 0.1
+    assert low < 1.010
+    assert high > 1.026
+    flat = dataclasses.replace(
+        fit.horizon, ladder=fit.horizon.ladder[3:], plateau=(10, 20, 50, 100)
+    )
+    fit.horizon = flat
+    assert "yaxis2" not in parameter_over_ladder(fit, "mass").layout.to_plotly_json()
+
+
+def test_ladder_survives_unknown_deviations(fit):
+    bad = dataclasses.replace(fit.horizon.ladder[0], std={"mass": np.inf})
+    fit.horizon = dataclasses.replace(fit.horizon, ladder=(bad, *fit.horizon.ladder[1:]))
+    low, high = parameter_over_ladder(fit, "mass").layout.yaxis.range
+    assert np.isfinite([low, high]).all()
+
+
+def test_ladder_of_one_rung(fit):
+    fit.horizon = dataclasses.replace(
+        fit.horizon, ladder=fit.horizon.ladder[5:6], plateau=(), verdict="fixed"
+    )
+    assert parameter_over_ladder(fit, "friction").layout.yaxis.title.text == "friction in Ns/m"
+
+
+def test_overlay_has_values_and_errors_of_every_state(comparison):
+    figure = overlay(comparison)
+    titles = [figure.layout[panels.axis_key("y", panel)].title.text for panel in range(8)]
+    assert titles[::2] == ["x in m", "error in m", "v in m/s", "error in m/s"]
+    assert all(len(trace.x) <= 2100 for trace in figure.data)
+    window = typical_window(comparison, 200)
+    close = next(t for t in figure.data if t.xaxis == "x2" and t.name == "measured")
+    np.testing.assert_allclose(close.y, comparison.measured[window, 0], rtol=1e-6)
+
+
+def test_overlay_keeps_its_scale_when_the_free_run_diverges(comparison):
+    free_run = comparison.free_run.copy()
+    free_run[5000:5050] += np.exp(np.arange(50.0))[:, None]
+    free_run[5050:] = np.nan
+    lost = dataclasses.replace(comparison, free_run=free_run)
+    figure = overlay(lost)
+    assert np.ptp(figure.layout.yaxis.range) < 4
+    assert any(note.text == "free run diverged" for note in figure.layout.annotations)
+
+
+def test_overlay_of_a_run_that_diverged_at_once(comparison):
+    lost = dataclasses.replace(comparison, free_run=np.full_like(comparison.free_run, np.nan))
+    assert np.isfinite(overlay(lost).layout.yaxis.range).all()
+
+
+def test_short_recording_has_no_close_up(comparison):
+    parts = {name: getattr(comparison, name)[:300] for name in ("measured", "one_step", "free_run")}
+    short = dataclasses.replace(comparison, **parts)
+    assert typical_window(short, 200) is None
+    assert {trace.xaxis for trace in overlay(short).data} == {"x", "x2", "x3", "x4"}
+
+
+def test_envelope_keeps_every_extreme():
+    values = np.random.default_rng(3).normal(size=30_011)
+    chosen = panels.envelope(values, 2000)
+    assert len(chosen) <= 2100
+    assert {0, len(values) - 1, int(values.argmin()), int(values.argmax())} <= set(chosen.tolist())
+    assert (np.diff(chosen) > 0).all()
+    values[100:] = np.nan
+    assert panels.envelope(values, 2000).tolist() == list(range(100))
+
+
+def test_spectrum_keeps_its_line_and_marks_only_what_it_holds(spectrum):
+    states = (("x", "m"), ("v", "m/s"))
+    figure = residual_spectrum(spectrum, states, [(50.0, "6×"), (1e6, "12×")])
+    trace = figure.data[0]
+    assert len(trace.x) <= 2001
+    assert max(trace.y) == pytest.approx(0.4)
+    assert trace.x[int(np.argmax(trace.y))] == pytest.approx(50.0)
+    assert [note.text for note in figure.layout.annotations] == ["6×"]
+
+
+def test_spectrum_of_nothing(spectrum):
+    silent = dataclasses.replace(spectrum, amplitude=np.zeros_like(spectrum.amplitude))
+    assert residual_spectrum(silent, (("x", "m"), ("v", "m/s"))).data
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_narrow_pages_pile_the_panels_up(fit, which):
+    figure = (
+        parameter_over_ladder(fit, "mass"),
+        overlay(fit.comparisons[0]),
+        residual_spectrum(fit.spectrum, (("x", "m"), ("v", "m/s"))),
+    )[which]
+    narrow = figure.layout.meta["narrow"]
+    axes = [entry for entry in narrow if entry.startswith("xaxis")]
+    assert axes
+    assert all(narrow[axis]["domain"] == [0, 1] for axis in axes)
+    piles = sorted(narrow[axis.replace("x", "y", 1)]["domain"] for axis in axes)
+    assert all(below[1] < above[0] for below, above in itertools.pairwise(piles))

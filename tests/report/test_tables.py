@@ -1,0 +1,125 @@
+"""Tables and sentences say what the record says."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from penode.report.statements import (
+    estimate_text,
+    free_run_value,
+    ladder_title,
+    overlay_title,
+    range_text,
+    spectrum_title,
+    verdict_notice,
+)
+from penode.report.tables import ladder_table, parameter_table, provenance_table, validation_table
+from penode.training.fit import Estimate
+
+GAP = "\N{NO-BREAK SPACE}"
+
+
+def texts(row):
+    return [cell.text for cell in row.cells]
+
+
+def test_parameters_are_shown_with_prefix_and_matching_digits(fit):
+    fit.parameters = {"R": Estimate(10.0184e-3, 0.0861e-3, (9.849e-3, 10.187e-3), "ohm", 0.7612)}
+    table = parameter_table(fit, {"R": "stator resistance"})
+    expected = ["R, stator resistance", "10.018", "0.086", "9.849 to 10.187", "mΩ", "0.76"]
+    assert texts(table.rows[0]) == expected
+    assert table.rows[0].cells[1].value == 10.0184e-3
+
+
+def test_unknown_identifiability_is_a_dash(fit):
+    assert texts(parameter_table(fit).rows[1])[-1] == "–"
+
+
+def test_ladder_marks_the_selected_horizon_and_its_plateau(choice):
+    table = ladder_table(choice, {"mass": "kg"}, "m")
+    assert [row.mark for row in table.rows] == ["", "", "", *["plateau"] * 2, "selected", "plateau"]
+    assert table.columns[1] == f"mass in{GAP}kg"
+    assert texts(table.rows[5])[:3] == ["50", "1.0180", "0.0040"]
+    assert "a: Converged." in table.caption
+
+
+def test_diverged_runs_are_named_and_not_given_a_number(choice, comparison):
+    first = dataclasses.replace(choice.ladder[0], free_run_rmse=None)
+    table = ladder_table(dataclasses.replace(choice, ladder=(first,)), {"mass": "kg"}, "m")
+    assert "diverged" in texts(table.rows[0])
+    broken = comparison.free_run.copy()
+    broken[500:] = np.nan
+    lost = dataclasses.replace(comparison, free_run=broken)
+    assert texts(validation_table([lost]).rows[0])[-1] == "diverged"
+    assert (
+        overlay_title(lost)
+        == f"cart.csv (used for training): the free run diverges after 500{GAP}ms"
+    )
+    assert free_run_value([lost]).doubtful
+
+
+def test_columns_name_a_unit_only_where_all_states_share_it(comparison):
+    assert validation_table([comparison]).columns[-1] == "free-run rmse"
+    same = dataclasses.replace(comparison, units=("A", "A"))
+    assert validation_table([same]).columns[-1] == f"free-run rmse in{GAP}A"
+
+
+def test_recordings_not_used_for_training_count_first(comparison):
+    worse = dataclasses.replace(comparison, free_run=comparison.free_run + 1.0)
+    unseen = dataclasses.replace(comparison, role="validation", name="unseen.csv")
+    assert free_run_value([worse, unseen]).value == unseen.free_run_rmse
+    assert free_run_value([worse]).value == worse.free_run_rmse
+    assert free_run_value([]) is None
+
+
+def test_provenance_is_flat_and_named_by_path():
+    table = provenance_table({"versions": {"jax": "1"}, "data": [{"sha": "ab"}], "seeds": [1, 2]})
+    assert [texts(row) for row in table.rows] == [
+        ["versions.jax", "1"],
+        ["data[0].sha", "ab"],
+        ["seeds", "1, 2"],
+    ]
+
+
+def test_estimate_in_words():
+    estimate = Estimate(10.0184e-3, 0.0861e-3, (9.849e-3, 10.187e-3), "ohm")
+    assert estimate_text(estimate) == (f"10.018{GAP}mΩ", f"9.849 to 10.187{GAP}mΩ")
+
+
+def test_range_in_words():
+    assert range_text([4e-3, math.nan, 39.2e-3], "ohm") == f"4.0 to 39.2{GAP}mΩ"
+    assert range_text([math.nan], "ohm") == "–"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "tone"),
+    [
+        ("plateau", "good"),
+        ("H = 1 suffices", "good"),
+        ("fixed", "caution"),
+        ("no plateau", "refusal"),
+        ("not identifiable", "refusal"),
+    ],
+)
+def test_verdict_has_a_tone_and_keeps_its_reason(choice, verdict, tone):
+    notice = verdict_notice(dataclasses.replace(choice, verdict=verdict))
+    assert notice.tone == tone
+    assert choice.reason in notice.text
+
+
+def test_ladder_title_claims_agreement_only_where_it_holds(fit):
+    assert "same within its uncertainty from H = 10 to H = 100" in ladder_title(fit, "mass")
+    fit.horizon = dataclasses.replace(fit.horizon, plateau=(1, 50))
+    assert ladder_title(fit, "mass") == f"mass spans 1.018 to 1.900{GAP}kg over 7 horizons"
+    fit.horizon = dataclasses.replace(fit.horizon, verdict="no plateau", plateau=())
+    assert ladder_title(fit, "mass").startswith("No plateau: mass spans")
+
+
+def test_spectrum_title_names_a_line_only_where_one_is(spectrum):
+    assert spectrum_title(spectrum) == f"The largest residual lies at 50.0{GAP}Hz"
+    assert spectrum_title(spectrum, [(50.02, "6×")]).endswith("6× the electrical frequency")
+    assert "electrical" not in spectrum_title(spectrum, [(60.0, "6×")])
+    silent = dataclasses.replace(spectrum, amplitude=np.zeros_like(spectrum.amplitude))
+    assert spectrum_title(silent) == "Nothing is left in the residual"

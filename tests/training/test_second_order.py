@@ -1,0 +1,168 @@
+"""Levenberg-Marquardt: where it ends, what it never does, and what it does not depend on."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from penode.training.plan import DIVERGED, Problem
+from penode.training.second_order import LevenbergMarquardt
+
+#: ln L_d, ln L_q, R, psi: 30 to 100 % off.
+OFF = np.array([0.3, -0.4, 0.2, -0.03])
+
+
+@pytest.fixture(scope="module")
+def machine(systems):
+    return systems["linear machine"]
+
+
+@pytest.mark.parametrize("horizon", [1, 7, 23])
+def test_parameters_of_its_own_noise_free_data_are_recovered(machine, problem_of, horizon):
+    problem = problem_of(machine, horizon, experiments=machine.recorded_again())
+    solution = LevenbergMarquardt().minimise(problem, machine.raw + OFF)
+    found = problem.reported.values(solution.raw)
+    np.testing.assert_allclose(found, [2e-3, 3e-3, 0.2, 0.05], rtol=1e-6)
+    assert solution.terms.loss < 1e-18
+
+
+def test_physical_parameters_beside_a_network_are_recovered(systems, problem_of, rng):
+    system = systems["duffing"]
+    problem = problem_of(system, 7, experiments=system.recorded_again())
+    start = system.raw + 0.1 * rng.normal(size=len(system.raw))
+    solution = LevenbergMarquardt(evaluations=300, tolerance=1e-9).minimise(problem, start)
+    found = problem.reported.values(solution.raw)
+    np.testing.assert_allclose(found[:2], [0.7, 0.3], rtol=1e-6)
+    np.testing.assert_allclose(found, problem.reported.values(system.raw), rtol=0, atol=1e-4)
+
+
+def test_minimum_is_that_of_scipy(machine, problem_of):
+    """On noisy data, where the residuals stay large."""
+    problem = problem_of(machine, 7, experiments=machine.recorded_again(noise=2.0))
+    scale = np.array([1.0, 1.0, 0.1, 0.01])
+
+    def residual(shift):
+        raw = machine.raw + scale * shift
+        return machine.sensitivities("rk4", raw, problem.windows)[0].ravel()
+
+    def jacobian(shift):
+        slope = machine.sensitivities("rk4", machine.raw + scale * shift, problem.windows)[1]
+        return -np.moveaxis(slope, 2, -1).reshape(-1, 4) * scale
+
+    expected = least_squares(residual, np.zeros(4), jac=jacobian, xtol=1e-14, ftol=1e-14)
+    solution = LevenbergMarquardt(100, tolerance=1e-7).minimise(problem, machine.raw)
+    assert solution.terms.loss * solution.terms.count == pytest.approx(2 * expected.cost, rel=1e-9)
+    np.testing.assert_allclose((solution.raw - machine.raw) / scale, expected.x, rtol=1e-5)
+
+
+def test_it_stops_when_reported_quantities_stand_still(machine, problem_of):
+    """The remaining Gauss-Newton step is a small share of the deviations, found independently."""
+    problem = problem_of(machine, 7, experiments=machine.recorded_again(noise=0.05))
+    solution = LevenbergMarquardt().minimise(problem, machine.raw + OFF)
+    assert solution.outcome == "Reported quantities stand still."
+    assert solution.evaluations < 40
+    further = LevenbergMarquardt(100, tolerance=1e-8).minimise(problem, solution.raw)
+    moved = problem.reported.values(further.raw) - problem.reported.values(solution.raw)
+    residual, slope = machine.sensitivities("rk4", further.raw, problem.windows)
+    rows = np.moveaxis(slope, 2, -1).reshape(-1, 4)
+    classical = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)) * np.mean(residual**2))
+    classical *= [2e-3, 3e-3, 1.0, 1.0]
+    assert (np.abs(moved) < 0.1 * classical).all()
+
+
+@settings(max_examples=12)
+@given(seed=st.integers(0, 2**32 - 1), spread=st.floats(0.0, 3.0), damping=st.floats(1e-12, 1e6))
+def test_the_loss_never_rises(machine, problem_of, seed, spread, damping):
+    problem = problem_of(machine, 7)
+    off = spread * np.random.default_rng(seed).normal(size=4) * [1.0, 1.0, 1.0, 0.3]
+    start, losses = machine.raw + off, []
+    optimiser = LevenbergMarquardt(evaluations=10, damping=damping)
+    solution = optimiser.minimise(problem, start, lambda raw, loss: losses.append(loss))
+    if solution.outcome == DIVERGED:
+        np.testing.assert_array_equal(solution.raw, start)
+        return
+    assert (np.diff(losses) <= 0).all()
+    assert solution.terms.loss <= losses[0]
+    assert problem.gauss_newton(solution.raw).loss == solution.terms.loss
+
+
+def test_a_start_that_diverges_is_given_back(machine, problem_of):
+    start = machine.raw - np.array([12.0, 12.0, 0.0, 0.0])  # L of 10 nH: R T / L is 1600
+    solution = LevenbergMarquardt().minimise(problem_of(machine, 100), start)
+    assert solution.outcome == DIVERGED
+    np.testing.assert_array_equal(solution.raw, start)
+    assert not solution.terms.finite
+
+
+def test_frozen_parameters_stay_to_the_last_bit(machine, problem_of):
+    problem = problem_of(machine, 7, groups=("physical",))
+    start = machine.raw + OFF
+    solution = LevenbergMarquardt().minimise(problem, start)
+    assert solution.raw[3] == start[3]
+    assert (solution.raw[:3] != start[:3]).all()
+
+
+def test_evaluations_are_limited_and_counted(machine, problem_of):
+    problem, calls = problem_of(machine, 7), []
+    watched = Watched(**vars(problem), calls=calls)
+    solution = LevenbergMarquardt(evaluations=3, tolerance=0.0).minimise(watched, machine.raw + OFF)
+    assert (len(calls), solution.evaluations) == (3, 3)
+    assert solution.outcome == "The evaluations are used up."
+
+
+def test_at_the_minimum_no_step_lowers_the_loss(machine, problem_of):
+    problem = problem_of(machine, 7, experiments=machine.recorded_again(noise=0.5))
+    there = LevenbergMarquardt(100, tolerance=1e-9).minimise(problem, machine.raw).raw
+    solution = LevenbergMarquardt(200, tolerance=0.0).minimise(problem, there)
+    assert solution.outcome == "No step lowers the loss any more."
+    np.testing.assert_allclose(solution.raw, there, rtol=1e-8)
+
+
+@dataclass(frozen=True, eq=False)
+class Watched(Problem):
+    """A problem that remembers its evaluations."""
+
+    calls: list
+
+    def gauss_newton(self, raw):
+        self.calls.append(raw)
+        return super().gauss_newton(raw)
+
+
+@dataclass(frozen=True, eq=False)
+class InOtherUnits(Problem):
+    """The same problem with raw parameters counted in units of `unit`."""
+
+    unit: np.ndarray
+
+    def gauss_newton(self, raw):
+        terms = super().gauss_newton(raw * self.unit)
+        return replace(
+            terms,
+            normal=terms.normal * np.outer(self.unit, self.unit),
+            descent=terms.descent * self.unit,
+            scores=terms.scores * self.unit[:, None],
+        )
+
+    def reported_jacobian(self, raw):
+        return super().reported_jacobian(raw * self.unit) * self.unit
+
+
+@pytest.mark.parametrize(
+    "unit", [[1, 1, 1e-3, 1], [1, 1, 1, 1e3], [1e-2, 50, 2e-3, 7e2]], ids=["mohm", "kVs", "all"]
+)
+def test_the_path_does_not_depend_on_units(machine, problem_of, unit):
+    problem, start, unit = problem_of(machine, 7), machine.raw + OFF, np.array(unit, dtype=float)
+    paths = []
+    for case, factor in ((problem, np.ones(4)), (InOtherUnits(**vars(problem), unit=unit), unit)):
+        path = []
+        LevenbergMarquardt().minimise(
+            case, start / factor, lambda raw, loss, f=factor, p=path: p.append([*raw * f, loss])
+        )
+        paths.append(np.array(path))
+    assert paths[0].shape == paths[1].shape
+    assert len(paths[0]) > 4
+    np.testing.assert_allclose(paths[1], paths[0], rtol=1e-8)
