@@ -127,7 +127,8 @@ def identify(
         "pole_pairs": pole_pairs or study.pole_pairs,
         "electrical_frequency_hz": speed / (2 * np.pi),
     }
-    return replace(fit, provenance={**fit.provenance, **facts})
+    known = {name: fact for name, fact in facts.items() if fact is not None}
+    return replace(fit, provenance={**fit.provenance, **known})
 
 
 def _start(recordings: Sequence[Experiment], study: Study) -> Start:

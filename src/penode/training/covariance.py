@@ -122,7 +122,8 @@ def sandwich_deviation(
     """
     gain = jacobian @ inverse_normal(terms.normal)
     meat = bartlett(terms.scores, bandwidth_in_windows(windows))
-    return np.sqrt(np.maximum(np.sum((gain @ meat) * gain, axis=1), 0.0))
+    variance = np.sum((gain @ meat) * gain, axis=1)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def influence(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:

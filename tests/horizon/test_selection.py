@@ -1,0 +1,189 @@
+"""Selectors on ladders made by hand, and the paired deviation against Monte Carlo."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import norm
+
+from penode.data.windows import Windows
+from penode.horizon.ladder import RungFit
+from penode.horizon.selection import Choice, Longest, Plateau, paired_deviation
+from penode.training.plan import Solution
+
+SAMPLES = 4000
+
+
+def windows_of(horizon):
+    starts = np.arange(0, SAMPLES - horizon, horizon)
+    return Windows(
+        np.zeros((SAMPLES, 1)), np.zeros((SAMPLES, 0)), starts, 0 * starts, horizon, 1, 1
+    )
+
+
+def rung(horizon, values, deviation, influence=None):
+    """Make a rung; without an influence, independent ones of the deviation stated."""
+    values, deviation = np.atleast_1d(values).astype(float), np.atleast_1d(deviation).astype(float)
+    windows = windows_of(horizon)
+    if influence is None:
+        count = len(windows)
+        noise = np.random.default_rng(horizon).normal(size=(1, count))
+        influence = noise * deviation[0] / np.sqrt(count)
+    solution = Solution(np.zeros(1), None, 1, "Made by hand.")
+    return RungFit(horizon, solution, values, deviation, influence, windows)
+
+
+def ladder(horizons, values, deviations):
+    return [rung(*row) for row in zip(horizons, values, deviations, strict=True)]
+
+
+# --- paired deviation -------------------------------------------------------------------------
+
+
+def shares(noise, horizon, gain):
+    """Return gain times the noise each window covers, (1, window); the last one takes the rest."""
+    starts = windows_of(horizon).starts
+    return gain * np.add.reduceat(noise, starts)[None]
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.8])
+@pytest.mark.parametrize(("gain", "own"), [(1.0, 0.5), (3.0, 0.0), (-1.0, 1.0)])
+def test_paired_deviation_is_that_of_the_difference(correlation, gain, own):
+    """Two rungs that share one noise, and a part of which is their own; what is shared cancels."""
+    random = np.random.default_rng(5)
+    differences, stated = [], []
+    for _ in range(400):
+        common, private = lfilter([1.0], [1.0, -correlation], random.normal(size=(2, SAMPLES)))
+        a = rung(2, 0.0, 1.0, shares(common, 2, 1.0))
+        b = rung(20, 0.0, 1.0, shares(common, 20, gain) + shares(own * private, 20, 1.0))
+        differences.append(a.influence.sum() - b.influence.sum())
+        stated.append(paired_deviation(a, b)[0])
+    known = np.sqrt(SAMPLES * ((1 - gain) ** 2 + own**2)) / (1 - correlation)
+    # 400 repetitions know a deviation to 3.5 %; the finite bandwidth costs about 4 %.
+    assert np.std(differences) == pytest.approx(known, rel=0.12)
+    assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(known, rel=0.08)
+
+
+def test_what_two_horizons_share_cancels(rng):
+    noise = rng.normal(size=SAMPLES)
+    a, b = (rung(h, 0.0, 1.0, shares(noise, h, 1.0)) for h in (2, 4))
+    alone = np.sqrt(SAMPLES)
+    assert paired_deviation(a, b)[0] < 0.02 * alone
+
+
+def test_paired_deviation_has_one_entry_a_physical_parameter(rng):
+    influence = rng.normal(size=(3, len(windows_of(2))))
+    a = rung(2, np.zeros(7), np.ones(7), influence)
+    assert paired_deviation(a, a).shape == (3,)
+    np.testing.assert_array_equal(paired_deviation(a, a), 0.0)
+
+
+# --- plateau ----------------------------------------------------------------------------------
+
+
+def test_consistent_rungs_give_the_shortest_of_the_surest():
+    choice = Plateau().select(
+        ladder([1, 2, 4, 8, 16], [0.2] * 5, [0.05, 0.03, 0.011, 0.010, 0.012])
+    )
+    assert (choice.index, choice.verdict) == (2, "plateau")
+    assert choice.agreeing == (0, 1, 2, 3, 4)
+    assert "H = 1 to 16" in choice.reason
+    assert "H = 4" in choice.reason
+
+
+def test_equally_sure_rungs_give_one_step():
+    choice = Plateau().select(ladder([1, 2, 4, 8], [0.2] * 4, [0.01] * 4))
+    assert (choice.index, choice.verdict) == (0, "H = 1 suffices")
+    assert "up to H = 8" in choice.reason
+
+
+def test_a_tie_is_a_factor():
+    made = ladder([1, 2, 4, 8], [0.2] * 4, [0.02, 0.014, 0.012, 0.01])
+    assert [Plateau(tie=tie).select(made).index for tie in (1.0, 1.25, 1.5, 2.1)] == [3, 2, 1, 0]
+
+
+def test_drifting_estimates_are_no_plateau():
+    horizons = [1, 2, 4, 8, 16]
+    choice = Plateau().select(ladder(horizons, 0.1 * np.arange(5), [0.01] * 5))
+    assert choice.verdict == "no plateau"
+    assert choice.agreeing == (0, 1, 2, 3, 4)
+    assert "range" in choice.reason
+
+
+@pytest.mark.parametrize(
+    ("horizons", "split", "expected"),
+    [
+        ([1, 2, 4, 8, 16, 32, 64], 3, (3, 4, 5, 6)),  # the second is longer
+        ([1, 2, 4, 8, 16, 32, 64], 4, (0, 1, 2, 3)),  # the first is longer
+        ([1, 2, 4, 8, 16, 32], 3, (3, 4, 5)),  # the later of two as long
+        ([1, 2, 3, 4, 5, 20, 90], 5, (0, 1, 2, 3, 4)),  # more rungs and a wider factor
+        ([1, 2, 3, 4, 10, 30, 90], 4, (4, 5, 6)),  # fewer rungs, but a wider factor
+    ],
+)
+def test_of_two_plateaus_the_one_longer_in_log_h_is_taken(horizons, split, expected):
+    values = [0.1] * split + [0.5] * (len(horizons) - split)
+    choice = Plateau().select(ladder(horizons, values, [0.01] * len(horizons)))
+    assert choice.agreeing == expected
+    assert choice.index == expected[0]
+    assert choice.verdict == ("plateau" if expected[0] else "H = 1 suffices")
+
+
+@pytest.mark.parametrize("horizons", [[1, 2, 3], [1, 4], [7]])
+def test_few_rungs_or_a_narrow_span_are_no_plateau(horizons):
+    choice = Plateau().select(ladder(horizons, [0.2] * len(horizons), [0.01] * len(horizons)))
+    assert choice.verdict == "no plateau"
+    assert choice.agreeing == tuple(range(len(horizons)))
+
+
+def test_how_much_is_a_plateau_is_settable():
+    made = ladder([1, 2, 3], [0.2] * 3, [0.01] * 3)
+    assert Plateau(factor=3.0).select(made).verdict == "H = 1 suffices"
+    assert Plateau(factor=3.0, rungs=4).select(made).verdict == "no plateau"
+
+
+def test_the_level_is_shared_by_all_pairs_and_parameters():
+    """Two rungs part at 1.96 deviations; as 2 of 5 rungs, at 2.81."""
+    pair = ladder([4, 8], [0.0, 0.0], [1.0, 1.0])
+    apart = paired_deviation(*pair)[0]
+    for count, limit in ((2, norm.isf(0.025)), (5, norm.isf(0.0025))):
+        for factor in (0.99, 1.01):
+            values = [0.0] * (count - 1) + [factor * limit * apart]
+            made = ladder([64, 32, 16, 4, 8][-count:], values, [1.0] * count)
+            run = Plateau(rungs=2, factor=2.0).select(made[-2:] if count == 2 else made).agreeing
+            together = {count - 2, count - 1} <= set(run)
+            assert together or count == 5 or factor > 1
+
+
+def test_all_physical_parameters_must_agree(rng):
+    def two(horizon, drift):
+        influence = 0.01 * rng.normal(size=(2, len(windows_of(horizon))))
+        return rung(horizon, [0.2, drift], [0.01, 0.01], influence)
+
+    made = [two(h, drift) for h, drift in zip((1, 2, 4, 8), (0.0, 9.0, 18.0, 27.0), strict=True)]
+    assert Plateau().select(made).verdict == "no plateau"
+    still = [two(h, 0.0) for h in (1, 2, 4, 8)]
+    assert Plateau().select(still).verdict != "no plateau"
+
+
+def test_the_learned_map_has_a_vote():
+    """The physical parameter is as sure everywhere; the map is best known at H = 4."""
+    maps = [9.0, 9.0, 1.0, 9.0]
+    made = [rung(h, [0.2, 0.0, 0.0], [0.01, m, m]) for h, m in zip((1, 2, 4, 8), maps, strict=True)]
+    assert Plateau().select(made).index == 2
+
+
+def test_a_rung_away_from_the_consensus_is_less_sure():
+    """It agrees with the rest within its deviation of the difference, but sits at one side."""
+    wide = 0.01 * np.random.default_rng(0).normal(size=(1, len(windows_of(1))))
+    made = [rung(1, 0.205, 0.001, wide), *ladder([2, 4, 8], [0.2] * 3, [0.001] * 3)]
+    made[1:] = [rung(r.horizon, r.values, r.deviation, 20 * r.influence) for r in made[1:]]
+    choice = Plateau().select(made)
+    assert choice.agreeing == (0, 1, 2, 3)
+    assert choice.index == 1
+
+
+# --- a horizon that was asked for -------------------------------------------------------------
+
+
+def test_longest_is_the_last_rung():
+    choice = Longest().select(ladder([1, 8, 50], [0.0, 5.0, 9.0], [0.1] * 3))
+    assert choice == Choice(2, "fixed", "The horizon was set to 50 by the user.", (2,))
