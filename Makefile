@@ -16,7 +16,7 @@ demo: $(STAMP)
 	$(BIN)/penode demo --out out/demo
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: $(STAMP)
 	$(BIN)/ruff format --check .

@@ -6,7 +6,7 @@ without any of penode's or JAX's code.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import jax
@@ -23,6 +23,8 @@ from penode.models.parameters import Layout, Positive, with_batch_axis
 from penode.pmsm.flux_maps import FluxMap
 from penode.pmsm.model import Machine
 from penode.predictors.tableaus import EULER, RK4
+from penode.training.covariance import Reported
+from penode.training.plan import Problem
 from penode.training.residuals import Objective
 
 settings.register_profile("seeded", derandomize=True, database=None, deadline=None)
@@ -243,7 +245,8 @@ def machine(network, twin):
 
 
 def coenergy():
-    return machine(ConvexGradient.random(2, 3, seed=1), convex_gradient_twin)
+    network = replace(ConvexGradient.random(2, 3, seed=1), offset=np.array([0.3, -0.1]))
+    return machine(network, convex_gradient_twin)
 
 
 def mlp():
@@ -303,9 +306,10 @@ def oscillation(name, samples, phase):
 
 @dataclass(frozen=True)
 class Told:
-    """A fit and what its observer heard."""
+    """A fit, the recording behind it, and what its observer heard."""
 
     fit: Fit
+    recording: Experiment
     events: list
 
 
@@ -313,15 +317,15 @@ class Told:
 def oscillator() -> Told:
     """Return the fit of `Duffing` to a mass on a cubic spring, on a short ladder."""
     start = Duffing(TanhLayers.random((1, 3, 1), seed=1), mass=1.0, damping=0.1)
-    events: list = []
+    recording, events = oscillation("train.csv", 800, 1.0), []
     fit = identify(
         start,
-        [oscillation("train.csv", 800, 1.0)],
+        [recording],
         plan=ladder_plan((1, 2, 4, 8, 16)),
         validation=[oscillation("unseen.csv", 300, 2.0)],
         observer=events.append,
     )
-    return Told(fit, events)
+    return Told(fit, recording, events)
 
 
 # --- compiled once ----------------------------------------------------------------------------
@@ -341,3 +345,17 @@ def objective_of():
         return known[key]
 
     return find
+
+
+@pytest.fixture(scope="session")
+def problem_of(objective_of):
+    """Return a function that makes the problem of a system over its own or other recordings."""
+    reported = {}
+
+    def make(system, horizon, *, experiments=None, groups=None):
+        objective, windows = objective_of(system), system.windows(horizon, experiments)
+        points = system.experiments[0].stack(system.model.states)[::40]
+        watched = reported.setdefault(objective, Reported(objective.layout, points))
+        return Problem(objective, watched, windows, objective.layout.members(groups))
+
+    return make

@@ -19,6 +19,7 @@ from penode.training.fit import Fit
 from penode.training.plan import Plan
 from penode.training.residuals import Objective
 from penode.validation.coverage import thin
+from penode.validation.free_run import require_predictable
 
 
 def nobody(event: Mapping[str, Any]) -> None:
@@ -67,7 +68,9 @@ def identify(
     began = time.monotonic()
     start = start if isinstance(start, Start) else Start(start)
     ascent = _prepare(start.model, experiments, observer)
-    plan = fitting_plan(plan or ladder_plan(), experiments)
+    for unseen in validation:
+        require_predictable(ascent.objective.predictor, start.model, unseen)
+    plan = plan or fitting_plan(ladder_plan(), experiments)
     rungs = ascent.climb(plan, ascent.objective.layout.raw(start.model))
     choice = selector.select(rungs)
     wall_time = time.monotonic() - began

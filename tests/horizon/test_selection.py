@@ -58,9 +58,10 @@ def test_paired_deviation_is_that_of_the_difference(correlation, gain, own):
         differences.append(a.influence.sum() - b.influence.sum())
         stated.append(paired_deviation(a, b)[0])
     known = np.sqrt(SAMPLES * ((1 - gain) ** 2 + own**2)) / (1 - correlation)
-    # 400 repetitions know a deviation to 3.5 %; the finite bandwidth costs about 4 %.
+    # 400 repetitions know a deviation to 3.5 %. The finite bandwidth costs about 4 %, and what the
+    # bins of 16 samples make of windows of 20 adds up to 13 %.
     assert np.std(differences) == pytest.approx(known, rel=0.12)
-    assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(known, rel=0.08)
+    assert 0.93 * known < np.sqrt(np.mean(np.square(stated))) < 1.15 * known
 
 
 def test_what_two_horizons_share_cancels(rng):
@@ -134,23 +135,33 @@ def test_few_rungs_or_a_narrow_span_are_no_plateau(horizons):
     assert choice.agreeing == tuple(range(len(horizons)))
 
 
+def test_one_rung_is_not_blamed_on_the_horizon():
+    assert "depend on the horizon" not in Plateau().select(ladder([7], [0.2], [0.01])).reason
+
+
 def test_how_much_is_a_plateau_is_settable():
     made = ladder([1, 2, 3], [0.2] * 3, [0.01] * 3)
     assert Plateau(factor=3.0).select(made).verdict == "H = 1 suffices"
     assert Plateau(factor=3.0, rungs=4).select(made).verdict == "no plateau"
 
 
-def test_the_level_is_shared_by_all_pairs_and_parameters():
-    """Two rungs part at 1.96 deviations; as 2 of 5 rungs, at 2.81."""
-    pair = ladder([4, 8], [0.0, 0.0], [1.0, 1.0])
-    apart = paired_deviation(*pair)[0]
-    for count, limit in ((2, norm.isf(0.025)), (5, norm.isf(0.0025))):
-        for factor in (0.99, 1.01):
-            values = [0.0] * (count - 1) + [factor * limit * apart]
-            made = ladder([64, 32, 16, 4, 8][-count:], values, [1.0] * count)
-            run = Plateau(rungs=2, factor=2.0).select(made[-2:] if count == 2 else made).agreeing
-            together = {count - 2, count - 1} <= set(run)
-            assert together or count == 5 or factor > 1
+@pytest.mark.parametrize("count", [2, 5])
+@pytest.mark.parametrize("physical", [1, 2])
+def test_the_level_is_shared_by_all_pairs_and_parameters(count, physical):
+    """Alone two rungs part at 1.96 deviations of their difference; among 5 of them, at 2.81."""
+    random, horizons, made = np.random.default_rng(3), [1, 2, 4, 8, 16][:count], []
+    for horizon in horizons:
+        influence = random.normal(size=(physical, len(windows_of(horizon))))
+        made.append(rung(horizon, np.zeros(physical), np.ones(physical), influence))
+    pairs = count * (count - 1) / 2
+    closest = min(paired_deviation(other, made[-1])[0] for other in made[:-1])
+    limit = norm.isf(0.05 / 2 / pairs / physical) * closest
+    for factor, agreeing in ((0.99, count), (1.01, count - 1)):
+        values = made[-1].values.copy()
+        values[0] = factor * limit
+        last = rung(horizons[-1], values, np.ones(physical), made[-1].influence)
+        choice = Plateau(rungs=1, factor=1.0).select([*made[:-1], last])
+        assert len(choice.agreeing) == agreeing
 
 
 def test_all_physical_parameters_must_agree(rng):

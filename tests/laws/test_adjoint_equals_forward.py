@@ -8,7 +8,7 @@ import pytest
     ("name", "solver", "horizon"),
     [
         ("duffing", "rk4", 7),
-        ("linear machine", "rk4", 23),
+        ("linear machine", "euler", 23),
         ("coenergy machine", "euler", 7),
         ("mlp machine", "euler", 1),
     ],

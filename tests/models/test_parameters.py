@@ -1,5 +1,7 @@
 """Transforms are bijections onto admissible values; a layout maps trees to vectors and back."""
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from penode import InputError, Model
 from penode.arrays import float64
 from penode.models.parameters import (
     Identity,
@@ -78,6 +81,36 @@ def test_physical_is_a_scalar_of_the_physical_group():
     setting = physical("ohm", Positive()).metadata["setting"]
     assert setting == Setting("ohm", "physical", True, Positive())
     assert parameter().metadata["setting"] == Setting("", "learned", False, Identity())
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("value", [0.0, -1.0])
+def test_a_value_that_is_not_admissible_is_refused(systems, value):
+    model = type(systems["linear machine"].model)(L_d=value, L_q=2.0, R=1.0, psi=0.0)
+    with pytest.raises(InputError, match="L_d"):
+        Layout(model).raw(model)
+
+
+class WithConstant(Model):
+    """A model whose author wrote a constant as a plain field."""
+
+    states: ClassVar[tuple[str, ...]] = ("x",)
+    inputs: ClassVar[tuple[str, ...]] = ()
+    state_units: ClassVar[tuple[str, ...]] = ("m",)
+
+    gravity: float = 9.81
+
+    def derivative(self, x, u):
+        return self.gravity - x
+
+
+def test_a_constant_is_not_trained():
+    """Refused with the advice to declare it static, or left alone."""
+    try:
+        size = Layout(WithConstant()).size
+    except InputError:
+        return
+    assert size == 0
 
 
 # --- trees and vectors ------------------------------------------------------------------------

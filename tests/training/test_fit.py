@@ -100,6 +100,20 @@ def test_what_is_not_finite_becomes_null(fit, tmp_path):
     assert again.comparisons[0].free_run_rmse == np.inf
 
 
+def test_estimates_that_are_not_finite_stay_numbers(fit, tmp_path):
+    lost = Estimate(1.0, np.nan, (-np.inf, np.inf), "ohm")
+    replace(fit, parameters={"R": lost}).save(tmp_path)
+    back = Fit.load(tmp_path).parameters["R"]
+    assert not np.isfinite([back.std, *back.interval_95]).any()
+
+
+def test_recordings_of_one_name_are_both_told(fit):
+    """run.csv of one folder and run.csv of another."""
+    training = fit.comparisons[0]
+    twice = replace(fit, comparisons=(training, training))
+    assert len(twice.result()["metrics"]["train"]) == 2
+
+
 def test_saving_again_replaces(fit, tmp_path):
     fit.save(tmp_path)
     replace(fit, warnings=("Once more.",)).save(tmp_path)
@@ -127,7 +141,6 @@ def test_a_missing_file_is_named(fit, tmp_path, missing):
         Fit.load(tmp_path)
 
 
-@pytest.mark.xfail(reason="fit.py lets KeyError, TypeError and AttributeError through")
 @pytest.mark.parametrize(
     "document",
     [

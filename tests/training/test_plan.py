@@ -26,8 +26,10 @@ def test_terms_are_those_of_the_moving_parameters(systems, problem_of, groups, m
 
 
 def test_a_step_is_spread_over_the_moving_parameters(systems, problem_of):
-    problem = problem_of(systems["linear machine"], 1, groups=("physical",))
-    np.testing.assert_array_equal(problem.spread(np.array([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0, 0.0])
+    machine = systems["linear machine"]
+    three, one = (problem_of(machine, 1, groups=(g,)) for g in ("physical", "magnet"))
+    np.testing.assert_array_equal(three.spread(np.array([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0, 0.0])
+    np.testing.assert_array_equal(one.spread(np.array([4.0])), [0.0, 0.0, 0.0, 4.0])
 
 
 def test_windows_are_jittered_unless_asked_otherwise():

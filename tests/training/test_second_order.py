@@ -97,6 +97,12 @@ def test_a_start_that_diverges_is_given_back(machine, problem_of):
     assert not solution.terms.finite
 
 
+def test_one_evaluation_sees_a_divergence_too(machine, problem_of):
+    start = machine.raw - np.array([12.0, 12.0, 0.0, 0.0])
+    solution = LevenbergMarquardt(evaluations=1).minimise(problem_of(machine, 100), start)
+    assert solution.outcome == DIVERGED
+
+
 def test_frozen_parameters_stay_to_the_last_bit(machine, problem_of):
     problem = problem_of(machine, 7, groups=("physical",))
     start = machine.raw + OFF
@@ -152,7 +158,16 @@ class InOtherUnits(Problem):
 
 
 @pytest.mark.parametrize(
-    "unit", [[1, 1, 1e-3, 1], [1, 1, 1, 1e3], [1e-2, 50, 2e-3, 7e2]], ids=["mohm", "kVs", "all"]
+    "unit",
+    [
+        pytest.param([1, 1, 1e-3, 1], id="mohm"),
+        pytest.param([1, 1, 1, 1e3], id="kVs"),
+        pytest.param([1e-2, 50, 2e-3, 7e2], id="all"),
+        pytest.param(
+            [1, 1, 1, 1e12],
+            id="pF beside ohm",
+        ),
+    ],
 )
 def test_the_path_does_not_depend_on_units(machine, problem_of, unit):
     problem, start, unit = problem_of(machine, 7), machine.raw + OFF, np.array(unit, dtype=float)

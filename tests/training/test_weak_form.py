@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.linalg import expm
 
 from penode.training.weak_form import WeakRegression, join, weak_regression
@@ -56,6 +57,17 @@ def test_coefficients_of_a_system_with_held_inputs(rng):
     found = weak_regression(stored, supplied, u, STEP, LENGTH).solve()
     # The current has a kink at every sample, which the trapezoidal rule sees to second order.
     np.testing.assert_allclose(found, truth, rtol=2e-3)
+
+
+def test_held_input_is_integrated_exactly():
+    """A pulse one sample wide: the area of the Hann window between two samples."""
+    nothing = np.zeros((13, 1, 1))
+    for k in range(12):
+        pulse = np.zeros((13, 1))
+        pulse[k] = 1.0
+        area, _ = quad(lambda t: np.sin(np.pi * t / 12) ** 2, k, k + 1)
+        target = weak_regression(nothing, nothing, pulse, STEP, 12).target
+        np.testing.assert_allclose(target, [-area * STEP], rtol=1e-12)
 
 
 def test_one_row_a_window_and_state():
@@ -114,6 +126,16 @@ def test_independence_is_one_minus_r_squared(rng):
     mixed = columns[:, 1] + 2 * columns[:, 3]
     half = WeakRegression(np.column_stack([mixed, columns[:, 3]]), np.zeros(40))
     assert half.independence(0) == pytest.approx(1 / 5, abs=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
+def test_a_column_of_zeros_has_nothing_of_its_own():
+    regression = WeakRegression(np.column_stack([np.zeros(4), np.arange(4.0)]), np.ones(4))
+    assert regression.independence(0) == 0.0
+
+
+def test_a_single_column_is_independent():
+    assert WeakRegression(np.arange(4.0)[:, None], np.ones(4)).independence(0) == 1.0
 
 
 def test_solve_does_not_mind_units(rng):

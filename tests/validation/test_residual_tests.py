@@ -40,7 +40,6 @@ def test_between_two_lines_the_hann_window_loses_15_percent_at_most():
     assert 0.84 < found.amplitude.max() < 0.86
 
 
-@pytest.mark.xfail(reason="residual_tests.py doubles the line at zero (and at half the rate)")
 def test_an_offset_has_its_size_at_zero():
     found = spectrum_of(np.full((SAMPLES, 1), 0.7))
     assert found.amplitude[0, 0] == pytest.approx(0.7)

@@ -92,4 +92,5 @@ class Experiment:
                 f"{self.name}: no channel {', '.join(missing)}; it has "
                 f"{', '.join(self.channels) or 'none'}; add or rename the column."
             )
-        return np.stack([self.channels[name] for name in names], axis=1)
+        columns = [self.channels[name] for name in names]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))

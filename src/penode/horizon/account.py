@@ -13,7 +13,7 @@ from penode.horizon.identifiability import Start
 from penode.horizon.ladder import Ascent, RungFit
 from penode.horizon.selection import Choice
 from penode.models.base import Model
-from penode.training.fit import Estimate, Fit, HorizonChoice, Rung
+from penode.training.fit import Estimate, Fit, HorizonChoice, Rung, unused
 from penode.validation.coverage import thin
 from penode.validation.free_run import Comparison, compare, free_run_rmse
 from penode.validation.residual_tests import residual_spectrum
@@ -139,7 +139,10 @@ def _hidden(start: Start, names: Sequence[str]) -> str:
 def _environment(
     experiments: Sequence[Experiment], validation: Sequence[Experiment]
 ) -> dict[str, Any]:
+    data: dict[str, str] = {}
+    for experiment in (*experiments, *validation):
+        data[unused(experiment.name, data)] = experiment.source.sha256
     return {
         "versions": {name: version(name) for name in ("penode", "jax", "numpy", "scipy")},
-        "data": {e.name: e.source.sha256 for e in (*experiments, *validation)},
+        "data": data,
     }

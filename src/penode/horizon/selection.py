@@ -84,6 +84,9 @@ class Plateau:
         error = _expected_errors([rungs[k] for k in run])
         index = run[int(np.argmax(error <= self.tie * error.min()))]
         low, high, chosen = rungs[run[0]].horizon, rungs[run[-1]].horizon, rungs[index].horizon
+        if len(rungs) < self.rungs:
+            reason = f"{len(rungs)} horizons cannot show a plateau; climb at least {self.rungs}."
+            return Choice(index, "no plateau", reason, tuple(range(len(rungs))))
         if len(run) < self.rungs or high < self.factor * low:
             reason = (
                 f"The estimates depend on the horizon: the longest agreement is H = {low} to "
@@ -112,7 +115,7 @@ def _expected_errors(rungs: Sequence[RungFit]) -> FloatArray:
     votes = [np.log(squares[:, :physical]).mean(axis=1)] if physical else []
     if squares.shape[1] > physical:
         votes.append(np.log(squares[:, physical:].mean(axis=1)))
-    return np.asarray(np.exp(0.5 * np.mean(votes, axis=0)))
+    return np.asarray(np.exp(0.5 * np.mean(votes, axis=0))) if votes else np.ones(len(rungs))
 
 
 def _agreement(rungs: Sequence[RungFit], level: float) -> set[tuple[int, int]]:

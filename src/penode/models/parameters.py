@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import BoolArray, FloatArray, JaxArray
+from penode.errors import InputError
 
 
 class Transform(Protocol):
@@ -200,6 +201,12 @@ class Layout(Generic[AnyModule]):
         pairs, self._structure = jax.tree_util.tree_flatten_with_path(model)
         self.names = tuple(jax.tree_util.keystr(path).lstrip(".") for path, _ in pairs)
         self.settings: tuple[Setting, ...] = tuple(_setting(model, path) for path, _ in pairs)
+        for name, (_, leaf) in zip(self.names, pairs, strict=True):
+            if not isinstance(leaf, (np.ndarray, jax.Array)):
+                raise InputError(
+                    f"{name} = {leaf!r} is a plain number; declare the field with "
+                    "penode.parameter() to train it, or static with equinox.field(static=True)."
+                )
         self._shapes = tuple(np.shape(leaf) for _, leaf in pairs)
         sizes = [s.transform.size(d) for s, d in zip(self.settings, self._shapes, strict=True)]
         self._raw = _consecutive(sizes)
@@ -220,8 +227,9 @@ class Layout(Generic[AnyModule]):
     def raw(self, model: AnyModule) -> FloatArray:
         """Return the raw vector, shape (size,), of a model without batch axis."""
         leaves = jax.tree.leaves(model)
-        parts = [s.transform.inverse(x) for s, x in zip(self.settings, leaves, strict=True)]
-        return np.concatenate(parts)
+        entries = zip(self.names, self.settings, leaves, strict=True)
+        parts = [_inverse(name, setting.transform, leaf) for name, setting, leaf in entries]
+        return np.concatenate([np.zeros(0), *parts])
 
     def values(self, raw: JaxArray) -> JaxArray:
         """Return the vector of values, shape (value,), of a raw vector (size,)."""
@@ -249,11 +257,35 @@ class Layout(Generic[AnyModule]):
         return jnp.concatenate([values[:0], *picked])
 
     def members(self, groups: Sequence[str] | None) -> BoolArray:
-        """Return which raw entries, shape (size,), belong to the groups (all for None)."""
+        """Return which raw entries, shape (size,), belong to the groups (all for None).
+
+        Raises
+        ------
+        InputError
+            If the model has no parameter of a group.
+        """
+        known = {setting.group for setting in self.settings}
+        missing = sorted(set(groups or ()) - known)
+        if missing:
+            raise InputError(
+                f"group {', '.join(missing)} came; the model's groups are "
+                f"{', '.join(sorted(known))}."
+            )
         chosen = np.zeros(self.size, dtype=np.bool_)
         for setting, at in zip(self.settings, self._raw, strict=True):
             chosen[at] = groups is None or setting.group in groups
         return chosen
+
+
+def _inverse(name: str, transform: Transform, value: FloatArray) -> FloatArray:
+    try:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            raw = transform.inverse(value)
+    except np.linalg.LinAlgError:
+        raw = np.full(1, np.nan)
+    if not np.isfinite(raw).all():
+        raise InputError(f"{name} = {value} came; want {type(transform).__name__} values.")
+    return raw
 
 
 def _consecutive(sizes: Sequence[int]) -> tuple[slice, ...]:

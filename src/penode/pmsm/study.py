@@ -9,7 +9,7 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import HORIZONS, Observer, ladder_plan
+from penode.horizon.ladder import HORIZONS, Observer, fitting_plan, ladder_plan
 from penode.horizon.selection import Longest, Plateau, Selector
 from penode.identify import identify as identify_model
 from penode.identify import nobody
@@ -59,10 +59,10 @@ class Study:
         if self.horizon is not None and self.horizon < 1:
             raise InputError(f"horizon {self.horizon} came; give a whole number from 1, or auto.")
 
-    def plan(self) -> Plan:
-        """Return the ladder: up to the horizon asked for, or the whole of it."""
+    def plan(self, experiments: Sequence[Experiment]) -> Plan:
+        """Return the ladder: up to the horizon asked for, or as far as the recordings reach."""
         if self.horizon is None:
-            return ladder_plan(seed=self.seed)
+            return fitting_plan(ladder_plan(seed=self.seed), experiments)
         below = [h for h in HORIZONS if h < self.horizon]
         return ladder_plan([*below[::3], self.horizon], seed=self.seed)
 
@@ -115,7 +115,7 @@ def identify(
     fit = identify_model(
         start,
         recordings,
-        plan=study.plan(),
+        plan=study.plan(recordings),
         selector=study.selector(),
         validation=unseen,
         observer=observer,

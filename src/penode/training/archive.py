@@ -1,6 +1,8 @@
 """Files of a saved fit: one JSON document and one NPZ of arrays, written atomically, no pickle."""
 
+import hashlib
 import importlib
+import io
 import json
 import os
 import tempfile
@@ -16,6 +18,13 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.errors import InputError
+
+#: Key under which the document names the arrays it belongs to.
+_DIGEST = "arrays_sha256"
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
@@ -111,8 +120,9 @@ def write_archive(folder: Path, document: Mapping[str, Any], arrays: Mapping[str
     with tempfile.TemporaryFile() as buffer:
         np.savez_compressed(buffer, **arrays)
         buffer.seek(0)
-        write_atomically(folder / "fit.npz", buffer.read())
-    write_atomically(folder / "fit.json", to_json(document))
+        content = buffer.read()
+    write_atomically(folder / "fit.npz", content)
+    write_atomically(folder / "fit.json", to_json({**document, _DIGEST: _sha256(content)}))
 
 
 def read_archive(folder: Path) -> tuple[dict[str, Any], dict[str, FloatArray]]:
@@ -125,7 +135,10 @@ def read_archive(folder: Path) -> tuple[dict[str, Any], dict[str, FloatArray]]:
     """
     try:
         document = json.loads((folder / "fit.json").read_text())
-        with np.load(folder / "fit.npz", allow_pickle=False) as stored:
+        content = (folder / "fit.npz").read_bytes()
+        if not isinstance(document, dict) or document.pop(_DIGEST, None) != _sha256(content):
+            raise ValueError("its two files do not belong together")
+        with np.load(io.BytesIO(content), allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
     except FileNotFoundError as error:
         raise InputError(

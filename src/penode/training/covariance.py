@@ -20,7 +20,7 @@ FLAT = 1e-12
 def marquardt_scale(normal: FloatArray) -> FloatArray:
     """Return the square roots of the diagonal, shape (parameter,), with a floor against zeros."""
     diagonal = np.diag(normal)
-    floor = 1e-14 * max(float(diagonal.max()), 1e-300)
+    floor = max(1e-28 * float(diagonal.max()), 1e-300)
     return np.asarray(np.sqrt(np.maximum(diagonal, floor)))
 
 

@@ -43,23 +43,30 @@ class FirstOrder:
         Solution
             Ends early, with the parameters before it, when the loss is not finite.
         """
-        scale = np.where(problem.objective.layout.members(("physical",)), self.physical_scale, 1.0)
+        layout = problem.objective.layout
+        groups = ("physical",) if layout.physical else ()
+        scale = np.where(layout.members(groups), self.physical_scale, 1.0)
         random = np.random.default_rng(self.seed)
         with float64():
             state = self.transformation.init(jnp.asarray(raw / scale))
+        sound = raw
         for epoch in range(self.epochs):
             order = random.permutation(len(problem.windows.starts))
             for batch in np.array_split(order, min(self.batches, len(order))):
                 loss, gradient = self._gradient(problem, raw, np.sort(batch))
                 if not np.isfinite(loss):
-                    return Solution(raw, problem.gauss_newton(raw), epoch, DIVERGED)
+                    return Solution(sound, problem.gauss_newton(sound), epoch, DIVERGED)
+                sound = raw
                 with float64():
                     step, state = self.transformation.update(
                         jnp.asarray(gradient * scale), state, jnp.asarray(raw / scale)
                     )
                 raw = raw + np.asarray(step) * scale * problem.moving
             progress(raw, loss)
-        return Solution(raw, problem.gauss_newton(raw), self.epochs, "The epochs are used up.")
+        terms = problem.gauss_newton(raw)
+        if not terms.finite:
+            return Solution(sound, problem.gauss_newton(sound), self.epochs, DIVERGED)
+        return Solution(raw, terms, self.epochs, "The epochs are used up.")
 
     def _gradient(
         self, problem: Problem, raw: FloatArray, batch: FloatArray

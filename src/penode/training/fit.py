@@ -162,7 +162,8 @@ class Fit:
         unit = f"_{units.pop()}" if len(units) == 1 else ""
         metrics: dict[str, Any] = {"train": {}, "validation": {}}
         for comparison in self.comparisons:
-            metrics[comparison.role][comparison.name] = {
+            known = metrics[comparison.role]
+            known[unused(comparison.name, known)] = {
                 f"one_step_rmse{unit}": comparison.one_step_rmse,
                 f"free_run_rmse{unit}": comparison.free_run_rmse,
             }
@@ -207,11 +208,21 @@ class Fit:
             If a file is missing, damaged or of another schema.
         """
         document, arrays = read_archive(Path(folder) / "fit")
-        if document.get("schema") != SCHEMA:
+        found = document.get("schema")
+        if found != SCHEMA:
             raise InputError(
-                f"{folder}: schema {document.get('schema')!r} came, {SCHEMA!r} was wanted; "
-                "read it with the version of penode that wrote it."
+                f"{folder}: schema {found!r} came, {SCHEMA!r} was wanted; read it with the version "
+                "of penode that wrote it."
             )
+        try:
+            return cls._restored(document, arrays)
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            raise InputError(
+                f"{folder}: the saved fit lacks a part ({error!r}); run the identification again."
+            ) from error
+
+    @classmethod
+    def _restored(cls, document: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> "Fit":
         return cls(
             model=restore_module(document["model"], arrays),
             parameters={n: _estimate(p) for n, p in document["parameters"].items()},
@@ -224,6 +235,14 @@ class Fit:
         )
 
 
+def unused(name: str, known: Mapping[str, Any]) -> str:
+    """Return the name, numbered if the mapping has it already: files of several folders."""
+    number, candidate = 2, name
+    while candidate in known:
+        number, candidate = number + 1, f"{name} ({number})"
+    return candidate
+
+
 def _describe(record: Any, name: str, arrays: dict[str, FloatArray]) -> dict[str, Any]:
     values = {f.name: getattr(record, f.name) for f in fields(record)}
     return {k: describe_module(v, f"{name}.{k}", arrays) for k, v in values.items()}
@@ -234,8 +253,12 @@ def _restore(kind: Any, document: Mapping[str, Any], arrays: Mapping[str, FloatA
 
 
 def _estimate(document: Mapping[str, Any]) -> Estimate:
-    low, high = document["interval_95"]
-    return Estimate(**{**document, "interval_95": (low, high)})
+    value, std, *interval = (
+        np.nan if number is None else float(number)
+        for number in (document["value"], document["std"], *document["interval_95"])
+    )
+    low, high = interval
+    return Estimate(value, std, (low, high), document["unit"], document["identifiability"])
 
 
 def _horizon(document: Mapping[str, Any]) -> HorizonChoice:

@@ -53,10 +53,10 @@ class LevenbergMarquardt:
         """
         terms = problem.gauss_newton(raw)
         damping = self.damping
+        if not terms.finite:
+            return Solution(raw, terms, 1, DIVERGED)
         for evaluation in range(1, self.evaluations):
             progress(raw, terms.loss)
-            if not terms.finite:
-                return Solution(raw, terms, evaluation, DIVERGED)
             if self._settled(problem, raw, terms):
                 return Solution(raw, terms, evaluation, "Reported quantities stand still.")
             candidate = raw + problem.spread(_step(terms, damping))
@@ -71,7 +71,10 @@ class LevenbergMarquardt:
 
     def _settled(self, problem: Problem, raw: FloatArray, terms: GaussNewtonTerms) -> bool:
         jacobian = problem.reported_jacobian(raw)
-        left = jacobian @ _step(terms, _CREEP)
+        step = _step(terms, _CREEP)
+        if not len(jacobian):  # nothing is reported: the loss decides
+            return bool(terms.descent @ step <= 1e-10 * terms.loss * terms.count)
+        left = jacobian @ step
         deviation = sandwich_deviation(terms, jacobian, problem.windows)
         ratio = np.abs(left) / np.maximum(deviation, 1e-300)
         physical = len(problem.objective.layout.physical)

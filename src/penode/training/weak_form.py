@@ -52,9 +52,12 @@ class WeakRegression:
         Returns
         -------
         float
-            rho = 1 - R^2 of the column on all others: 1 independent, 0 indistinguishable.
+            rho = 1 - R^2 of the column on all others: 1 independent, 0 indistinguishable (or a
+            column of zeros, which nothing can tell).
         """
         own = self.matrix[:, column]
+        if not own.any():
+            return 0.0
         others = np.delete(self.matrix, column, axis=1)
         size = np.linalg.norm(others, axis=0)
         others = others / np.where(size > 0, size, 1.0)

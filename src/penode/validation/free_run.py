@@ -10,6 +10,7 @@ import numpy as np
 
 from penode.arrays import FloatArray, JaxArray, float64
 from penode.data.experiment import Experiment
+from penode.errors import InputError
 from penode.models.base import Model
 from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
@@ -56,6 +57,22 @@ class Comparison:
         return rmse(self.measured[1:], self.free_run[1:])
 
 
+def require_predictable(predictor: Predictor, model: Model, experiment: Experiment) -> None:
+    """Refuse a recording that the model cannot predict.
+
+    Raises
+    ------
+    InputError
+        If a channel is missing, or the time step is not the predictor's.
+    """
+    experiment.stack((*model.states, *model.inputs))
+    if not np.isclose(experiment.time_step, predictor.time_step, rtol=1e-4, atol=0):
+        raise InputError(
+            f"{experiment.name}: time step {experiment.time_step:.6g} s came where the model was "
+            f"trained at {predictor.time_step:.6g} s; record or resample at that step."
+        )
+
+
 def compare(predictor: Predictor, model: Model, experiment: Experiment, role: str) -> Comparison:
     """Predict one recording step by step and in free run.
 
@@ -72,8 +89,9 @@ def compare(predictor: Predictor, model: Model, experiment: Experiment, role: st
     Raises
     ------
     InputError
-        If a channel is missing.
+        If a channel is missing, or the time step is not the predictor's.
     """
+    require_predictable(predictor, model, experiment)
     measured, inputs = experiment.stack(model.states), experiment.stack(model.inputs)
     with float64():
         batched, drive = with_batch_axis(model), jnp.asarray(inputs[:-1].T)

@@ -1,0 +1,112 @@
+"""From rungs and a choice to a fit: estimates, verdict, warnings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from penode import Plan, Stage, Start
+from penode.horizon.account import Account
+from penode.horizon.ladder import Ascent
+from penode.horizon.selection import Choice
+from penode.training.covariance import Reported
+from penode.training.plan import Solution
+
+
+class Still:
+    """An optimiser that leaves everything where it is."""
+
+    def minimise(self, problem, raw, progress):
+        return Solution(raw, problem.gauss_newton(raw), 3, "Still.")
+
+
+@pytest.fixture(scope="module")
+def climbed(systems, objective_of):
+    """Return an ascent of the linear machine and two rungs made of its true parameters."""
+    system = systems["linear machine"]
+    objective, runs = objective_of(system), system.recorded_again(noise=0.05)
+    reported = Reported(objective.layout, np.zeros((1, 2)))
+    ascent = Ascent(objective, reported, system.model, runs, observer=lambda event: None)
+    return ascent, ascent.climb(Plan((Stage(1, Still()), Stage(7, Still()))), system.raw)
+
+
+def fit_of(climbed, start=None, choice=None, values=None):
+    ascent, rungs = climbed
+    if values is not None:
+        rungs = [replace(r, values=np.array(v)) for r, v in zip(rungs, values, strict=True)]
+    start = start or Start(ascent.model)
+    choice = choice or Choice(1, "plateau", "Because.", (0, 1))
+    return Account(ascent, start, rungs, choice).fit((), {"seed": 4})
+
+
+def test_estimates_are_those_of_the_chosen_rung(climbed):
+    fit, rung = fit_of(climbed), climbed[1][1]
+    assert list(fit.parameters) == ["L_d", "L_q", "R", "psi"]
+    for k, (name, unit) in enumerate([("L_d", "H"), ("L_q", "H"), ("R", "ohm"), ("psi", "Vs")]):
+        estimate = fit.parameters[name]
+        assert estimate.value == pytest.approx(rung.values[k])
+        assert estimate.std == pytest.approx(rung.deviation[k], rel=1e-9)
+        assert estimate.unit == unit
+        low, high = estimate.interval_95
+        assert high - low == pytest.approx(2 * 1.96 * estimate.std)
+        assert (high + low) / 2 == pytest.approx(estimate.value)
+        assert estimate.identifiability is None
+
+
+def test_what_agreeing_rungs_differ_by_widens_the_interval(climbed):
+    there, away = np.array([2e-3, 3e-3, 0.2, 0.05]), np.array([2e-3, 3e-3, 0.3, 0.05])
+    fit = fit_of(climbed, values=[away, there])
+    deviation = climbed[1][1].deviation
+    assert fit.parameters["R"].value == 0.2
+    assert fit.parameters["R"].std == pytest.approx(np.hypot(deviation[2], 0.05))
+    assert fit.parameters["psi"].std == pytest.approx(deviation[3])
+    alone = fit_of(climbed, values=[away, there], choice=Choice(1, "fixed", "Asked for.", (1,)))
+    assert alone.parameters["R"].std == pytest.approx(deviation[2])
+
+
+def test_the_ladder_is_told_rung_by_rung(climbed):
+    horizon, rungs = fit_of(climbed).horizon, climbed[1]
+    assert (horizon.selected, horizon.verdict, horizon.reason) == (7, "plateau", "Because.")
+    assert horizon.plateau == (1, 7)
+    assert horizon.answered
+    for told, rung in zip(horizon.ladder, rungs, strict=True):
+        assert told.horizon == rung.horizon
+        assert told.parameters["R"] == pytest.approx(0.2)
+        assert told.std["R"] == pytest.approx(rung.deviation[2])
+        assert told.rmse == pytest.approx(np.sqrt(rung.solution.terms.loss))
+        assert (told.iterations, told.outcome) == (3, "Still.")
+    assert horizon.ladder[0].free_run_rmse == pytest.approx(0.05, rel=0.1)
+
+
+def test_an_indistinguishable_parameter_overrules_the_verdict(climbed):
+    start = Start(climbed[0].model, {"R": 2e-4, "psi": 0.5}, repair="Reverse the speed.")
+    fit = fit_of(climbed, start)
+    assert fit.horizon.verdict == "not identifiable"
+    assert not fit.horizon.answered
+    sentence = (
+        "These data cannot tell R (2.0e-04 of it is its own) from the learned map. "
+        "Reverse the speed."
+    )
+    assert fit.horizon.reason == sentence
+    assert fit.warnings == (sentence,)
+    assert fit.parameters["R"].identifiability == 2e-4
+    assert fit.parameters["psi"].identifiability == 0.5
+
+
+def test_a_diverging_free_run_is_a_warning_and_no_number(climbed):
+    ascent, rungs = climbed
+    raw = rungs[1].solution.raw + np.array([0.0, 0.0, -200.0, 0.0])
+    broken = replace(rungs[1], solution=replace(rungs[1].solution, raw=raw))
+    fit = fit_of((ascent, (rungs[0], broken)))
+    assert fit.horizon.ladder[0].free_run_rmse is not None
+    assert fit.horizon.ladder[1].free_run_rmse is None
+    assert [w.split(":")[0] for w in fit.warnings] == ["run0.csv", "run1.csv"]
+    assert all("free run diverges" in w for w in fit.warnings)
+
+
+def test_provenance_names_versions_and_data(oscillator):
+    provenance = oscillator.fit.provenance
+    assert set(provenance["versions"]) == {"penode", "jax", "numpy", "scipy"}
+    assert set(provenance["data"]) == {"train.csv", "unseen.csv"}
+    assert provenance["placement"] == "Jittered(seed=0)"
+    assert provenance["training_time_s"] > 0

@@ -1,0 +1,148 @@
+"""The ladder: which rungs, in which order, from where, and who is told."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from penode import Contiguous, InputError, Jittered, Plan, Stage, ladder_plan
+from penode.horizon.ladder import HORIZONS, Ascent, fitting_plan
+from penode.training.covariance import Reported
+from penode.training.plan import DIVERGED, Solution
+from penode.training.second_order import LevenbergMarquardt
+
+# --- plans ------------------------------------------------------------------------------------
+
+
+def test_default_ladder_grows_by_about_one_and_a_half_to_200():
+    plan = ladder_plan()
+    horizons = [stage.horizon for stage in plan.stages]
+    assert tuple(horizons) == HORIZONS
+    assert (horizons[0], horizons[-1]) == (1, 200)
+    growth = np.array(horizons[3:]) / horizons[2:-1]
+    assert ((growth > 1.4) & (growth < 1.7)).all()
+    assert plan.placement == Jittered(0)
+    assert all(stage.groups is None for stage in plan.stages)
+
+
+def test_ladder_takes_horizons_optimiser_and_seed():
+    optimiser = LevenbergMarquardt(evaluations=7)
+    plan = ladder_plan((3, 9), optimiser, seed=5)
+    assert plan == Plan((Stage(3, optimiser), Stage(9, optimiser)), Jittered(5))
+
+
+@pytest.mark.parametrize("horizons", [(), (0, 1), (-1,), (1, 3, 2), (1, 2, 2)])
+def test_horizons_ascend_from_one(horizons):
+    with pytest.raises(InputError, match=r"^horizons \[.*\] came; give ascending whole numbers"):
+        ladder_plan(horizons)
+
+
+def test_stages_with_few_windows_are_dropped(systems):
+    """The shorter recording has 150 samples: 20 windows of 7."""
+    plan = fitting_plan(
+        Plan(ladder_plan((1, 5, 7, 8, 40)).stages, Contiguous()), systems["duffing"].experiments
+    )
+    assert [stage.horizon for stage in plan.stages] == [1, 5, 7]
+    assert plan.placement == Contiguous()
+
+
+# --- climbing ---------------------------------------------------------------------------------
+
+
+@dataclass(eq=False)
+class Scripted:
+    """An optimiser that adds to the raw vector what it is told, or diverges."""
+
+    steps: list
+    calls: list = field(default_factory=list)
+
+    def minimise(self, problem, raw, progress):
+        step = self.steps[len(self.calls)]
+        self.calls.append((problem, raw))
+        progress(raw, 1.5)
+        if step is None:
+            return Solution(raw, problem.gauss_newton(raw), 1, DIVERGED)
+        raw = raw + step * problem.moving
+        return Solution(raw, problem.gauss_newton(raw), 4, "As written.")
+
+
+@pytest.fixture
+def ascent(systems, objective_of):
+    system = systems["linear machine"]
+    objective = objective_of(system)
+    reported = Reported(objective.layout, np.zeros((1, 2)))
+    return Ascent(objective, reported, system.model, system.experiments, observer=[].append)
+
+
+def told(ascent):
+    return ascent.observer.__self__
+
+
+def test_each_rung_starts_where_the_one_before_ended(systems, ascent):
+    system, script = systems["linear machine"], Scripted([0.01, 0.02, 0.04])
+    stages = tuple(Stage(h, script) for h in (1, 3, 7))
+    rungs = ascent.climb(Plan(stages, Contiguous()), system.raw)
+    starts = np.stack([raw for _, raw in script.calls])
+    np.testing.assert_allclose(starts - system.raw, np.array([[0.0], [0.01], [0.03]]) + np.zeros(4))
+    assert [rung.horizon for rung in rungs] == [1, 3, 7]
+    np.testing.assert_allclose(rungs[-1].solution.raw, system.raw + 0.07)
+    # Contiguous windows of 3 in recordings of 230 and 150 samples.
+    np.testing.assert_array_equal(rungs[1].windows.starts[:3], [0, 3, 6])
+    assert rungs[1].windows.horizon == 3
+
+
+def test_a_rung_carries_its_values_deviations_and_influences(systems, ascent):
+    system = systems["linear machine"]
+    (rung,) = ascent.climb(Plan((Stage(7, Scripted([0.0])),)), system.raw)
+    np.testing.assert_allclose(rung.values, [2e-3, 3e-3, 0.2, 0.05], rtol=1e-12)
+    residual, slope = system.sensitivities("rk4", system.raw, rung.windows)
+    rows = np.moveaxis(slope, 2, -1).reshape(-1, 4)
+    scores = np.einsum("kspw,ksw->pw", slope, residual)
+    physical = np.diag([2e-3, 3e-3, 1.0, 1.0])
+    expected = physical @ np.linalg.solve(rows.T @ rows, scores)
+    size = np.abs(expected).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(rung.influence / size, expected / size, rtol=0, atol=1e-9)
+    assert rung.deviation.shape == (4,)
+
+
+def test_groups_of_a_stage_move_and_the_rest_stays(systems, ascent):
+    system = systems["linear machine"]
+    stages = (Stage(1, Scripted([0.5]), ("magnet",)), Stage(2, Scripted([0.25]), ("physical",)))
+    rungs = ascent.climb(Plan(stages), system.raw)
+    moved = rungs[-1].solution.raw - system.raw
+    np.testing.assert_allclose(moved, [0.25, 0.25, 0.25, 0.5], rtol=1e-12)
+
+
+def test_a_group_that_the_model_has_not_is_refused(systems, ascent):
+    stage = Stage(1, Scripted([0.5]), ("physical", "magnets"))
+    with pytest.raises(InputError, match="magnets"):
+        ascent.climb(Plan((stage,)), systems["linear machine"].raw)
+
+
+def test_a_divergence_ends_the_climb_with_the_rungs_before_it(systems, ascent):
+    script = Scripted([0.0, None, 0.0])
+    stages = tuple(Stage(h, script) for h in (1, 3, 7))
+    rungs = ascent.climb(Plan(stages), systems["linear machine"].raw)
+    assert [rung.horizon for rung in rungs] == [1]
+    assert len(script.calls) == 2
+
+
+def test_a_divergence_at_the_first_rung_is_told_in_a_sentence(systems, ascent):
+    with pytest.raises(InputError, match=r"diverge already at horizon 3; check the units"):
+        ascent.climb(Plan((Stage(3, Scripted([None])),)), systems["linear machine"].raw)
+
+
+def test_the_observer_hears_evaluations_and_rungs(systems, ascent):
+    system = systems["linear machine"]
+    stages = tuple(Stage(h, Scripted([0.0])) for h in (2, 5))
+    rungs = ascent.climb(Plan(stages), system.raw)
+    events = told(ascent)
+    assert [e["event"] for e in events] == ["evaluation", "rung"] * 2
+    evaluation, finished = events[2:]
+    assert (evaluation["horizon"], evaluation["stage"], evaluation["stages"]) == (5, 2, 2)
+    assert evaluation["loss"] == 1.5
+    assert evaluation["parameters"]["L_q"] == pytest.approx(3e-3)
+    assert evaluation["units"] == {"L_d": "H", "L_q": "H", "R": "ohm", "psi": "Vs"}
+    assert finished["rmse"] == pytest.approx(np.sqrt(rungs[1].solution.terms.loss))
+    assert finished["std"]["psi"] == pytest.approx(rungs[1].deviation[3])
+    assert (finished["evaluations"], finished["outcome"]) == (4, "As written.")

@@ -1,0 +1,237 @@
+"""The main path on a user's own model: a mass on a spring that is learned.
+
+The model is `Duffing` in conftest.py, ten lines; the data come from a cubic spring.
+"""
+
+import dataclasses
+import inspect
+import re
+from itertools import pairwise
+from types import FunctionType
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import penode
+from penode import (
+    Experiment,
+    InputError,
+    Model,
+    Plan,
+    Predictor,
+    Stage,
+    identify,
+    ladder_plan,
+    parameter,
+)
+from penode.arrays import Leaf
+from penode.models.parameters import Layout
+from penode.training.second_order import LevenbergMarquardt
+from penode.validation.free_run import compare
+
+# --- what comes out ---------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fit(oscillator):
+    return oscillator.fit
+
+
+@pytest.mark.parametrize(
+    ("name", "truth", "unit"), [("mass", 0.7, "kg"), ("damping", 0.3, "N s/m")]
+)
+def test_physical_parameters_lie_in_narrow_intervals(fit, name, truth, unit):
+    estimate = fit.parameters[name]
+    low, high = estimate.interval_95
+    assert low < truth < high
+    assert high - low < 0.02 * truth
+    assert estimate.unit == unit
+
+
+def test_the_spring_is_learned_where_it_was_excited(fit):
+    """Root mean squared, over the visited states, on forces up to 9 N."""
+    x = fit.excited[:, 0]
+    truth = 2.0 * x + 1.5 * x**3
+    assert np.abs(truth).max() > 5.0
+    assert np.sqrt(np.mean((fit.spring(x) - truth) ** 2)) < 0.02
+
+
+def test_predictions_are_at_the_noise(fit):
+    """2 mm and 2 mm/s of noise, and the start's noise in each prediction."""
+    training, unseen = fit.comparisons
+    assert (training.name, training.role) == ("train.csv", "train")
+    assert (unseen.name, unseen.role) == ("unseen.csv", "validation")
+    for comparison in (training, unseen):
+        assert 2e-3 < comparison.one_step_rmse < 4e-3
+        assert comparison.free_run_rmse < 1e-2
+    assert fit.warnings == ()
+
+
+def test_the_selected_rung_is_that_of_the_numpy_twin(oscillator, systems):
+    """States of two units are each divided by their standard deviation."""
+    fit, recording = oscillator.fit, oscillator.recording
+    scale = recording.stack(fit.model.states).std(axis=0)
+    system = dataclasses.replace(systems["duffing"], scale=scale)
+    windows = system.windows(fit.horizon.selected, (recording,))
+    raw = Layout(fit.model).raw(fit.model)
+    residual, _ = system.sensitivities("rk4", raw, windows)
+    (selected,) = [r for r in fit.horizon.ladder if r.horizon == fit.horizon.selected]
+    assert selected.rmse == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-9)
+
+
+def test_the_whole_ladder_is_told(oscillator):
+    horizon = oscillator.fit.horizon
+    assert [rung.horizon for rung in horizon.ladder] == [1, 2, 4, 8, 16]
+    assert horizon.answered
+    assert horizon.selected in horizon.plateau
+    finished = [e for e in oscillator.events if e["event"] == "rung"]
+    assert [e["horizon"] for e in finished] == [1, 2, 4, 8, 16]
+    for event, rung in zip(finished, horizon.ladder, strict=True):
+        assert event["parameters"] == rung.parameters
+        assert event["std"] == rung.std
+    evaluations = [e for e in oscillator.events if e["event"] == "evaluation"]
+    assert {e["stage"] for e in evaluations} == {1, 2, 3, 4, 5}
+    assert all(np.isfinite(e["loss"]) for e in evaluations)
+
+
+# --- what is refused --------------------------------------------------------------------------
+
+
+def refused(systems, experiments, words, **options):
+    with pytest.raises(InputError, match=words) as caught:
+        identify(systems["duffing"].model, experiments, **options)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.endswith(".")
+
+
+def changed(run, **channels):
+    return Experiment(run.name, run.time_step, {**run.channels, **channels})
+
+
+def test_no_recording(systems):
+    refused(systems, [], "no recording came; give at least one")
+
+
+def test_missing_state(systems):
+    run = systems["duffing"].experiments[0]
+    rest = {k: v for k, v in run.channels.items() if k != "v"}
+    refused(systems, [Experiment("a.csv", 0.05, rest)], r"a\.csv: no channel v; it has x, force")
+
+
+def test_missing_input(systems):
+    run = systems["duffing"].experiments[0]
+    rest = {k: v for k, v in run.channels.items() if k != "force"}
+    refused(systems, [Experiment("a.csv", 0.05, rest)], r"a\.csv: no channel force; it has x, v")
+
+
+def test_other_time_step(systems):
+    first, second = systems["duffing"].experiments
+    other = Experiment("b.csv", 0.1, second.channels)
+    refused(systems, [first, other], r"b\.csv: the time step is 0\.1 s where run0\.csv has 0\.05")
+
+
+def test_value_that_is_not_finite(systems):
+    run = systems["duffing"].experiments[0]
+    force = run.channels["force"].copy()
+    force[11] = np.inf
+    refused(systems, [changed(run, force=force)], r"run0\.csv: data row 12, channel force is inf")
+
+
+def test_one_sample(systems):
+    short = Experiment("s.csv", 0.05, {k: np.zeros(1) for k in ("x", "v", "force")})
+    refused(systems, [short], r"s\.csv: 1 samples came where horizon 1")
+
+
+# --- at the edges ----------------------------------------------------------------------------
+
+
+def test_horizons_too_long_for_the_recordings_are_refused(systems):
+    refused(
+        systems,
+        systems["duffing"].experiments,
+        "horizon 5000",
+        plan=Plan((Stage(5000, LevenbergMarquardt()),)),
+    )
+
+
+def test_validation_of_another_time_step_is_refused(systems, oscillator):
+    run = systems["duffing"].experiments[0]
+    other = Experiment("slow.csv", 0.1, run.channels)
+    with pytest.raises(InputError, match=r"slow\.csv"):
+        compare(Predictor(0.05), oscillator.fit.model, other, "validation")
+
+
+def test_a_model_without_inputs_can_be_stacked():
+    run = Experiment("decay.csv", 0.1, {"x": np.exp(-0.1 * np.arange(9))})
+    assert run.stack(()).shape == (9, 0)
+
+
+class Silent(Model):
+    """x' = -k x, with a parameter that is neither physical nor shown by `learned`."""
+
+    states: ClassVar[tuple[str, ...]] = ("x",)
+    inputs: ClassVar[tuple[str, ...]] = ("u",)
+    state_units: ClassVar[tuple[str, ...]] = ("m",)
+
+    k: Leaf = parameter()
+
+    def derivative(self, x, u):
+        return -self.k * x + 0 * u
+
+
+@pytest.mark.filterwarnings("ignore:Mean of empty slice:RuntimeWarning")
+@pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
+def test_a_model_that_reports_nothing_is_trained_all_the_same():
+    x = np.exp(-0.3 * 0.1 * np.arange(60))
+    run = Experiment("decay.csv", 0.1, {"x": x, "u": 0 * x})
+    fit = identify(Silent(1.0), [run], plan=ladder_plan((1,)))
+    assert fit.model.k == pytest.approx(0.3, rel=1e-3)
+
+
+# --- the public names -------------------------------------------------------------------------
+
+PUBLIC = [getattr(penode, name) for name in penode.__all__]
+
+
+def sections(thing):
+    lines = (inspect.getdoc(thing) or "").splitlines()
+    return {a for a, b in pairwise(lines) if re.fullmatch("-{3,}", b)}
+
+
+def documented(thing, heading):
+    """Whether the section is there, or another docstring that has it is pointed to."""
+    return heading in sections(thing) or "; see `" in inspect.getdoc(thing)
+
+
+def test_all_names_of_the_design_are_public():
+    assert {"load", "identify", "Plan", "Fit", "Experiment", "pmsm"} <= set(penode.__all__)
+    assert penode.__all__ == sorted(penode.__all__)
+
+
+@pytest.mark.parametrize("thing", PUBLIC, ids=penode.__all__)
+def test_public_names_say_what_they_are(thing):
+    first = (inspect.getdoc(thing) or "").split("\n\n")[0]
+    assert len(first) > 20
+    assert first.endswith(".")
+
+
+@pytest.mark.parametrize("thing", [p for p in PUBLIC if inspect.isfunction(p)])
+def test_public_functions_have_numpydoc_sections(thing):
+    if len(inspect.signature(thing).parameters) > 1:
+        assert documented(thing, "Parameters")
+    assert "Returns" in sections(thing) or inspect.getdoc(thing).startswith(("Return", "Declare"))
+
+
+@pytest.mark.parametrize("thing", [p for p in PUBLIC if dataclasses.is_dataclass(p)])
+def test_public_records_document_their_fields(thing):
+    text = inspect.getdoc(thing)
+    own = [f.name for f in dataclasses.fields(thing)]
+    if own:
+        assert sections(thing) & {"Attributes", "Class attributes"}
+    for name in own:
+        assert re.search(rf"^(\w+, )*{name}(, \w+)* :", text, flags=re.MULTILINE), name
+    for name, member in vars(thing).items():
+        if not name.startswith("_") and isinstance(member, (FunctionType, classmethod, property)):
+            assert inspect.getdoc(member), name
