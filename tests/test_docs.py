@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from penode.data.save import save
+from penode.pmsm.bench.config import load_config
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
@@ -43,6 +44,25 @@ def test_python_blocks_run(page, recordings):
     namespace = {"__name__": "__main__"}
     for block in blocks(page, "python"):
         exec(compile(block, str(page), "exec"), namespace)
+
+
+# What a configuration needs at least, for blocks that show a part of one.
+REST = """
+speed_rpm = 900.0
+duration = 0.02
+reference = { kind = "lissajous", amplitude = 50.0, rate_d = 140.0, rate_q = 150.0 }
+"""
+
+
+def test_toml_blocks_are_configurations(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = ROOT / "docs" / "how-to" / "simulate.md"
+    for block in blocks(page, "python"):
+        exec(compile(block, str(page), "exec"), {"__name__": "__main__"})
+    whole, part = blocks(page, "toml")
+    for text in (whole, REST + part):
+        Path("run.toml").write_text(text)
+        assert load_config("run.toml").duration > 0
 
 
 @pytest.mark.parametrize("command", [c for c in commands() if not c.startswith("make ")])

@@ -163,6 +163,24 @@ def test_validation_of_another_time_step_is_refused(systems, oscillator):
         compare(Predictor(0.05), oscillator.fit.model, other, "validation")
 
 
+def test_validation_that_is_not_finite_is_refused(systems, oscillator):
+    run = systems["duffing"].experiments[0]
+    x = run.channels["x"].copy()
+    x[3] = np.nan
+    with pytest.raises(InputError, match=r"run0\.csv.*row 4.*x is nan"):
+        compare(Predictor(0.05), oscillator.fit.model, changed(run, x=x), "validation")
+
+
+def test_a_state_that_never_moves_is_told(systems):
+    run = systems["duffing"].experiments[0]
+    refused(systems, [changed(run, v=np.zeros(len(run)))], r"run0\.csv.*v ")
+
+
+def test_a_plan_without_stages_is_refused():
+    with pytest.raises(InputError, match="stage"):
+        Plan(())
+
+
 def test_a_model_without_inputs_can_be_stacked():
     run = Experiment("decay.csv", 0.1, {"x": np.exp(-0.1 * np.arange(9))})
     assert run.stack(()).shape == (9, 0)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from penode.data.experiment import Experiment
+from penode.data.quality import check_excitation
 from penode.errors import InputError
 from penode.horizon.account import Account
 from penode.horizon.identifiability import Start
@@ -62,8 +63,8 @@ def identify(
     Raises
     ------
     InputError
-        If a channel is missing, the recordings differ in time step or are too short, or the
-        predictions diverge at the first horizon.
+        If a channel is missing, a state never moves, the recordings differ in time step or are
+        too short, or the predictions diverge at the first horizon.
     """
     began = time.monotonic()
     start = start if isinstance(start, Start) else Start(start)
@@ -75,12 +76,15 @@ def identify(
     choice = selector.select(rungs)
     wall_time = time.monotonic() - began
     provenance = {"training_time_s": wall_time, "placement": str(plan.placement)}
-    return Account(ascent, start, rungs, choice).fit(validation, provenance)
+    return Account(ascent, start, plan, rungs, choice).fit(validation, provenance)
 
 
 def _prepare(model: Model, experiments: Sequence[Experiment], observer: Observer) -> Ascent:
     if not experiments:
         raise InputError("no recording came; give at least one.")
+    for experiment in experiments:
+        if len(experiment) > 1:
+            check_excitation(experiment, model.states)
     visited = np.concatenate([e.stack(model.states) for e in experiments])
     one_unit = len(set(model.state_units)) == 1
     scale = np.ones(visited.shape[1]) if one_unit else np.maximum(visited.std(axis=0), 1e-300)

@@ -36,7 +36,8 @@ def fit_of(climbed, start=None, choice=None, values=None):
         rungs = [replace(r, values=np.array(v)) for r, v in zip(rungs, values, strict=True)]
     start = start or Start(ascent.model)
     choice = choice or Choice(1, "plateau", "Because.", (0, 1))
-    return Account(ascent, start, rungs, choice).fit((), {"seed": 4})
+    plan = Plan((Stage(1, Still()), Stage(7, Still())))
+    return Account(ascent, start, plan, rungs, choice).fit((), {"seed": 4})
 
 
 def test_estimates_are_those_of_the_chosen_rung(climbed):
@@ -58,7 +59,9 @@ def test_what_agreeing_rungs_differ_by_widens_the_interval(climbed):
     fit = fit_of(climbed, values=[away, there])
     deviation = climbed[1][1].deviation
     assert fit.parameters["R"].value == 0.2
-    assert fit.parameters["R"].std == pytest.approx(np.hypot(deviation[2], 0.05))
+    first, second = climbed[1][0].deviation[2] ** -2, deviation[2] ** -2
+    spread = 0.1 * np.sqrt(first * second) / (first + second)  # of two points with weights
+    assert fit.parameters["R"].std == pytest.approx(np.hypot(deviation[2], spread))
     assert fit.parameters["psi"].std == pytest.approx(deviation[3])
     alone = fit_of(climbed, values=[away, there], choice=Choice(1, "fixed", "Asked for.", (1,)))
     assert alone.parameters["R"].std == pytest.approx(deviation[2])

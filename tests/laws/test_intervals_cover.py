@@ -31,6 +31,14 @@ def repeated(systems):
     return [disturbed_runs(systems["linear machine"], random) for _ in range(REPETITIONS)]
 
 
+def test_four_windows_give_no_deviation(systems, problem_of, repeated):
+    """Their scores add up to zero, whatever the true deviation is."""
+    system = systems["linear machine"]
+    case = problem_of(system, 75, experiments=repeated[0])
+    terms, jacobian = case.gauss_newton(system.raw), case.reported_jacobian(system.raw)
+    assert np.isinf(sandwich_deviation(terms, jacobian, case.windows)).all()
+
+
 @pytest.mark.parametrize("horizon", [1, 9])
 def test_standardised_errors_have_unit_size(systems, problem_of, repeated, horizon):
     system = systems["linear machine"]

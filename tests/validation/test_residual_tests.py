@@ -9,12 +9,12 @@ from penode.validation.residual_tests import residual_spectrum
 SAMPLES, STEP = 1000, 1e-3
 
 
-def spectrum_of(residual):
+def spectrum_of(residual, step=STEP):
     """Return the spectrum of a one-step residual (time, state); row 0 is no prediction."""
     rows = np.vstack([np.full((1, residual.shape[1]), 1e6), residual])
     zeros = np.zeros_like(rows)
     states = tuple(f"x{k}" for k in range(residual.shape[1]))
-    comparison = Comparison("run.csv", "train", STEP, states, states, rows, zeros, zeros)
+    comparison = Comparison("run.csv", "train", step, states, states, rows, zeros, zeros)
     return residual_spectrum(comparison)
 
 
@@ -43,3 +43,12 @@ def test_between_two_lines_the_hann_window_loses_15_percent_at_most():
 def test_an_offset_has_its_size_at_zero():
     found = spectrum_of(np.full((SAMPLES, 1), 0.7))
     assert found.amplitude[0, 0] == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize(("samples", "step"), [(1000, 1e-3), (14, 0.1), (36, 1e-3)])
+def test_an_alternating_residual_has_its_size_at_half_the_rate(samples, step):
+    """Whatever the rounding of the last frequency."""
+    residual = 0.4 * (-1.0) ** np.arange(samples)[:, None]
+    found = spectrum_of(residual, step)
+    assert found.frequency[-1] == pytest.approx(0.5 / step)
+    assert found.amplitude[-1, 0] == pytest.approx(0.4)

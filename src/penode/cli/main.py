@@ -17,10 +17,14 @@ from rich.console import Console
 from penode.cli.progress import Stopped, watched
 from penode.cli.summary import print_demo, print_fit
 from penode.data.load import load
+from penode.data.save import require_suffix
 from penode.errors import InputError
+from penode.pmsm.bench.config import load_config
 from penode.pmsm.demo import run_demo
 from penode.pmsm.flux_maps import FLUX_MAPS
+from penode.pmsm.recording_picture import recording_picture
 from penode.pmsm.report import machine_report
+from penode.pmsm.simulated_files import write_recording
 from penode.pmsm.study import Study, identify, write
 from penode.training.archive import write_atomically
 from penode.training.fit import Fit
@@ -91,6 +95,34 @@ def demo(out: Folder = Path("penode-demo")) -> None:
     write(story.fit, out)
     print_fit(_output, story.fit, out)
     print_demo(_output, story)
+
+
+@app.command()
+def simulate(
+    config: Annotated[str, typer.Argument(help="TOML file, or the name of a shipped one.")],
+    out: Annotated[Path, typer.Option(help="Recording to write, .csv or .parquet.")],
+    picture: Annotated[Path | None, typer.Option(help="PNG to write as well.")] = None,
+) -> None:
+    """Record a run on the simulated bench, with the truth written beside it.
+
+    Shipped: paper_simulation, paper_testbench, well_designed.
+
+    Example: penode simulate paper_testbench --out run.csv
+    """
+    require_suffix(out)
+    began = time.monotonic()
+    recording = load_config(config).record()
+    story, table = write_recording(recording, out)
+    if picture is not None:
+        write_atomically(picture, recording_picture(recording))
+    seconds = len(recording.experiment) * recording.experiment.time_step
+    took = time.monotonic() - began
+    lines = (
+        f"recording  {out}: {seconds:.3g} s of {recording.experiment.name}, in {took:.1f} s",
+        f"truth      {story}",
+        f"true map   {table}",
+    )
+    _output.print("\n".join(lines), soft_wrap=True, highlight=False)
 
 
 @app.command()

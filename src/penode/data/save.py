@@ -15,6 +15,14 @@ _WRITERS: dict[str, Callable[[pl.DataFrame, Path], object]] = {
 }
 
 
+def require_suffix(path: Path) -> Callable[[pl.DataFrame, Path], object]:
+    """Return the writer for a path, or refuse its suffix with an `InputError`."""
+    writer = _WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise InputError(f"{path}: suffix {path.suffix!r} came; use {' or '.join(_WRITERS)}.")
+    return writer
+
+
 def save(experiment: Experiment, path: str | Path) -> None:
     """Write time and channels as columns, CSV or Parquet by suffix.
 
@@ -31,9 +39,7 @@ def save(experiment: Experiment, path: str | Path) -> None:
         If the suffix is neither .csv nor .parquet.
     """
     path = Path(path)
-    writer = _WRITERS.get(path.suffix.lower())
-    if writer is None:
-        raise InputError(f"{path}: suffix {path.suffix!r} came; use {' or '.join(_WRITERS)}.")
+    writer = require_suffix(path)
     time = np.arange(len(experiment)) * experiment.time_step
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.partial")

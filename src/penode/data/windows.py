@@ -193,7 +193,7 @@ def cut(
     ------
     InputError
         If there is no recording, one is shorter than ``past + horizon`` samples, lacks a channel
-        or holds a value that is not finite, the time steps differ by more than 1e-6 (relative),
+        or holds a value that is not finite, the time steps differ by more than 1e-4 (relative),
         or `horizon` or `past` is below 1.
     """
     _check_counts(horizon, past)

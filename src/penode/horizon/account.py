@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from penode.arrays import float64
+from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import Ascent, RungFit
 from penode.horizon.selection import Choice
 from penode.models.base import Model
 from penode.training.fit import Estimate, Fit, HorizonChoice, Rung, unused
+from penode.training.plan import Plan
 from penode.validation.coverage import thin
 from penode.validation.free_run import Comparison, compare, free_run_rmse
 from penode.validation.residual_tests import residual_spectrum
@@ -29,6 +30,8 @@ class Account:
         Objective, recordings and reported quantities.
     start : Start
         Where training began and what the data could tell before it.
+    plan : Plan
+        What was to be climbed.
     rungs : sequence of RungFit
         Shortest horizon first.
     choice : Choice
@@ -37,6 +40,7 @@ class Account:
 
     ascent: Ascent
     start: Start
+    plan: Plan
     rungs: Sequence[RungFit]
     choice: Choice
 
@@ -79,9 +83,7 @@ class Account:
     def _estimates(self) -> dict[str, Estimate]:
         layout = self.ascent.objective.layout
         chosen = self.rungs[self.choice.index]
-        physical = len(self.names)
-        agreeing = np.stack([self.rungs[k].values[:physical] for k in self.choice.agreeing])
-        spread = agreeing.std(axis=0)
+        spread = self._spread()
         estimates = {}
         for k, name in enumerate(self.names):
             value, std = float(chosen.values[k]), float(np.hypot(chosen.deviation[k], spread[k]))
@@ -90,6 +92,17 @@ class Account:
             rho = self.start.identifiability.get(name)
             estimates[name] = Estimate(value, std, interval, unit, rho)
         return estimates
+
+    def _spread(self) -> FloatArray:
+        """Return the precision-weighted deviation of the agreeing rungs, shape (physical,)."""
+        agreeing = [self.rungs[k] for k in self.choice.agreeing]
+        values = np.stack([rung.values[: len(self.names)] for rung in agreeing])
+        deviation = np.stack([rung.deviation[: len(self.names)] for rung in agreeing])
+        weights = np.maximum(deviation, 1e-300) ** -2.0
+        if not weights.any():
+            return np.asarray(values.std(axis=0))
+        middle = np.average(values, axis=0, weights=weights)
+        return np.asarray(np.sqrt(np.average((values - middle) ** 2, axis=0, weights=weights)))
 
     def _horizon(self) -> HorizonChoice:
         verdict, reason = self.choice.verdict, self.choice.reason
@@ -125,6 +138,11 @@ class Account:
             for c in comparisons
             if not np.isfinite(c.free_run_rmse)
         ]
+        if len(self.rungs) < len(self.plan.stages):
+            horizon = self.plan.stages[len(self.rungs)].horizon
+            found.append(
+                f"The predictions diverge at horizon {horizon}; longer ones were not tried."
+            )
         hidden = self.start.indistinguishable
         if hidden:
             found.insert(0, f"{_hidden(self.start, hidden)} {self.start.repair}")

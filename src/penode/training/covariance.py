@@ -16,6 +16,9 @@ from penode.training.residuals import GaussNewtonTerms
 #: Directions of the normal matrix below this share of the largest (after scaling) are flat.
 FLAT = 1e-12
 
+#: Length of the recordings, in HAC bandwidths, below which no deviation is given.
+LEAST_BANDWIDTHS = 5
+
 
 def marquardt_scale(normal: FloatArray) -> FloatArray:
     """Return the square roots of the diagonal, shape (parameter,), with a floor against zeros."""
@@ -118,8 +121,11 @@ def sandwich_deviation(
     jacobian : ndarray, shape (reported, parameter)
         Derivative of the reported quantities.
     windows : Windows
-        Those the terms were summed over.
+        Those the terms were summed over. Recordings of fewer than five HAC bandwidths cannot show
+        how their residuals vary; the deviations are then infinite.
     """
+    if len(windows.states) < LEAST_BANDWIDTHS * correlation_length(windows):
+        return np.full(len(jacobian), np.inf)
     gain = jacobian @ inverse_normal(terms.normal)
     meat = bartlett(terms.scores, bandwidth_in_windows(windows))
     variance = np.sum((gain @ meat) * gain, axis=1)

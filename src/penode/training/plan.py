@@ -8,6 +8,7 @@ import numpy as np
 
 from penode.arrays import BoolArray, FloatArray
 from penode.data.windows import DEFAULT_PLACEMENT, Placement, Windows
+from penode.errors import InputError
 from penode.training.covariance import Reported
 from penode.training.residuals import GaussNewtonTerms, Objective
 
@@ -115,7 +116,16 @@ class Plan:
     stages : tuple of Stage
     placement : Placement
         Where windows start: jittered by default, `Contiguous` for the paper's mode.
+
+    Raises
+    ------
+    InputError
+        If there is no stage.
     """
 
     stages: tuple[Stage, ...]
     placement: Placement = DEFAULT_PLACEMENT
+
+    def __post_init__(self) -> None:
+        if not self.stages:
+            raise InputError("a plan without stages came; give at least one horizon.")

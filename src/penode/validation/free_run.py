@@ -63,8 +63,16 @@ def require_predictable(predictor: Predictor, model: Model, experiment: Experime
     Raises
     ------
     InputError
-        If a channel is missing, or the time step is not the predictor's.
+        If a channel is missing or has a value that is not finite, or the time step is not the
+        predictor's.
     """
+    for name, values in experiment.channels.items():
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad) and name in (*model.states, *model.inputs):
+            raise InputError(
+                f"{experiment.name}: data row {bad[0] + 1}, channel {name} is {values[bad[0]]} "
+                "where a number was wanted; cut the recording there."
+            )
     experiment.stack((*model.states, *model.inputs))
     if not np.isclose(experiment.time_step, predictor.time_step, rtol=1e-4, atol=0):
         raise InputError(

@@ -40,6 +40,7 @@ def residual_spectrum(comparison: Comparison) -> Spectrum:
     taper = tapers.hann(len(residual), sym=False)
     lines = np.fft.rfft(residual * taper[:, None], axis=0)
     frequency = np.asarray(np.fft.rfftfreq(len(residual), comparison.time_step), dtype=np.float64)
-    sides = np.where((frequency > 0) & (frequency < 0.5 / comparison.time_step), 2.0, 1.0)
+    harmonic = np.arange(len(frequency))
+    sides = np.where((harmonic > 0) & (2 * harmonic < len(residual)), 2.0, 1.0)
     amplitude = sides[:, None] * np.abs(lines) / taper.sum()
     return Spectrum(comparison.name, frequency, amplitude)

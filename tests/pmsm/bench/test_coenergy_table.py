@@ -7,7 +7,7 @@ import pytest
 
 from penode.errors import InputError
 from penode.pmsm.bench.coenergy_table import tabulate, true_flux_map
-from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.machines import TRACTION_300A, torque
 
 
 def coenergy(current, theta):
@@ -81,3 +81,29 @@ def test_true_flux_map_is_the_mean_over_the_angle():
 def test_true_flux_map_refuses_currents_outside_its_table():
     with pytest.raises(InputError, match=r"traction_300A: a current of 400 A .* ends at 375 A"):
         true_flux_map(TRACTION_300A, np.array([-400.0]), np.array([0.0]))
+
+
+def test_coenergy_and_its_slope_are_those_of_the_machine(points):
+    table = tabulate(TRACTION_300A)
+    np.testing.assert_allclose(at(table.coenergy, points), at(coenergy, points), atol=1e-10, rtol=0)
+    slope = at(jax.grad(coenergy, argnums=1), points)
+    np.testing.assert_allclose(at(table.coenergy_angle_slope, points), slope, atol=1e-9, rtol=0)
+
+
+def test_flux_and_angle_slope_derive_from_the_tables_own_coenergy(points):
+    table = tabulate(TRACTION_300A)
+    flux = at(table, points)
+    np.testing.assert_allclose(at(jax.grad(table.coenergy), points), flux.linkage, atol=1e-14)
+    by_current = at(jax.grad(table.coenergy_angle_slope), points)
+    np.testing.assert_allclose(by_current, flux.angle_slope, atol=1e-14)
+    by_angle = at(jax.grad(table.coenergy, argnums=1), points)
+    np.testing.assert_allclose(at(table.coenergy_angle_slope, points), by_angle, atol=1e-12)
+
+
+def test_torque_from_the_table_is_cross_product_plus_angle_term(points):
+    table, (currents, theta) = tabulate(TRACTION_300A), points
+    psi, slope = at(table, points).linkage, at(table.coenergy_angle_slope, points)
+    cross = psi[:, 0] * currents[:, 1] - psi[:, 1] * currents[:, 0]
+    expected = torque(TRACTION_300A, *currents.T, theta)
+    found = 1.5 * TRACTION_300A.pole_pairs * (cross + slope)
+    np.testing.assert_allclose(found, expected, atol=1e-6)

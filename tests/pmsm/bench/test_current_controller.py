@@ -1,13 +1,16 @@
 """The current controller against its own specification."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from penode.pmsm.bench.current_controller import CurrentController, tuned_controller
+from penode.pmsm.bench.current_controller import tuned_controller
 from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.sensors import Reading
+from penode.pmsm.bench.voltage_limits import Hexagon
 
-STEP = jax.jit(CurrentController.step)
+STEP = jax.jit(lambda controller, *inputs: controller.step(*inputs))
 LIMIT = 400.0 / 3**0.5
 
 
@@ -20,8 +23,10 @@ def controller():
 
 def step(controller, integral, reference, current, omega_el):
     with jax.enable_x64(True):
-        arguments = map(np.asarray, (integral, reference, current, omega_el))
-        voltage, integral = STEP(controller, *arguments)
+        reading = Reading(jnp.asarray(current), jnp.zeros(()), jnp.asarray(omega_el))
+        voltage, integral = STEP(
+            controller, jnp.asarray(integral), jnp.asarray(reference), reading, jnp.zeros(())
+        )
     return np.asarray(voltage), np.asarray(integral)
 
 
@@ -60,3 +65,16 @@ def test_the_integral_stops_at_the_limit(controller):
         assert np.hypot(*voltage) <= LIMIT * (1 + 1e-12)
     # Standing still, the rise 0 = e + (u - k_p e - z) / k_p leaves z at the limit itself.
     np.testing.assert_allclose(integral, [LIMIT, 0.0], atol=1e-3)
+
+
+def test_on_the_hexagon_a_corner_is_reached(controller):
+    corner = tuned_controller(
+        TRACTION_300A,
+        bandwidth=1000.0,
+        tuning=0.8,
+        dc_voltage=400.0,
+        time_step=1e-4,
+        limit=Hexagon(),
+    )
+    voltage, _ = step(corner, [1000.0, 0.0], [0.0, 0.0], [0.0, 0.0], 0.0)
+    np.testing.assert_allclose(voltage, [2 / 3 * 400.0, 0.0], rtol=1e-12)

@@ -1,15 +1,24 @@
 """The recording: conventions, tracking, harmonics, noise and refusals."""
 
+import json
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from penode.errors import InputError
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.plant import plant_of
+from penode.pmsm.bench.coenergy_table import true_flux_map
+from penode.pmsm.bench.current_sensors import CurrentSensors, Quantisation
+from penode.pmsm.bench.inverter import DeadTime, Inverter, StationaryHold
+from penode.pmsm.bench.machines import TRACTION_300A, torque
 from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import Drive, simulate
+from penode.pmsm.bench.rig import rig_of
+from penode.pmsm.bench.run import Drive, record, simulate
+from penode.pmsm.bench.shaft import FreeShaft, HeldShaft, SpeedPoints, SpeedRipple
+from penode.pmsm.bench.truth import truth_of
+from penode.pmsm.bench.winding import IronLoss, Warming, Winding
 
 LISSAJOUS = Lissajous(300.0, rate_d=14.0, rate_q=15.0)
 OMEGA = 2 * np.pi * 25.0 * 5
@@ -52,16 +61,22 @@ def test_lissajous_is_tracked_without_touching_a_limit(paper_run):
     assert np.hypot(*paper_run.stack(["u_d", "u_q"]).T).max() < 100.0
 
 
-def test_row_k_holds_the_voltage_from_k_to_k_plus_1(paper_run):
-    """The next row's current follows from this row's, by scipy on the plant's equation."""
-    voltage, current = paper_run.stack(["u_d", "u_q"]), paper_run.stack(["i_d", "i_q"])
-    theta = paper_run.channels["theta_el"]
+def ends_by_scipy(run, rows, lag=0):
+    """Return the current after each row, from its current and the voltage ``lag`` rows before."""
+    voltage, current = run.stack(["u_d", "u_q"]), run.stack(["i_d", "i_q"])
+    theta = run.channels["theta_el"]
+    rig = rig_of(TRACTION_300A, Drive(), HeldShaft(), OMEGA)
+    ends = []
     with jax.enable_x64(True):
-        plant = plant_of(TRACTION_300A, time_step=1e-4, omega_el=OMEGA)
-        derivative = jax.jit(plant.derivative)
-        for k in (0, 777, 12345):
+
+        @jax.jit
+        def derivative(current, voltage, theta):
+            state = rig.plant.rest(theta, jnp.asarray(OMEGA))._replace(current=current)
+            return rig.plant.slope(state, rig.voltages(voltage), jnp.zeros(())).current
+
+        for k in rows:
             solution = solve_ivp(
-                lambda t, i, k: derivative(i, voltage[k], theta[k] + OMEGA * t, OMEGA),
+                lambda t, i, k: derivative(i, voltage[k - lag], theta[k] + OMEGA * t),
                 (0.0, 1e-4),
                 current[k],
                 method="DOP853",
@@ -69,7 +84,115 @@ def test_row_k_holds_the_voltage_from_k_to_k_plus_1(paper_run):
                 atol=1e-9,
                 args=(k,),
             )
-            np.testing.assert_allclose(solution.y[:, -1], current[k + 1], atol=3e-6)
+            ends.append(solution.y[:, -1])
+    return np.array(ends)
+
+
+def test_row_k_holds_the_voltage_from_k_to_k_plus_1(paper_run):
+    """The next row's current follows from this row's, by scipy on the plant's equation."""
+    rows = np.array([0, 777, 1999, 12345])
+    expected = paper_run.stack(["i_d", "i_q"])[rows + 1]
+    np.testing.assert_allclose(ends_by_scipy(paper_run, rows), expected, atol=3e-6)
+
+
+def test_with_a_delay_the_voltage_of_the_row_before_acts():
+    drive = Drive(inverter=Inverter(delay=1))
+    run = simulate(TRACTION_300A, LISSAJOUS, speed_rpm=1500.0, duration=0.2, drive=drive)
+    rows = np.array([1, 777, 1500])
+    expected = run.stack(["i_d", "i_q"])[rows + 1]
+    np.testing.assert_allclose(ends_by_scipy(run, rows, lag=1), expected, atol=3e-6)
+    # Until the first voltage acts, the believed induced one of no current does.
+    assert np.abs(run.stack(["i_d", "i_q"])[1]).max() < 3.0
+
+
+def test_a_stationary_hold_asks_for_more_and_half_a_sample_ahead(steady_run):
+    drive = Drive(inverter=Inverter(StationaryHold()))
+    run = simulate(TRACTION_300A, held(-150.0, 200.0), speed_rpm=1500.0, duration=0.4, drive=drive)
+    ideal, real = (one.stack(["u_d", "u_q"])[-2000:] @ [1, 1j] for one in (steady_run, run))
+    half = OMEGA * 1e-4 / 2
+    expected = ideal.mean() * np.exp(1j * half) * half / np.sin(half)
+    assert real.mean() == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_filter_shows_less_than_there_is():
+    drive = Drive(current_sensors=CurrentSensors(cutoff_hz=1000.0), bandwidth=600.0)
+    made = record(TRACTION_300A, held(-100.0, 120.0), speed_rpm=1500.0, duration=0.4, drive=drive)
+    seen = made.experiment.stack(["i_d", "i_q"])[-2000:].mean(axis=0) @ [1, 1j]
+    true = made.truth.trace.current[-2000:].mean(axis=0) @ [1, 1j]
+    assert seen / true == pytest.approx(1 / (1 + 1j * OMEGA / (2 * np.pi * 1000.0)), rel=1e-4)
+
+
+def test_a_profile_is_followed_through_standstill():
+    profile = SpeedPoints((0.05, 0.15), (600.0, -600.0))
+    made = record(TRACTION_300A, held(-50.0, 80.0), speed_rpm=profile, duration=0.2)
+    time = 1e-4 * np.arange(2000)
+    omega = made.experiment.channels["omega_el"]
+    np.testing.assert_allclose(omega, profile(time) * np.pi / 30 * 5, atol=1e-9)
+    turned = np.unwrap(made.experiment.channels["theta_el"])
+    step = 1e-4 * (omega[1:] + omega[:-1]) / 2
+    np.testing.assert_allclose(np.diff(turned), step, atol=1e-9)
+    assert made.experiment.name == "traction_300A at varying speed"
+    assert made.truth.mean_speed_rpm == pytest.approx(0.0, abs=0.5)
+    current = made.experiment.stack(["i_d", "i_q"])
+    assert np.abs(current[400:] - [-50.0, 80.0]).max() < 10.0
+
+
+def test_ripple_of_the_true_speed_is_of_its_mechanical_order():
+    speed = SpeedRipple(1500.0, ((1, 0.01, 0.0), (3, 0.002, 1.0)))
+    run = simulate(TRACTION_300A, held(-50.0, 80.0), speed_rpm=speed, duration=0.2)
+    lines = np.abs(np.fft.rfft(run.channels["omega_el"])) / 1000
+    np.testing.assert_allclose(lines[[5, 10, 15]] / OMEGA, [0.01, 0.0, 0.002], atol=1e-6)
+
+
+def test_a_free_shaft_accelerates_as_the_mean_torque_says():
+    shaft = FreeShaft(inertia=0.05, load_torque=20.0, start_rpm=300.0)
+    made = record(TRACTION_300A, held(-100.0, 150.0), speed_rpm=shaft, duration=0.2)
+    trace = made.truth.trace
+    nm = torque(TRACTION_300A, *trace.current.T, trace.theta_el)
+    gained = 5 * np.concatenate([[0.0], np.cumsum((nm[1:] + nm[:-1]) / 2 - 20.0)]) * 1e-4 / 0.05
+    start = 300.0 * np.pi / 30 * 5
+    np.testing.assert_allclose(trace.omega_el, start + gained, rtol=2e-3)
+    assert trace.omega_el[-1] > 2 * start
+
+
+def test_chunks_change_nothing(monkeypatch):
+    drive = Drive(current_noise=0.5, inverter=Inverter(delay=1))
+    runs = []
+    for rows in (2000, 700):
+        monkeypatch.setattr("penode.pmsm.bench.run._CHUNK", rows)
+        runs.append(
+            simulate(TRACTION_300A, LISSAJOUS, speed_rpm=1500.0, duration=0.2, drive=drive, seed=5)
+        )
+    for name, values in runs[0].channels.items():
+        np.testing.assert_array_equal(values, runs[1].channels[name])
+
+
+def test_warm_magnets_and_winding_are_in_the_truth():
+    drive = Drive(
+        winding=Winding(100.0, (1.0, 1.04, 0.99), Warming(2000.0, 0.05, ambient=60.0)),
+        magnet_temperature=120.0,
+        inverter=Inverter(StationaryHold(1.5), dead_time=DeadTime(1e-6), delay=1),
+    )
+    made = record(
+        TRACTION_300A, held(-100.0, 150.0), speed_rpm=1000.0, duration=0.2, drive=drive, seed=4
+    )
+    told = json.loads(json.dumps(truth_of(made.truth), allow_nan=False))
+    mean = 10e-3 * (1 + 3.93e-3 * (np.mean(made.truth.trace.temperature) - 20))
+    assert told["resistance"] == pytest.approx(mean * 3.03 / 3, rel=1e-12)
+    np.testing.assert_allclose(told["phase_resistances"], mean * np.array([1, 1.04, 0.99]))
+    assert told["temperature"][0] == 100.0
+    assert told["temperature"][1] != 100.0
+    assert told["mean_speed_rpm"] == pytest.approx(1000.0)
+    assert told["dead_time_voltage"] == pytest.approx(4.0)
+    assert told["voltage_delay_samples"] == 1
+    assert told["voltage_hold"] == "stationary"
+    assert told["seed"] == 4
+    assert told["machine"]["coenergy"]["kind"] == type(TRACTION_300A.coenergy).__name__
+    hold = {"kind": "StationaryHold", "advance": 1.5}
+    assert told["drive"]["inverter"]["hold"] == hold
+    cold = true_flux_map(TRACTION_300A, np.array(-100.0), np.array(150.0))
+    warm = made.truth.flux_map(np.array(-100.0), np.array(150.0))
+    np.testing.assert_allclose(warm - cold, [-1.1e-3 * 100 * 58e-3, 0.0], atol=1e-12)
 
 
 def test_ripple_lies_on_the_multiples_of_six(steady_run):
@@ -134,9 +257,61 @@ def test_too_fast_for_the_dc_link_is_refused():
         simulate(TRACTION_300A, held(0.0, 250.0), speed_rpm=9000.0, duration=0.4)
 
 
-def test_currents_that_leave_the_machine_are_refused():
-    with pytest.raises(InputError, match=r"leave the simulated machine's range of 375 A at t = "):
+def test_a_reference_above_the_machine_is_refused():
+    with pytest.raises(InputError, match=r"asks for 390 A at t = 0 s where the machine permits"):
         simulate(TRACTION_300A, held(-390.0, 0.0), speed_rpm=1500.0, duration=0.4)
+
+
+def test_currents_that_leave_the_machine_are_refused():
+    """A controller without a voltage to give starts against the magnets' full voltage."""
+    drive = Drive(dc_voltage=20.0)
+    with pytest.raises(InputError, match=r"voltage stays at its limit|leave the simulated machine"):
+        simulate(TRACTION_300A, held(0.0, 0.0), speed_rpm=6000.0, duration=0.4, drive=drive)
+
+
+@pytest.mark.parametrize(("bandwidth", "delay"), [(15_000.0, 0), (4_000.0, 1), (1_000.0, 12)])
+def test_an_unstable_current_loop_is_refused(bandwidth, delay):
+    drive = Drive(bandwidth=bandwidth, inverter=Inverter(delay=delay))
+    with pytest.raises(
+        InputError, match=r"the current loop is unstable at i_d = .*\(a pole of mod"
+    ):
+        simulate(TRACTION_300A, LISSAJOUS, speed_rpm=1500.0, duration=0.4, drive=drive)
+
+
+@pytest.mark.parametrize(
+    ("drive", "sentence"),
+    [
+        (Drive(dc_voltage=-1.0), "Drive came with dc_voltage = -1.0; give a number above zero"),
+        (Drive(bandwidth=np.nan), "Drive came with bandwidth = nan; give a number above zero"),
+        (Drive(inverter=Inverter(delay=-1)), "Inverter came with delay = -1; give 0, 1, 2"),
+        (
+            Drive(inverter=Inverter(dead_time=DeadTime(6e-5))),
+            "a dead time of 6e-05 s was given for a switching period of 0.0001 s",
+        ),
+        (
+            Drive(current_sensors=CurrentSensors(gain=(1.0, 0.0, 1.0))),
+            "CurrentSensors came with gain = .* give three numbers above zero",
+        ),
+        (
+            Drive(current_sensors=CurrentSensors(quantisation=Quantisation(400.0, 0))),
+            "Quantisation came with bits = 0; give a whole number",
+        ),
+        (Drive(iron_loss=IronLoss(0.0)), "IronLoss came with resistance = 0.0; give a number"),
+    ],
+)
+def test_a_drive_that_cannot_be_is_refused(drive, sentence):
+    with pytest.raises(InputError, match=sentence):
+        simulate(TRACTION_300A, LISSAJOUS, speed_rpm=1500.0, duration=0.4, drive=drive)
+
+
+def test_a_shaft_without_inertia_is_refused():
+    with pytest.raises(InputError, match="FreeShaft came with inertia = 0; give a number above"):
+        simulate(TRACTION_300A, LISSAJOUS, speed_rpm=FreeShaft(0), duration=0.4)
+
+
+def test_a_profile_that_is_no_speed_a_row_is_refused():
+    with pytest.raises(InputError, match=r"the speed came in shape .* for each of the 4001 times"):
+        simulate(TRACTION_300A, LISSAJOUS, speed_rpm=lambda time: time[:3], duration=0.4)
 
 
 @pytest.mark.parametrize("duration", [0.0, -1.0, 5e-5, np.nan, np.inf])

@@ -15,31 +15,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray
+from penode.arrays import FloatArray, JaxArray, float64
 from penode.errors import InputError
 from penode.pmsm.bench.machines import Machine
+from penode.pmsm.bench.uniform_splines import DERIVE, SPLINES
 
-# Half width of the table over the machine's current limit, and table cells to one current limit.
-_REACH = 1.25
+#: Half width of a machine's table over its current limit.
+REACH = 1.25
+
+# Cells of the table to one current limit.
 _CELLS = 60
 
-# Uniform quintic B-splines: column j is the polynomial of the j-th of the six splines that are not
-# zero in a cell, row n its coefficient of the n-th power of the position 0..1 within the cell.
-_SPLINES = (
-    np.array(
-        [
-            [1, 26, 66, 26, 1, 0],
-            [-5, -50, 0, 50, 5, 0],
-            [10, 20, -60, 20, 10, 0],
-            [-10, 20, 0, -20, 10, 0],
-            [5, -20, 30, -20, 5, 0],
-            [-1, 5, -10, 10, -5, 1],
-        ]
-    )
-    / 120.0
-)
-_DERIVE = np.diag(np.arange(1.0, 6.0), k=1)
-_SPLINE_DERIVATIVES = np.stack([_SPLINES, _DERIVE @ _SPLINES, _DERIVE @ _DERIVE @ _SPLINES])
+_SPLINE_DERIVATIVES = np.stack([SPLINES, DERIVE @ SPLINES, DERIVE @ DERIVE @ SPLINES])
 
 
 class Flux(NamedTuple):
@@ -99,6 +86,55 @@ class CoenergyTable:
         -------
         Flux
         """
+        w = self._derivatives(current, theta_el)
+        return Flux(
+            linkage=jnp.stack([w[1, 0, 0], w[0, 1, 0]]),
+            inductance=jnp.stack([w[2, 0, 0], w[1, 1, 0], w[1, 1, 0], w[0, 2, 0]]).reshape(2, 2),
+            angle_slope=jnp.stack([w[1, 0, 1], w[0, 1, 1]]),
+        )
+
+    def coenergy(self, current: JaxArray, theta_el: JaxArray) -> JaxArray:
+        """Return the coenergy W of the dq frame; that of the three phases is 3/2 W.
+
+        The energy stored in the field is ``3/2 (psi_d i_d + psi_q i_q - W)``.
+
+        Parameters
+        ----------
+        current : array, shape (2,)
+            i_d and i_q in A.
+        theta_el : array, shape ()
+            Electrical angle of the d axis in rad.
+
+        Returns
+        -------
+        array, shape ()
+            Coenergy in J, of which `Flux.linkage` is the exact derivative by the current.
+        """
+        return self._derivatives(current, theta_el)[0, 0, 0]
+
+    def coenergy_angle_slope(self, current: JaxArray, theta_el: JaxArray) -> JaxArray:
+        """Return dW/dtheta_el at constant dq currents, the harmonics' part of the torque.
+
+        ``torque = 3/2 p (psi_d i_q - psi_q i_d + dW/dtheta_el)``: like the cross product it takes
+        the factor 3/2 of the amplitude-invariant transform and the pole pairs p.
+
+        Parameters
+        ----------
+        current : array, shape (2,)
+            i_d and i_q in A.
+        theta_el : array, shape ()
+            Electrical angle of the d axis in rad.
+
+        Returns
+        -------
+        array, shape ()
+            Slope in J/rad (electrical), of which `Flux.angle_slope` is the exact derivative by the
+            current.
+        """
+        return self._derivatives(current, theta_el)[0, 0, 1]
+
+    def _derivatives(self, current: JaxArray, theta_el: JaxArray) -> JaxArray:
+        """Return w (3, 3, 2): w[m, n, 0] is W derived m times by i_d and n by i_q, 1 its slope."""
         cells = self.coefficients.shape[0] - 5
         position = current / self.spacing + cells / 2
         cell = jnp.clip(jnp.floor(position), 0, cells - 1)
@@ -112,13 +148,41 @@ class CoenergyTable:
         # Sums of products, not einsum: XLA fuses them, which makes the simulation twice as fast.
         patch = (block[..., None] * _waves(theta_el, self.orders)).sum(2)
         patch = (along_q[:, None, :, None] * patch).sum(2)
-        # w[m, n, 0] is the derivative m times by i_d and n times by i_q; [..., 1] its slope.
-        w = (along_d[:, None, :, None] * patch).sum(2)
-        return Flux(
-            linkage=jnp.stack([w[1, 0, 0], w[0, 1, 0]]),
-            inductance=jnp.stack([w[2, 0, 0], w[1, 1, 0], w[1, 1, 0], w[0, 2, 0]]).reshape(2, 2),
-            angle_slope=jnp.stack([w[1, 0, 1], w[0, 1, 1]]),
-        )
+        w: JaxArray = (along_d[:, None, :, None] * patch).sum(2)
+        return w
+
+
+@dataclass(frozen=True, eq=False)
+class SplineCoenergy:
+    """A table as the coenergy of a machine: what an imported map becomes.
+
+    Attributes
+    ----------
+    table : CoenergyTable
+        Its reach is 1.25 times the current limit of the machine.
+    """
+
+    table: CoenergyTable
+
+    def __call__(self, i_d: JaxArray, i_q: JaxArray, theta_el: JaxArray) -> JaxArray:
+        """Return the coenergy W of the dq frame.
+
+        Parameters
+        ----------
+        i_d, i_q : array, any shapes that broadcast
+            Currents in A.
+        theta_el : array
+            Electrical angle of the d axis in rad.
+
+        Returns
+        -------
+        array of the broadcast shape
+            Coenergy in J.
+        """
+        i_d, i_q, theta_el = jnp.broadcast_arrays(i_d, i_q, theta_el)
+        look_up = jnp.vectorize(self.table.coenergy, signature="(n),()->()")
+        coenergy: JaxArray = look_up(jnp.stack([i_d, i_q], axis=-1), theta_el)
+        return coenergy
 
 
 @lru_cache(maxsize=8)
@@ -134,14 +198,17 @@ def tabulate(machine: Machine) -> CoenergyTable:
     -------
     CoenergyTable
         Nodes every 1/60 of the current limit, to 1.25 times the limit in either axis. For the
-        built-in machine psi is within 1e-10 Vs and L within 1e-10 H of the coenergy's derivatives.
+        built-in machines psi is within 2e-9 Vs and L within 4e-9 H of the coenergy's derivatives
+        (1e-10 for `TRACTION_300A`). A machine imported from a map is its own table.
     """
+    if isinstance(machine.coenergy, SplineCoenergy):
+        return machine.coenergy.table
     spacing = machine.current_limit / _CELLS
-    half = round(_REACH * _CELLS)
+    half = round(REACH * _CELLS)
     nodes = spacing * np.arange(-half, half + 1)
     highest = max(machine.angle_orders, default=0)
     angles = 2 * np.pi * np.arange(2 * highest + 1) / (2 * highest + 1)
-    with jax.enable_x64(True):
+    with float64():
         grid = (nodes[:, None, None], nodes[:, None], angles)
         samples = np.asarray(jax.jit(machine.coenergy)(*map(jnp.asarray, grid)))
         waves = np.asarray(jax.vmap(_waves, (0, None))(jnp.asarray(angles), machine.angle_orders))[
@@ -181,7 +248,7 @@ def true_flux_map(machine: Machine, i_d: FloatArray, i_q: FloatArray) -> FloatAr
             f"{machine.name}: a current of {np.abs(currents).max():.4g} A was asked for, but its "
             f"table ends at {table.reach:.4g} A; give currents inside it."
         )
-    with jax.enable_x64(True):
+    with float64():
         linkage = _mean_linkage(table, jnp.asarray(currents.reshape(-1, 2)))
         return np.asarray(linkage).reshape(currents.shape)
 
@@ -216,7 +283,7 @@ def _spline_coefficients(nodes: int) -> FloatArray:
     derivative passes the two nodes next to each end without a jump.
     """
     conditions = np.zeros((nodes + 4, nodes + 4))
-    for shift, weight in enumerate(_SPLINES[0, :5]):
+    for shift, weight in enumerate(SPLINES[0, :5]):
         conditions[np.arange(nodes), np.arange(nodes) + shift] = weight
     jump = (1, -6, 15, -20, 15, -6, 1)
     for row, first in enumerate((0, 1, nodes - 4, nodes - 3), start=nodes):

@@ -1,18 +1,19 @@
 """Discrete current controller: PI with decoupling, a voltage limit and anti-windup."""
 
-from dataclasses import dataclass
-
-import jax
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray, JaxArray
 from penode.pmsm.bench.machines import Machine
+from penode.pmsm.bench.phases import quarter_turned
+from penode.pmsm.bench.sensors import Reading
+from penode.pmsm.bench.voltage_limits import Circle, VoltageLimit
+
+_CIRCLE = Circle()
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class CurrentController:
+class CurrentController(eqx.Module):
     """PI controller of the dq currents, one step a sampling interval.
 
     With e the current error, L and psi_PM what the controller believes::
@@ -32,8 +33,10 @@ class CurrentController:
         Believed psi_PM in Vs.
     bandwidth : float
         Closed-loop bandwidth in rad/s.
-    voltage_limit : float
-        Largest length of the voltage vector in V.
+    limit : VoltageLimit
+        The voltages it keeps to.
+    dc_voltage : float
+        Voltage of the dc link in V.
     time_step : float
         Sampling interval T in s.
     """
@@ -41,22 +44,25 @@ class CurrentController:
     inductance: FloatArray
     magnet_flux_linkage: float
     bandwidth: float
-    voltage_limit: float
+    limit: VoltageLimit
+    dc_voltage: float
     time_step: float
 
     def step(
-        self, integral: JaxArray, reference: JaxArray, current: JaxArray, omega_el: JaxArray
+        self, integral: JaxArray, reference: JaxArray, reading: Reading, angle: JaxArray
     ) -> tuple[JaxArray, JaxArray]:
-        """Return the voltage for the coming interval, and the integral after it.
+        """Return the voltage for an interval, and the integral after it.
 
         Parameters
         ----------
         integral : array, shape (2,)
             Integral part z in V.
-        reference, current : array, shape (2,)
-            Wanted and measured dq currents at the sampling instant in A.
-        omega_el : array, shape ()
-            Electrical speed in rad/s.
+        reference : array, shape (2,)
+            Wanted dq currents at the sampling instant in A.
+        reading : Reading
+            Measured currents in A and electrical speed in rad/s.
+        angle : array, shape ()
+            Electrical angle in rad at which the voltage is to be sent to the phases.
 
         Returns
         -------
@@ -65,18 +71,40 @@ class CurrentController:
         """
         inductance = jnp.asarray(self.inductance)
         gain = 2.0 * self.bandwidth * inductance
-        error = reference - current
-        believed = inductance * current + jnp.array([self.magnet_flux_linkage, 0.0])
-        induced = omega_el * jnp.stack([-believed[1], believed[0]])
+        error = reference - reading.current
+        induced = self.induced(reading.current, reading.omega_el)
         wanted = gain * error + integral + induced
-        length = jnp.hypot(wanted[0], wanted[1])
-        voltage = wanted * self.voltage_limit / jnp.maximum(length, self.voltage_limit)
+        voltage = wanted / jnp.maximum(self.limit.used(wanted, angle, self.dc_voltage), 1.0)
         rise = self.bandwidth**2 * inductance * (error + (voltage - wanted) / gain)
         return voltage, integral + self.time_step * rise
 
+    def induced(self, current: JaxArray, omega_el: JaxArray) -> JaxArray:
+        """Return the voltage that the controller believes rotation induces.
+
+        Parameters
+        ----------
+        current : array, shape (2,)
+            i_d and i_q in A.
+        omega_el : array, shape ()
+            Electrical speed in rad/s.
+
+        Returns
+        -------
+        array, shape (2,)
+            ``omega J (L i + psi_PM)`` in V.
+        """
+        magnet = jnp.stack([self.magnet_flux_linkage, 0.0])
+        return omega_el * quarter_turned(jnp.asarray(self.inductance) * current + magnet)
+
 
 def tuned_controller(
-    machine: Machine, *, bandwidth: float, tuning: float, dc_voltage: float, time_step: float
+    machine: Machine,
+    *,
+    bandwidth: float,
+    tuning: float,
+    dc_voltage: float,
+    time_step: float,
+    limit: VoltageLimit = _CIRCLE,
 ) -> CurrentController:
     """Tune a controller from the data sheet, approximately.
 
@@ -89,9 +117,11 @@ def tuned_controller(
     tuning : float
         Believed over data-sheet inductance; 1 is tuned as well as the data sheet allows.
     dc_voltage : float
-        Voltage of the dc link in V; the vector is limited to its 1/sqrt(3) (linear modulation).
+        Voltage of the dc link in V.
     time_step : float
         Sampling interval in s.
+    limit : VoltageLimit
+        The voltages it keeps to; by default the circle of radius ``u_dc / sqrt(3)``.
 
     Returns
     -------
@@ -101,6 +131,7 @@ def tuned_controller(
         inductance=tuning * np.array([machine.inductance_d, machine.inductance_q]),
         magnet_flux_linkage=machine.magnet_flux_linkage,
         bandwidth=bandwidth,
-        voltage_limit=float(dc_voltage / np.sqrt(3.0)),
+        limit=limit,
+        dc_voltage=dc_voltage,
         time_step=time_step,
     )

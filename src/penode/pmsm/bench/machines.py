@@ -19,94 +19,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray
+from penode.arrays import FloatArray, JaxArray, float64
+from penode.errors import InputError
+from penode.pmsm.bench.coenergies import SaturatingCoenergy
+from penode.pmsm.bench.fitted_coenergies import BRUSA_HSM1, COMSOL_IPM, EV400V
 
 Coenergy: TypeAlias = Callable[[JaxArray, JaxArray, JaxArray], JaxArray]
-
-
-@dataclass(frozen=True)
-class SaturatingCoenergy:
-    """Coenergy of a saturating interior-magnet machine with 6th and 12th harmonics.
-
-    With the magnet as a current ``i_f`` in the d axis, the iron that both axes share saturates with
-    the norm of the total excitation, the q axis has iron of its own, q current takes a little d
-    flux away, and the slots modulate the rest::
-
-        W =   psi_0 i_d + (L_d i_d^2 + L_q i_q^2) / 2
-            + psi_s a sqrt(1 + ((i_d + i_f)/a)^2 + (i_q/b)^2)
-            + psi_t c sqrt(1 + (i_q/c)^2)
-            - psi_x i_d (i_q/e)^2 / (1 + (i_q/e)^2)
-            + sqrt(1 + (i_d^2 + i_q^2)/i_h^2) sum_n (d_n i_d cos n theta + q_n i_q sin n theta)
-
-    Square roots and quotients on purpose: a map learned as a sum of hyperbolic functions has no
-    exact copy of it. The mirror symmetry ``W(i_d, -i_q, -theta) = W(i_d, i_q, theta)`` of a machine
-    without skew holds term by term, and ``W(0, 0, theta)`` is constant (no cogging torque).
-
-    Attributes
-    ----------
-    magnet_flux : float
-        psi_0, the part of the magnet's flux linkage outside the saturating iron, in Vs.
-    leakage_d, leakage_q : float
-        L_d and L_q, the inductances that stay under saturation, in H.
-    shared_flux : float
-        psi_s, the saturation flux linkage of the iron shared by both axes, in Vs.
-    shared_current_d, shared_current_q : float
-        a and b, the currents at which the shared iron saturates, in A.
-    magnet_current : float
-        i_f, the magnet's excitation of the shared iron, in A.
-    own_flux, own_current : float
-        psi_t in Vs and c in A, saturation flux linkage and current of the q axis' own iron.
-    cross_flux, cross_current : float
-        psi_x in Vs and e in A, the d flux linkage lost under q current and where it is lost.
-    harmonics : tuple of (int, float, float)
-        ``(n, d_n, q_n)``: order of the electrical angle (a multiple of 6), and the amplitudes of
-        psi_d and psi_q at no current, in Vs.
-    harmonic_current : float
-        i_h, the current at which the harmonics have grown by 40 to 110 %, in A.
-    """
-
-    magnet_flux: float
-    leakage_d: float
-    leakage_q: float
-    shared_flux: float
-    shared_current_d: float
-    shared_current_q: float
-    magnet_current: float
-    own_flux: float
-    own_current: float
-    cross_flux: float
-    cross_current: float
-    harmonics: tuple[tuple[int, float, float], ...]
-    harmonic_current: float
-
-    def __call__(self, i_d: JaxArray, i_q: JaxArray, theta_el: JaxArray) -> JaxArray:
-        """Return the coenergy W of the dq frame.
-
-        Parameters
-        ----------
-        i_d, i_q : array, any shapes that broadcast
-            Currents in A.
-        theta_el : array
-            Electrical angle of the d axis in rad.
-
-        Returns
-        -------
-        array of the broadcast shape
-            Coenergy in J.
-        """
-        x = (i_d + self.magnet_current) / self.shared_current_d
-        y = i_q / self.shared_current_q
-        shared = self.shared_flux * self.shared_current_d * jnp.sqrt(1 + x**2 + y**2)
-        own = self.own_flux * self.own_current * jnp.sqrt(1 + (i_q / self.own_current) ** 2)
-        z = (i_q / self.cross_current) ** 2
-        lost = self.cross_flux * i_d * z / (1 + z)
-        linear = self.magnet_flux * i_d + (self.leakage_d * i_d**2 + self.leakage_q * i_q**2) / 2
-        growth = jnp.sqrt(1 + (i_d**2 + i_q**2) / self.harmonic_current**2)
-        slots = sum(
-            d * i_d * jnp.cos(n * theta_el) + q * i_q * jnp.sin(n * theta_el)
-            for n, d, q in self.harmonics
-        )
-        return linear + shared + own - lost + growth * slots
 
 
 @dataclass(frozen=True)
@@ -132,6 +50,18 @@ class Machine:
     coenergy : callable
         ``W(i_d, i_q, theta_el)`` in J, written with `jax.numpy` so that it can be differentiated,
         and hashable, as functions and frozen records are.
+    dc_voltage : float
+        Voltage of the dc link that the machine is wound for in V.
+    maximum_speed_rpm : float
+        Largest mechanical speed in revolutions per minute.
+    reference_temperature : float
+        Temperature in degC of winding and magnets at which all values here hold.
+    copper_coefficient : float
+        Relative change of the resistance per K of winding temperature.
+    magnet_coefficient : float
+        Relative change of psi_PM per K of magnet temperature.
+    inertia : float or None
+        Moment of inertia of the rotor in kg m^2; None where nobody says.
     """
 
     name: str
@@ -143,6 +73,27 @@ class Machine:
     inductance_q: float
     angle_orders: tuple[int, ...]
     coenergy: Coenergy
+    dc_voltage: float = 400.0
+    maximum_speed_rpm: float = 12_000.0
+    reference_temperature: float = 20.0
+    copper_coefficient: float = 3.93e-3
+    magnet_coefficient: float = -1.1e-3
+    inertia: float | None = None
+
+    def resistance_at(self, temperature: float) -> float:
+        """Return the resistance of one phase in ohm at a winding temperature in degC."""
+        return self.resistance * (
+            1 + self.copper_coefficient * (temperature - self.reference_temperature)
+        )
+
+    def magnet_flux_change(self, temperature: float) -> float:
+        """Return what psi_PM gains in Vs (loses, when negative) at a magnet temperature in degC.
+
+        Adding it to psi_d at all currents adds a term linear in i_d to the coenergy, so L and
+        reciprocity stay as they are.
+        """
+        warming = temperature - self.reference_temperature
+        return self.magnet_coefficient * warming * self.magnet_flux_linkage
 
 
 def torque(machine: Machine, i_d: FloatArray, i_q: FloatArray, theta_el: FloatArray) -> FloatArray:
@@ -163,7 +114,7 @@ def torque(machine: Machine, i_d: FloatArray, i_q: FloatArray, theta_el: FloatAr
         Torque in Nm, positive when it drives the rotor forward.
     """
     gradient = jax.grad(machine.coenergy, argnums=(0, 1, 2))
-    with jax.enable_x64(True):
+    with float64():
         arguments = [jnp.asarray(value) for value in (i_d, i_q, theta_el)]
         psi_d, psi_q, slope = map(np.asarray, jax.jit(jax.vmap(gradient))(*arguments))
     newton_metres: FloatArray = 1.5 * machine.pole_pairs * (psi_d * i_q - psi_q * i_d + slope)
@@ -171,8 +122,7 @@ def torque(machine: Machine, i_d: FloatArray, i_q: FloatArray, theta_el: FloatAr
 
 
 #: An interior-magnet traction machine for 400 V and 300 A, with saturation, cross saturation, a
-#: 6th harmonic of 1 % and a 12th of 0.4 % of psi_PM at no current.
-
+#: 6th harmonic of 1 % and a 12th of 0.4 % of psi_PM at no current. Invented.
 TRACTION_300A = Machine(
     name="traction_300A",
     resistance=10e-3,
@@ -198,3 +148,78 @@ TRACTION_300A = Machine(
         harmonic_current=300.0,
     ),
 )
+
+#: The paper-like machine: fitted to an angle-resolved FEM map, harmonics included. The resistance
+#: is assumed.
+COMSOL_300A = Machine(
+    name="comsol_300A",
+    resistance=10e-3,
+    pole_pairs=5,
+    current_limit=300.0,
+    magnet_flux_linkage=47.4e-3,
+    inductance_d=114e-6,
+    inductance_q=150e-6,
+    angle_orders=COMSOL_IPM.orders,
+    coenergy=COMSOL_IPM,
+)
+
+#: An 85 kW traction motor, fitted to its measured map; harmonics and temperature coefficients are
+#: assumed.
+BRUSA_250A = Machine(
+    name="brusa_250A",
+    resistance=17.9e-3,
+    pole_pairs=3,
+    current_limit=250.0,
+    magnet_flux_linkage=70.8e-3,
+    inductance_d=360e-6,
+    inductance_q=850e-6,
+    angle_orders=BRUSA_HSM1.orders,
+    coenergy=BRUSA_HSM1,
+)
+
+#: A low-resistance traction machine at 60 degC, modelled on a FEM map at one rotor angle; the
+#: magnet coefficient is the difference to the same source's map at 100 degC.
+EV400V_420A = Machine(
+    name="ev400v_420A",
+    resistance=3.5e-3,
+    pole_pairs=4,
+    current_limit=420.0,
+    magnet_flux_linkage=62.9e-3,
+    inductance_d=134e-6,
+    inductance_q=280e-6,
+    angle_orders=EV400V.orders,
+    coenergy=EV400V,
+    maximum_speed_rpm=10_000.0,
+    reference_temperature=60.0,
+    copper_coefficient=3.40e-3,
+    magnet_coefficient=-1.5e-3,
+)
+
+#: The built-in machines by name.
+MACHINES: dict[str, Machine] = {
+    built.name: built for built in (TRACTION_300A, COMSOL_300A, BRUSA_250A, EV400V_420A)
+}
+
+
+def machine(name: str) -> Machine:
+    """Return a built-in machine by its name.
+
+    Parameters
+    ----------
+    name : str
+        A key of `MACHINES`.
+
+    Returns
+    -------
+    Machine
+
+    Raises
+    ------
+    InputError
+        If there is no machine of that name; the message lists those there are.
+    """
+    if name not in MACHINES:
+        raise InputError(
+            f"there is no built-in machine {name!r}; choose one of {', '.join(MACHINES)}."
+        )
+    return MACHINES[name]

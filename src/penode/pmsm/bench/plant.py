@@ -1,57 +1,117 @@
-"""The simulated plant: a machine's current dynamics, integrated between two samples.
+"""The simulated plant: everything on the bench that moves between two samples.
 
-This is the truth of the bench. It shares no code with the models that are to find it.
+Winding, iron, shaft and the sensors' filter are one differential equation, integrated by classic
+Runge-Kutta steps through the inverter's pulses. This is the truth of the bench. It shares no code
+with the models that are to find it.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from penode.arrays import JaxArray
-from penode.pmsm.bench.coenergy_table import CoenergyTable, tabulate
-from penode.pmsm.bench.machines import Machine
+from penode.pmsm.bench.coenergy_table import CoenergyTable, Flux
+from penode.pmsm.bench.current_sensors import CurrentSensors
+from penode.pmsm.bench.inverter import Pulses
+from penode.pmsm.bench.phases import quarter_turned
+from penode.pmsm.bench.sensors import Terminals
+from penode.pmsm.bench.shaft import Motion, Shaft
+from penode.pmsm.bench.winding import IronLoss, Winding
 
-# The most that the fastest harmonic may turn in one integration step, in rad.
-_LARGEST_TURN = 0.2
+
+class State(NamedTuple):
+    """The plant at one moment. The slopes of these quantities are a `State` too.
+
+    Attributes
+    ----------
+    current : array, shape (2,)
+        i_d and i_q that make the flux, in A; the terminals carry the iron's current beside it.
+    theta_el : array, shape ()
+        Electrical angle of the d axis in rad.
+    omega_el : array, shape ()
+        Electrical speed in rad/s.
+    temperature : array, shape ()
+        Winding temperature in degrees Celsius.
+    filtered : array, shape (2,), or None
+        Terminal current behind the sensors' filter, in the rotor frame, in A.
+    """
+
+    current: JaxArray
+    theta_el: JaxArray
+    omega_el: JaxArray
+    temperature: JaxArray
+    filtered: JaxArray | None = None
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Plant:
-    """The winding's differential equation, ``u = R i + omega J psi + d psi/dt``, in the currents.
+#: Takes terminal current (2,) in A and angle () in rad, returns the terminal voltage (2,) in V.
+VoltageAt = Callable[[JaxArray, JaxArray], JaxArray]
 
-    ``di/dt = L^-1 (u - R i - omega J psi - omega d psi/d theta)`` at constant speed.
+
+class Copper(eqx.Module):
+    """Resistance of one phase over temperature: ``R (1 + alpha (T - T_ref))``.
+
+    Attributes
+    ----------
+    resistance : float
+        R in ohm.
+    coefficient : float
+        alpha in 1/K.
+    reference : float
+        T_ref in degrees Celsius.
+    """
+
+    resistance: float
+    coefficient: float
+    reference: float
+
+    def at(self, temperature: JaxArray) -> JaxArray:
+        """Return the resistance in ohm at a temperature in degrees Celsius."""
+        return self.resistance * (1.0 + self.coefficient * (temperature - self.reference))
+
+
+class Plant(eqx.Module):
+    """The machine's differential equation, ``u = R i + omega J psi + d psi/dt``, in the currents.
+
+    ``di/dt = L^-1 (u - R i - omega J psi - omega d psi/d theta)``, beside the equations of the
+    shaft, of the winding's temperature and of the sensors' filter.
 
     Attributes
     ----------
     table : CoenergyTable
         The machine.
-    resistance : float
-        R in ohm.
-    time_step : float
-        Interval in s over which the voltage is held in the rotor frame.
+    copper : Copper
+        Resistance of a phase over its temperature.
+    magnet_flux_change : float
+        What the magnets' temperature adds to psi_d in Vs.
+    winding : Winding
+        Temperature and balance of the phases.
+    iron_loss : IronLoss or None
+        Iron loss.
+    shaft : Shaft
+        What moves the rotor.
+    sensors : CurrentSensors or None
+        Current sensors whose filter is to be integrated; None where they have none.
     substeps : int
-        Integration steps to one interval.
+        Integration steps to one pulse of the inverter.
     """
 
     table: CoenergyTable
-    resistance: float
-    time_step: float
-    substeps: int = field(metadata={"static": True})
+    copper: Copper
+    magnet_flux_change: float
+    winding: Winding
+    iron_loss: IronLoss | None
+    shaft: Shaft
+    sensors: CurrentSensors | None
+    substeps: int = eqx.field(static=True)
 
-    def derivative(
-        self, current: JaxArray, voltage: JaxArray, theta_el: JaxArray, omega_el: JaxArray
-    ) -> JaxArray:
-        """Return di/dt.
+    def rest(self, theta_el: JaxArray, omega_el: JaxArray) -> State:
+        """Return the state without current.
 
         Parameters
         ----------
-        current : array, shape (2,)
-            i_d and i_q in A.
-        voltage : array, shape (2,)
-            u_d and u_q in V.
         theta_el : array, shape ()
             Electrical angle in rad.
         omega_el : array, shape ()
@@ -59,73 +119,179 @@ class Plant:
 
         Returns
         -------
-        array, shape (2,)
-            di/dt in A/s.
+        State
         """
-        psi, inductance, slope = self.table(current, theta_el)
-        rotation = jnp.stack([-psi[1], psi[0]])
-        left = voltage - self.resistance * current - omega_el * (rotation + slope)
-        l_dd, l_dq, l_qq = inductance[0, 0], inductance[0, 1], inductance[1, 1]
-        solved = jnp.stack([l_qq * left[0] - l_dq * left[1], l_dd * left[1] - l_dq * left[0]])
-        rate: JaxArray = solved / (l_dd * l_qq - l_dq**2)
-        return rate
+        none = jnp.zeros(2)
+        start = self.winding.temperature
+        temperature = jnp.asarray(self.copper.reference if start is None else start, none.dtype)
+        filtered = None if self.sensors is None else none
+        return State(none, theta_el, omega_el, temperature, filtered)
 
-    def advance(
-        self, current: JaxArray, voltage: JaxArray, theta_el: JaxArray, omega_el: JaxArray
-    ) -> JaxArray:
-        """Return the current one interval later, by classic Runge-Kutta steps.
+    def at_sample(self, state: State, given: Motion) -> State:
+        """Return the state at a sampling instant, where a given motion of the shaft takes over.
 
         Parameters
         ----------
-        current : array, shape (2,)
-            i_d and i_q at the start in A.
-        voltage : array, shape (2,)
-            u_d and u_q in V, constant in the rotor frame.
-        theta_el : array, shape ()
-            Electrical angle at the start in rad.
-        omega_el : array, shape ()
-            Electrical speed in rad/s, constant.
+        state : State
+            The plant as integrated until now.
+        given : Motion
+            The shaft at this instant, as far as it is given.
 
         Returns
         -------
-        array, shape (2,)
-            i_d and i_q at the end in A.
+        State
         """
-        h = self.time_step / self.substeps
+        theta_el, omega_el = self.shaft.at_sample((state.theta_el, state.omega_el), given)
+        return state._replace(theta_el=theta_el, omega_el=omega_el)
 
-        def slope(current: JaxArray, time: JaxArray) -> JaxArray:
-            return self.derivative(current, voltage, theta_el + omega_el * time, omega_el)
+    def terminals(self, state: State) -> Terminals:
+        """Return what there is to be measured.
 
-        def substep(index: JaxArray, current: JaxArray) -> JaxArray:
-            start = index * h
-            k1 = slope(current, start)
-            k2 = slope(current + h / 2 * k1, start + h / 2)
-            k3 = slope(current + h / 2 * k2, start + h / 2)
-            k4 = slope(current + h * k3, start + h)
-            return current + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        Parameters
+        ----------
+        state : State
+            The plant.
 
-        end: JaxArray = jax.lax.fori_loop(0, self.substeps, substep, current)
+        Returns
+        -------
+        Terminals
+            Currents in A with the iron's included, angle in rad, speed in rad/s.
+        """
+        current = state.current
+        if self.iron_loss is not None:
+            current = self._terminal_current(state, self._flux(state).linkage)
+        return Terminals(current, state.filtered, state.theta_el, state.omega_el)
+
+    def slope(self, state: State, voltage_at: VoltageAt, acceleration: JaxArray) -> State:
+        """Return the slopes of the state.
+
+        Parameters
+        ----------
+        state : State
+            The plant.
+        voltage_at : callable
+            Terminal current (2,) in A and angle in rad to terminal voltage (2,) in V.
+        acceleration : array, shape ()
+            Electrical acceleration in rad/s^2 of a shaft whose speed is given.
+
+        Returns
+        -------
+        State
+            Slopes per second.
+        """
+        flux = self._flux(state)
+        current = self._terminal_current(state, flux.linkage)
+        voltage = voltage_at(current, state.theta_el)
+        drop = self.copper.at(state.temperature) * self.winding.relative_drop(
+            current, state.theta_el
+        )
+        left = voltage - drop - state.omega_el * (quarter_turned(flux.linkage) + flux.angle_slope)
+        return State(
+            current=_solved(flux.inductance, left),
+            theta_el=state.omega_el,
+            omega_el=self.shaft.slope(
+                lambda: self._torque(state, flux), state.omega_el, acceleration
+            ),
+            temperature=self.winding.warming_rate(state.temperature, 1.5 * (drop * current).sum()),
+            filtered=self._filter_slope(state, current),
+        )
+
+    def advance(
+        self,
+        state: State,
+        pulses: Pulses,
+        voltages: Callable[[JaxArray], VoltageAt],
+        acceleration: JaxArray,
+    ) -> State:
+        """Return the state after the inverter's pulses, by classic Runge-Kutta steps.
+
+        Parameters
+        ----------
+        state : State
+            The plant at the start.
+        pulses : Pulses
+            Durations in s and voltages in V.
+        voltages : callable
+            A pulse's voltage (2,) in V to the ``voltage_at`` of `slope`.
+        acceleration : array, shape ()
+            Electrical acceleration in rad/s^2 of a shaft whose speed is given.
+
+        Returns
+        -------
+        State
+        """
+
+        def pulse(state: State, one: Pulses) -> tuple[State, None]:
+            voltage_at = voltages(one.vectors)
+
+            def rates(state: State) -> State:
+                return self.slope(state, voltage_at, acceleration)
+
+            step = one.durations / self.substeps
+            end = jax.lax.fori_loop(
+                0, self.substeps, lambda _, state: _runge_kutta(rates, state, step), state
+            )
+            return end, None
+
+        end, _ = jax.lax.scan(pulse, state, pulses)
         return end
 
+    def _terminal_current(self, state: State, linkage: JaxArray) -> JaxArray:
+        if self.iron_loss is None:
+            return state.current
+        return state.current + self.iron_loss.current(state.omega_el * quarter_turned(linkage))
 
-def plant_of(machine: Machine, *, time_step: float, omega_el: float) -> Plant:
-    """Return the plant of a machine, integrated finely enough for a speed.
+    def torque(self, state: State) -> JaxArray:
+        """Return the air-gap torque over the pole pairs.
 
-    Parameters
-    ----------
-    machine : Machine
-        The machine.
-    time_step : float
-        Interval in s over which the voltage is held.
-    omega_el : float
-        Highest electrical speed in rad/s. The fastest harmonic turns by at most 0.2 rad in one
-        integration step, of which there are at least two; voltage steps of 25 V then leave an error
-        below 1e-8 of the built-in machine's current limit.
+        ``3/2 (psi_d i_q - psi_q i_d + dW/dtheta)``.
 
-    Returns
-    -------
-    Plant
-    """
-    turn = max(machine.angle_orders, default=1) * abs(omega_el) * time_step
-    substeps = max(2, int(np.ceil(turn / _LARGEST_TURN)))
-    return Plant(tabulate(machine), machine.resistance, time_step, substeps)
+        Parameters
+        ----------
+        state : State
+            The plant.
+
+        Returns
+        -------
+        array, shape ()
+            Torque in Nm for one pole pair.
+        """
+        return self._torque(state, self._flux(state))
+
+    def _torque(self, state: State, flux: Flux) -> JaxArray:
+        current, psi = state.current, flux.linkage
+        slope = self.table.coenergy_angle_slope(current, state.theta_el)
+        return 1.5 * (psi[0] * current[1] - psi[1] * current[0] + slope)
+
+    def _flux(self, state: State) -> Flux:
+        flux = self.table(state.current, state.theta_el)
+        change = jnp.stack([self.magnet_flux_change, 0.0])
+        return flux._replace(linkage=flux.linkage + change)
+
+    def _filter_slope(self, state: State, current: JaxArray) -> JaxArray | None:
+        if self.sensors is None or state.filtered is None:
+            return None
+        return self.sensors.filter_rate(state.filtered, current, state.omega_el)
+
+
+def _solved(inductance: JaxArray, voltage: JaxArray) -> JaxArray:
+    """Return L^-1 u, (2,), of a symmetric L."""
+    l_dd, l_dq, l_qq = inductance[0, 0], inductance[0, 1], inductance[1, 1]
+    by_d = l_qq * voltage[0] - l_dq * voltage[1]
+    by_q = l_dd * voltage[1] - l_dq * voltage[0]
+    return jnp.stack([by_d, by_q]) / (l_dd * l_qq - l_dq**2)
+
+
+def _runge_kutta(rates: Callable[[State], State], state: State, step: JaxArray) -> State:
+    """Return the state one classic Runge-Kutta step later."""
+
+    def moved(share: float, slope: State) -> State:
+        end: State = jax.tree.map(lambda x, v: x + share * step * v, state, slope)
+        return end
+
+    k1 = rates(state)
+    k2 = rates(moved(0.5, k1))
+    k3 = rates(moved(0.5, k2))
+    k4 = rates(moved(1.0, k3))
+    mean = jax.tree.map(lambda a, b, c, d: (a + 2 * b + 2 * c + d) / 6, k1, k2, k3, k4)
+    return moved(1.0, mean)

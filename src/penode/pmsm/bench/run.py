@@ -1,68 +1,71 @@
 """One simulated recording: reference -> controller -> inverter -> machine -> sensors -> file.
 
-Row k holds the currents measured at t_k and the voltage computed from them, which acts from t_k to
-t_(k+1), constant in the rotor frame. The inverter is ideal: the machine gets what is asked for.
+Row k holds the currents, angle and speed measured at t_k and the dq voltage that the controller
+asks for from them, before anything the inverter does to it. It acts from t_k to t_(k+1); with a
+computation delay of n samples, from t_(k+n) to t_(k+n+1).
 """
 
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray
+from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment, Source
 from penode.errors import InputError
-from penode.pmsm.bench.current_controller import CurrentController, tuned_controller
+from penode.pmsm.bench.admission import (
+    check_drive,
+    check_speed,
+    reference_rows,
+    sampling_instants,
+)
+from penode.pmsm.bench.drive import DEFAULT_DRIVE, Drive
 from penode.pmsm.bench.machines import Machine
-from penode.pmsm.bench.plant import Plant, plant_of
 from penode.pmsm.bench.references import Reference
+from penode.pmsm.bench.rig import LoopState, Rig, Row, Sampled, rig_of
+from penode.pmsm.bench.sensors import Draws
+from penode.pmsm.bench.shaft import FreeShaft, Motion, Speed, shaft_of
+from penode.pmsm.bench.stability import refuse_unstable
+from penode.pmsm.bench.truth import Trace, Truth
 
-_CHANNELS = ("u_d", "u_q", "i_d", "i_q", "omega_el", "theta_el")
+__all__ = ["DEFAULT_DRIVE", "Drive", "Recording", "record", "simulate"]
+
+# Rows that one call of the compiled loop works on: what bounds its memory, whatever the length.
+_CHUNK = 2000
 
 # Share of a run that may lie at the voltage limit before the reference counts as unreachable.
 _SATURATED_SHARE = 0.05
 
 
-@dataclass(frozen=True)
-class Drive:
-    """Everything between the reference and the machine's terminals.
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recording and the truth behind it.
 
     Attributes
     ----------
-    time_step : float
-        Sampling and control interval in s.
-    dc_voltage : float
-        Voltage of the dc link in V.
-    bandwidth : float
-        Bandwidth the current controller is tuned for in rad/s.
-    tuning : float
-        Inductance the controller believes over the data sheet's.
-    current_noise : float
-        Standard deviation in A of the white noise on each measured dq current.
+    experiment : Experiment
+        What the drive recorded.
+    truth : Truth
+        How it was made, and what the sensors should have told.
     """
 
-    time_step: float = 1e-4
-    dc_voltage: float = 400.0
-    bandwidth: float = 1000.0
-    tuning: float = 0.8
-    current_noise: float = 0.0
-
-
-DEFAULT_DRIVE = Drive()
+    experiment: Experiment
+    truth: Truth
 
 
 def simulate(
     machine: Machine,
     reference: Reference,
     *,
-    speed_rpm: float,
+    speed_rpm: Speed,
     duration: float,
     drive: Drive = DEFAULT_DRIVE,
     seed: int = 0,
 ) -> Experiment:
-    """Record a drive that follows a current reference at constant speed.
+    """Record a drive that follows a current reference.
 
     Parameters
     ----------
@@ -70,114 +73,176 @@ def simulate(
         The machine; it starts without current at theta_el = 0.
     reference : callable
         Times in s, shape (time,), to i_d and i_q in A, shape (time, 2).
-    speed_rpm : float
-        Mechanical speed in revolutions per minute; negative turns backwards.
+    speed_rpm : float, callable or FreeShaft
+        Mechanical speed in revolutions per minute, negative turning backwards: one number, or a
+        function of times in s, shape (time,); or a shaft that the torques move.
     duration : float
         Length of the recording in s.
     drive : Drive
-        Sampling, dc link, controller and sensors.
+        Sampling, controller, inverter, sensors, winding.
     seed : int
         Seed of the measurement noise.
 
     Returns
     -------
     Experiment
-        Channels u_d, u_q in V, i_d, i_q in A (as measured), omega_el in rad/s, theta_el in rad
-        (0 to 2 pi). The voltage of row k is held in the rotor frame from t_k to t_(k+1).
+        Channels u_d, u_q in V (as asked for by the controller), i_d, i_q in A, omega_el in rad/s,
+        theta_el in rad (0 to 2 pi), all three as measured. The voltage of row k acts from t_k to
+        t_(k+1), with a computation delay that many samples later, held as the inverter holds it.
 
     Raises
     ------
     InputError
-        If the speed is not finite, the duration holds no sample, the reference is not two finite
-        currents a row, or it cannot be followed: the voltage stays at its limit, or the currents
-        leave the machine's table.
+        If the drive has a value that cannot be, the speed is not finite, the duration holds no
+        sample, the reference is not two finite currents a row or above the machine's limit, the
+        current loop is unstable, or the reference cannot be followed: the voltage stays at its
+        limit, or the currents leave the machine's table.
     """
-    name = f"{machine.name} at {speed_rpm:g} rpm"
-    if not np.isfinite(speed_rpm):
-        raise InputError(f"{name}: the speed is not finite; give it in revolutions per minute.")
-    time = _sampling_instants(name, duration, drive.time_step)
-    wanted = _reference_rows(name, reference, time)
-    omega_el = 2 * np.pi / 60 * speed_rpm * machine.pole_pairs
-    theta_el = np.mod(omega_el * time, 2 * np.pi)
-    noise = drive.current_noise * np.random.default_rng(seed).standard_normal((len(time), 2))
-    controller = tuned_controller(
-        machine,
-        bandwidth=drive.bandwidth,
-        tuning=drive.tuning,
-        dc_voltage=drive.dc_voltage,
-        time_step=drive.time_step,
+    return record(
+        machine, reference, speed_rpm=speed_rpm, duration=duration, drive=drive, seed=seed
+    ).experiment
+
+
+def record(
+    machine: Machine,
+    reference: Reference,
+    *,
+    speed_rpm: Speed,
+    duration: float,
+    drive: Drive = DEFAULT_DRIVE,
+    seed: int = 0,
+) -> Recording:
+    """Record a drive as `simulate` does, and keep the truth beside the recording.
+
+    Parameters
+    ----------
+    machine, reference, speed_rpm, duration, drive, seed
+        As in `simulate`: speed in rpm, duration in s.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        As in `simulate`.
+    """
+    name = _name(machine, speed_rpm)
+    check_drive(name, drive)
+    time = sampling_instants(name, duration, drive.time_step)
+    wanted = reference_rows(name, reference, time[:-1], machine.current_limit)
+    check_speed(name, speed_rpm, time)
+    shaft, motion = shaft_of(speed_rpm, time, drive.time_step, machine.pole_pairs)
+    fastest = _fastest(machine, drive, speed_rpm, motion)
+    rig = rig_of(machine, drive, shaft, fastest)
+    refuse_unstable(name, rig, wanted, fastest)
+    sampled = _run(rig, _rows(wanted, motion, seed))
+    _refuse_saturated(name, sampled, drive.dc_voltage)
+    _refuse_diverged(name, sampled, rig.plant.table.reach, drive.time_step)
+    truth = sampled.truth
+    trace = Trace(
+        *map(np.asarray, (truth.current, truth.theta_el, truth.omega_el, sampled.temperature))
     )
-    plant = plant_of(machine, time_step=drive.time_step, omega_el=omega_el)
-    with jax.enable_x64(True):
-        samples = (jnp.asarray(wanted), jnp.asarray(noise), jnp.asarray(theta_el))
-        rows = _closed_loop(controller, plant, jnp.asarray(omega_el), samples)
-        voltage, measured = np.asarray(rows[0]), np.asarray(rows[1])
-    _refuse_saturated(name, voltage, controller.voltage_limit)
-    _refuse_diverged(name, measured, plant.table.reach, drive.time_step)
-    columns = (*voltage.T, *measured.T, np.full_like(time, omega_el), theta_el)
-    digest = hashlib.sha256(np.stack(columns).tobytes()).hexdigest()
-    channels = dict(zip(_CHANNELS, columns, strict=True))
-    return Experiment(name, drive.time_step, channels, Source("simulated", digest))
+    made = Truth(machine, drive, speed_rpm, reference, duration, seed, trace)
+    return Recording(_experiment(name, drive, sampled), made)
+
+
+def _name(machine: Machine, speed: Speed) -> str:
+    if isinstance(speed, FreeShaft):
+        return f"{machine.name} with a free shaft"
+    if callable(speed):
+        return f"{machine.name} at varying speed"
+    return f"{machine.name} at {speed:g} rpm"
+
+
+def _fastest(machine: Machine, drive: Drive, speed: Speed, motion: Motion) -> float:
+    """Return the largest electrical speed of the run in rad/s; a free shaft's is bounded.
+
+    Beyond twice the speed at which the magnets induce all of the dc link's voltage no torque
+    drives the rotor.
+    """
+    given = float(np.abs(motion.omega_el).max())
+    if not isinstance(speed, FreeShaft):
+        return given
+    return max(given, 2.0 * drive.dc_voltage / float(np.sqrt(3.0)) / machine.magnet_flux_linkage)
+
+
+def _rows(wanted: FloatArray, motion: Motion, seed: int) -> Iterator[tuple[Row, int]]:
+    """Yield the rows of the loop in chunks of one length, and how many of a chunk count.
+
+    The last chunk repeats its last row; what comes of the repetition is dropped.
+    """
+    dq, phase, speed = (np.random.default_rng(entropy) for entropy in (seed, [seed, 1], [seed, 2]))
+    for start in range(0, len(wanted), _CHUNK):
+        count = min(_CHUNK, len(wanted) - start)
+        index = start + np.minimum(np.arange(_CHUNK), count - 1)
+        draws = Draws(
+            jnp.asarray(dq.standard_normal((_CHUNK, 2))),
+            jnp.asarray(phase.standard_normal((_CHUNK, 3))),
+            jnp.asarray(speed.standard_normal(_CHUNK)),
+        )
+        yield Row(jnp.asarray(wanted[index]), Motion(*(x[index] for x in motion)), draws), count
+
+
+def _run(rig: Rig, chunks: Iterator[tuple[Row, int]]) -> Sampled:
+    """Run the loop through all chunks and return what the samples yield, as NumPy arrays."""
+    state, parts = None, []
+    with float64():
+        rig = jax.device_put(rig)
+        for rows, count in chunks:
+            if state is None:
+                state = rig.start(jax.tree.map(lambda x: x[0], rows.motion))
+            state, sampled = _chunk(rig, state, rows)
+            parts.append(jax.tree.map(lambda x, n=count: np.asarray(x)[:n], sampled))
+    whole: Sampled = jax.tree.map(lambda *pieces: np.concatenate(pieces), *parts)
+    return whole
 
 
 @jax.jit
-def _closed_loop(
-    controller: CurrentController,
-    plant: Plant,
-    omega_el: JaxArray,
-    samples: tuple[JaxArray, JaxArray, JaxArray],
-) -> tuple[JaxArray, JaxArray]:
-    """Return the voltages and the measured currents, each (time, 2), of a run from no current."""
+def _chunk(rig: Rig, state: LoopState, rows: Row) -> tuple[LoopState, Sampled]:
+    """Return the loop after the rows, and what each yields."""
 
-    def sample(
-        state: tuple[JaxArray, JaxArray], row: tuple[JaxArray, JaxArray, JaxArray]
-    ) -> tuple[tuple[JaxArray, JaxArray], tuple[JaxArray, JaxArray]]:
-        current, integral = state
-        reference, noise, theta_el = row
-        measured = current + noise
-        voltage, integral = controller.step(integral, reference, measured, omega_el)
-        current = plant.advance(current, voltage, theta_el, omega_el)
-        return (current, integral), (voltage, measured)
+    def sample(state: LoopState, row: Row) -> tuple[LoopState, Sampled]:
+        return rig.sample(state, row)
 
-    _, rows = jax.lax.scan(sample, (jnp.zeros(2), jnp.zeros(2)), samples)
-    return rows
+    return jax.lax.scan(sample, state, rows)
 
 
-def _sampling_instants(name: str, duration: float, time_step: float) -> FloatArray:
-    """Return the times of the rows, (time,)."""
-    if not (np.isfinite(duration) and duration >= time_step > 0):
-        raise InputError(
-            f"{name}: {duration:g} s hold no sample at a time step of {time_step:g} s; "
-            f"give a duration and a time step above zero, the duration being the longer."
-        )
-    return time_step * np.arange(round(duration / time_step), dtype=np.float64)
+def _experiment(name: str, drive: Drive, sampled: Sampled) -> Experiment:
+    """Return the recording as the file will hold it."""
+    reading = jax.tree.map(np.asarray, sampled.reading)
+    voltage = np.asarray(sampled.voltage)
+    angle = np.mod(reading.theta_el, 2 * np.pi)
+    channels = {
+        "u_d": voltage[:, 0],
+        "u_q": voltage[:, 1],
+        "i_d": reading.current[:, 0],
+        "i_q": reading.current[:, 1],
+        "omega_el": reading.omega_el,
+        # A tiny negative angle rounds to 2 pi itself.
+        "theta_el": np.where(angle < 2 * np.pi, angle, 0.0),
+    }
+    digest = hashlib.sha256()
+    for values in channels.values():
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return Experiment(name, drive.time_step, channels, Source("simulated", digest.hexdigest()))
 
 
-def _reference_rows(name: str, reference: Reference, time: FloatArray) -> FloatArray:
-    """Return the reference at the rows, (time, 2)."""
-    wanted = np.asarray(reference(time), dtype=np.float64)
-    if wanted.shape != (len(time), 2) or not np.all(np.isfinite(wanted)):
-        raise InputError(
-            f"{name}: the reference came in shape {wanted.shape}, or not finite; return finite i_d "
-            f"and i_q in A for each of the {len(time)} times, in shape {(len(time), 2)}."
-        )
-    return wanted
-
-
-def _refuse_saturated(name: str, voltage: FloatArray, limit: float) -> None:
-    """Raise if the voltage (time, 2) stays at its limit for more than the permitted share."""
-    share = np.mean(np.hypot(voltage[:, 0], voltage[:, 1]) >= limit * (1 - 1e-9))
+def _refuse_saturated(name: str, sampled: Sampled, dc_voltage: float) -> None:
+    """Raise if the voltage stays at its limit for more than the permitted share."""
+    share = float(np.mean(sampled.limit_used >= 1 - 1e-9))
     if share > _SATURATED_SHARE:
         raise InputError(
-            f"{name}: the voltage stays at its limit of {limit:.4g} V in {share:.0%} of the run, "
-            f"so the reference is not reached; lower the speed, the current or the controller's "
-            f"bandwidth, or raise the dc voltage."
+            f"{name}: the voltage stays at its limit of {dc_voltage / np.sqrt(3):.4g} V in "
+            f"{share:.0%} of the run, so the reference is not reached; lower the speed, the "
+            f"current or the controller's bandwidth, or raise the dc voltage."
         )
 
 
-def _refuse_diverged(name: str, current: FloatArray, reach: float, time_step: float) -> None:
-    """Raise if a current (time, 2) is not finite or outside the machine's table."""
-    inside = np.all(np.abs(current) <= reach, axis=1)
+def _refuse_diverged(name: str, sampled: Sampled, reach: float, time_step: float) -> None:
+    """Raise if a current is not finite or outside the machine's table."""
+    inside = np.all(np.abs(sampled.truth.current) <= reach, axis=1)
     if not inside.all():
         raise InputError(
             f"{name}: the currents leave the simulated machine's range of {reach:.4g} A at "

@@ -1,0 +1,203 @@
+"""A simulation as a TOML file: machine, reference, speed and every imperfection, by name."""
+
+import inspect
+import tomllib
+import types
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from penode.errors import InputError
+from penode.pmsm.bench.drive import Drive
+from penode.pmsm.bench.inverter import Hold, RotorHold, StationaryHold
+from penode.pmsm.bench.machines import Machine, machine
+from penode.pmsm.bench.map_import import import_machine
+from penode.pmsm.bench.references import (
+    GENERATOR,
+    MOTOR,
+    WHOLE_DISC,
+    Domain,
+    Injection,
+    Lissajous,
+    Reference,
+    Spiral,
+    Steps,
+    stationary_grid,
+)
+from penode.pmsm.bench.run import Recording, record
+from penode.pmsm.bench.shaft import FreeShaft, Speed, SpeedPoints, SpeedRipple
+from penode.pmsm.bench.switching import CarrierPwm
+from penode.pmsm.bench.voltage_limits import Circle, Hexagon, VoltageLimit
+
+#: What a table's ``kind`` may name, wherever one of several records fits.
+KINDS: dict[Any, dict[str, Callable[..., Any]]] = {
+    Hold: {"rotor": RotorHold, "stationary": StationaryHold, "pwm": CarrierPwm},
+    VoltageLimit: {"circle": Circle, "hexagon": Hexagon},
+    Reference: {
+        "lissajous": Lissajous,
+        "spiral": Spiral,
+        "steps": Steps,
+        "stationary_grid": stationary_grid,
+        "injection": Injection,
+    },
+    Speed: {"points": SpeedPoints, "ripple": SpeedRipple, "free": FreeShaft},
+}
+_DOMAINS = {"whole": WHOLE_DISC, "motor": MOTOR, "generator": GENERATOR}
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """Everything that makes a recording.
+
+    Attributes
+    ----------
+    machine : Machine
+    reference : Reference
+        Times in s to i_d and i_q in A.
+    speed_rpm : Speed
+        Mechanical speed in rpm, or a shaft.
+    duration : float
+        s.
+    drive : Drive
+    seed : int
+        Seed of the measurement noise.
+    """
+
+    machine: Machine
+    reference: Reference
+    speed_rpm: Speed
+    duration: float
+    drive: Drive
+    seed: int
+
+    def record(self) -> Recording:
+        """Return the recording and the truth behind it; see `penode.pmsm.bench.run.record`."""
+        return record(
+            self.machine,
+            self.reference,
+            speed_rpm=self.speed_rpm,
+            duration=self.duration,
+            drive=self.drive,
+            seed=self.seed,
+        )
+
+
+def shipped_configs() -> dict[str, Path]:
+    """Return the configurations that come with the package, by name."""
+    folder = Path(str(resources.files("penode.pmsm.bench"))) / "configs"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load_config(source: str | Path) -> Simulation:
+    """Read a simulation from a TOML file, or a shipped one by its name.
+
+    Parameters
+    ----------
+    source : str or Path
+        A path ending in ``.toml``, or a name from `shipped_configs`.
+
+    Raises
+    ------
+    InputError
+        If there is no such file or name, or an entry is missing, unknown or of the wrong kind;
+        the message names the file and the entry.
+    """
+    path = shipped_configs().get(str(source), Path(source))
+    if not path.is_file():
+        raise InputError(
+            f"{source}: no such file; give a .toml file or one of {', '.join(shipped_configs())}."
+        )
+    try:
+        table = tomllib.loads(path.read_text())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
+    entries = {
+        "machine": _read_machine(path, table.pop("machine", None)),
+        "drive": _read(Drive, table.pop("drive", {}), f"{path}: drive"),
+        "seed": table.pop("seed", 0),
+    }
+    return Simulation(**entries, **_arguments(_Rest, table, str(path)))
+
+
+class _Rest:
+    """Entries at the top of the file that need no special reading."""
+
+    def __init__(self, reference: Reference, speed_rpm: Speed, duration: float) -> None: ...
+
+
+def _read_machine(path: Path, entry: Any) -> Machine:
+    if isinstance(entry, str):
+        return machine(entry)
+    if not isinstance(entry, dict) or "map" not in entry:
+        raise InputError(f"{path}: machine = {entry!r} came; give a name, or a table with map.")
+    given = {**entry, "map": path.parent / entry["map"]}
+    where = f"{path}: machine"
+    source = given.pop("map")
+    return import_machine(source, **_arguments(import_machine, given, where, known=1)).machine
+
+
+def _read(kind: Any, entry: Any, where: str) -> Any:
+    """Return an entry as the kind it is to be: a type, a record, or one of several records."""
+    if entry == {} and kind in KINDS:
+        raise InputError(f"{where}: empty; name a kind: {', '.join(KINDS[kind])}.")
+    if kind is Domain and isinstance(entry, str) and entry in _DOMAINS:
+        return _DOMAINS[entry]
+    if isinstance(entry, dict):
+        return _read_record(kind, entry, where)
+    if kind in KINDS and kind is not Speed:
+        raise InputError(f"{where} = {entry!r} came; give a table with a kind.")
+    return _plain(kind, entry, where)
+
+
+def _read_record(kind: Any, entry: dict[str, Any], where: str) -> Any:
+    choices = KINDS.get(kind)
+    if choices is None:
+        return kind(**_arguments(kind, entry, where))
+    name = entry.get("kind")
+    if name not in choices:
+        raise InputError(f"{where}: kind = {name!r} came; choose one of {', '.join(choices)}.")
+    rest = {key: value for key, value in entry.items() if key != "kind"}
+    return choices[name](**_arguments(choices[name], rest, where))
+
+
+def _arguments(
+    target: Callable[..., Any], entry: Mapping[str, Any], where: str, known: int = 0
+) -> dict[str, Any]:
+    """Return a table's entries as arguments, each read as the kind that the target wants."""
+    wanted = dict(list(inspect.signature(target).parameters.items())[known:])
+    hints = typing.get_type_hints(target.__init__ if inspect.isclass(target) else target)
+    if hasattr(target, "__dataclass_fields__"):
+        hints = typing.get_type_hints(target)
+    unknown = sorted(set(entry) - set(wanted))
+    if unknown:
+        raise InputError(f"{where}: no entry {', '.join(unknown)}; it has {', '.join(wanted)}.")
+    missing = [n for n, p in wanted.items() if p.default is p.empty and n not in entry]
+    if missing:
+        raise InputError(f"{where}: {', '.join(missing)} is missing; add it.")
+    return {n: _read(_sole(hints.get(n)), v, f"{where}.{n}") for n, v in entry.items()}
+
+
+def _sole(hint: Any) -> Any:
+    """Return X for X | None, and any other hint as it is."""
+    if hint in KINDS:
+        return hint
+    if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union:
+        kinds = [part for part in typing.get_args(hint) if part is not type(None)]
+        return kinds[0] if len(kinds) == 1 else hint
+    return hint
+
+
+def _plain(kind: Any, entry: Any, where: str) -> Any:
+    """Return numbers, truth values and nested lists of numbers as they are wanted."""
+    if isinstance(entry, list):
+        return tuple(_plain(float, item, f"{where}[{k}]") for k, item in enumerate(entry))
+    if kind is bool or kind is int:
+        if type(entry) is not kind:
+            raise InputError(f"{where} = {entry!r} came; want {kind.__name__}.")
+        return entry
+    if isinstance(entry, bool) or not isinstance(entry, (int, float)):
+        raise InputError(f"{where} = {entry!r} came; want a number.")
+    return float(entry)

@@ -1,0 +1,36 @@
+"""A flux map as it came: psi on a grid of currents and angles, before anything is fitted to it."""
+
+from dataclasses import dataclass
+
+from penode.arrays import BoolArray, FloatArray
+
+
+@dataclass(frozen=True)
+class FluxTable:
+    """Flux linkage over a grid of currents, straight or polar, and the electrical angle.
+
+    Attributes
+    ----------
+    name : str
+        The file it came from.
+    i_d, i_q : ndarray, shape (row, column)
+        Currents of the grid's points in A, peak value of a phase.
+    theta_el : ndarray, shape (angle,)
+        Electrical angles of the d axis in rad; one angle for a map without angle.
+    psi_d, psi_q : ndarray, shape (row, column, angle)
+        Flux linkages in Vs; NaN where the map has no value.
+    """
+
+    name: str
+    i_d: FloatArray
+    i_q: FloatArray
+    theta_el: FloatArray
+    psi_d: FloatArray
+    psi_q: FloatArray
+
+    @property
+    def known(self) -> BoolArray:
+        """Where psi is given at every angle, shape (row, column)."""
+        psi = self.psi_d + self.psi_q
+        known: BoolArray = (psi == psi).all(axis=2)
+        return known

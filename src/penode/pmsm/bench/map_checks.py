@@ -1,0 +1,154 @@
+"""What a flux map as it came can and cannot be used for: refused, or reported, never repaired."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from penode.arrays import BoolArray, FloatArray
+from penode.errors import InputError
+from penode.pmsm.bench.flux_table import FluxTable
+
+# Share of the points with q current that need a mirror image before symmetry is judged.
+_MIRRORED_SHARE = 0.2
+
+
+@dataclass(frozen=True)
+class MapChecks:
+    """What the checks found in a usable map.
+
+    Attributes
+    ----------
+    reciprocity_residual : float
+        rms of d psi_d/d i_q - d psi_q/d i_d over the cells of the grid and the angles in H.
+    asymmetry : float or None
+        rms difference of the mean map to its mirror image in i_q in Vs; None where less than a
+        fifth of the points have one.
+    covered_share : float
+        Share of the grid's points that have values.
+    i_d_range, i_q_range : tuple of float
+        Smallest and largest covered current in A.
+    """
+
+    reciprocity_residual: float
+    asymmetry: float | None
+    covered_share: float
+    i_d_range: tuple[float, float]
+    i_q_range: tuple[float, float]
+
+
+def check_map(table: FluxTable) -> MapChecks:
+    """Check coverage, invertibility, reciprocity and symmetry.
+
+    Parameters
+    ----------
+    table : FluxTable
+        The map.
+
+    Returns
+    -------
+    MapChecks
+
+    Raises
+    ------
+    InputError
+        If there is a hole inside the covered region, or a cell in which the differential
+        inductance is not positive definite; the message says where.
+    """
+    known = table.known
+    _refuse_holes(table, known)
+    inductance, cells = cell_inductance(table)
+    _refuse_singular(table, inductance, cells)
+    residual = (inductance[..., 0, 1] - inductance[..., 1, 0])[cells]
+    return MapChecks(
+        reciprocity_residual=float(np.sqrt(np.mean(residual**2))),
+        asymmetry=_asymmetry(table, known),
+        covered_share=float(known.mean()),
+        i_d_range=(float(table.i_d[known].min()), float(table.i_d[known].max())),
+        i_q_range=(float(table.i_q[known].min()), float(table.i_q[known].max())),
+    )
+
+
+def cell_inductance(table: FluxTable) -> tuple[FloatArray, BoolArray]:
+    """Return the mean differential inductance of each cell of the grid.
+
+    Parameters
+    ----------
+    table : FluxTable
+        The map.
+
+    Returns
+    -------
+    inductance : ndarray, shape (row - 1, column - 1, angle, 2, 2)
+        L in H; row psi, column current. NaN in cells without values.
+    cells : ndarray of bool, shape (row - 1, column - 1)
+        Cells that have four known corners and an area.
+    """
+    current = np.stack([table.i_d, table.i_q], axis=-1)[:, :, None, :]
+    flux = np.stack([table.psi_d, table.psi_q], axis=-1)
+    by_current, by_flux = _cell_slopes(current), _cell_slopes(flux)
+    area = np.abs(np.linalg.det(by_current[:, :, 0]))
+    known = table.known
+    corners = known[1:, 1:] & known[1:, :-1] & known[:-1, 1:] & known[:-1, :-1]
+    cells: BoolArray = corners & (area > 1e-9 * area.max())
+    inductance = np.full(by_flux.shape, np.nan)
+    inductance[cells] = by_flux[cells] @ np.linalg.inv(by_current[cells])
+    return inductance, cells
+
+
+def _cell_slopes(values: FloatArray) -> FloatArray:
+    """Return the slopes along rows and columns in each cell, (row - 1, column - 1, angle, 2, 2)."""
+    down, right = np.diff(values, axis=0), np.diff(values, axis=1)
+    return np.stack([(down[:, 1:] + down[:, :-1]) / 2, (right[1:] + right[:-1]) / 2], axis=-1)
+
+
+def _refuse_holes(table: FluxTable, known: BoolArray) -> None:
+    """Raise if a point without values lies between points with values in its row and column."""
+    if not known.any():
+        raise InputError(f"{table.name}: no point of the map has values at every angle.")
+    between = known == known
+    for axis in (0, 1):
+        before = np.logical_or.accumulate(known, axis=axis)
+        after = np.flip(np.logical_or.accumulate(np.flip(known, axis), axis=axis), axis)
+        between &= before & after
+    holes = between & ~known
+    if holes.any():
+        row, column = np.argwhere(holes)[0]
+        raise InputError(
+            f"{table.name}: {holes.sum()} points inside the covered region have no values, the "
+            f"first at i_d = {table.i_d[row, column]:.4g} A, i_q = {table.i_q[row, column]:.4g} A; "
+            "fill them in at the source, or leave out the rows that hold them."
+        )
+
+
+def _refuse_singular(table: FluxTable, inductance: FloatArray, cells: BoolArray) -> None:
+    """Raise if L is not positive definite in a cell with values."""
+    if not cells.any():
+        raise InputError(
+            f"{table.name}: no cell of the grid has four corners with values and an area; give psi "
+            "on a grid that is ordered by its currents."
+        )
+    determinant = np.linalg.det(inductance[cells])
+    singular = ~((determinant > 0) & (inductance[cells][..., 0, 0] > 0)).all(axis=1)
+    if singular.any():
+        row, column = np.argwhere(cells)[singular][0]
+        raise InputError(
+            f"{table.name}: psi cannot be inverted in {singular.sum()} of {singular.size} cells "
+            f"(det L <= 0 or L_dd <= 0), the first at i_d = {table.i_d[row, column]:.4g} A, "
+            f"i_q = {table.i_q[row, column]:.4g} A; look for a transposed matrix, swapped axes, "
+            "another sign convention or outliers, and mend the map at the source."
+        )
+
+
+def _asymmetry(table: FluxTable, known: BoolArray) -> float | None:
+    """Return the rms of the mean map's difference to its mirror image in i_q in Vs."""
+    points = np.stack([table.i_d[known], table.i_q[known]], axis=1)
+    flux = np.stack([table.psi_d[known].mean(axis=1), table.psi_q[known].mean(axis=1)], axis=1)
+    scale = np.abs(points).max()
+    loaded = np.abs(points[:, 1]) > 1e-6 * scale
+    distance, partner = cKDTree(points).query(points * [1.0, -1.0])
+    paired = loaded & (distance < 1e-6 * scale)
+    if paired.sum() < _MIRRORED_SHARE * loaded.sum():
+        return None
+    mirrored = flux[partner] * [1.0, -1.0]
+    return float(np.sqrt(np.mean((flux - mirrored)[paired] ** 2)))

@@ -1,0 +1,53 @@
+"""Reader of flux maps in MATLAB files up to version 7."""
+
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
+
+from penode.errors import InputError
+
+
+def read(path: Path) -> dict[str, NDArray[Any]]:
+    """Read the numeric variables of a MATLAB file.
+
+    Parameters
+    ----------
+    path : Path
+        File to read.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Variables by name; the numeric fields of a struct are named after the field alone where no
+        variable has that name. Vectors have one axis, as their length says.
+
+    Raises
+    ------
+    InputError
+        If the file is no MATLAB file of version 7 or older.
+    OSError
+        If the file cannot be opened.
+    """
+    with path.open("rb") as file:
+        known = file.read(6) == b"MATLAB"
+    try:
+        if not known:
+            raise ValueError("no MATLAB header")
+        variables = loadmat(path, struct_as_record=False, squeeze_me=True)
+    except NotImplementedError as error:
+        raise InputError(
+            f"{path}: a MATLAB file of version 7.3; save it with '-v7' instead."
+        ) from error
+    except (ValueError, TypeError, IndexError, MatReadError, OSError, zlib.error) as error:
+        raise InputError(f"{path}: not a MATLAB file; save it from MATLAB with '-v7'.") from error
+    arrays: dict[str, NDArray[Any]] = {}
+    for struct in variables.values():
+        fields = getattr(struct, "_fieldnames", [])
+        arrays |= {field: np.asarray(getattr(struct, field)) for field in fields}
+    arrays |= {name: np.asarray(value) for name, value in variables.items() if name[0] != "_"}
+    return {name: values for name, values in arrays.items() if values.dtype.kind in "biufc"}

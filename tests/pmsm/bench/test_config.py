@@ -1,0 +1,89 @@
+"""Simulations as TOML files."""
+
+import pytest
+
+from penode.errors import InputError
+from penode.pmsm.bench.config import KINDS, load_config, shipped_configs
+from penode.pmsm.bench.inverter import StationaryHold
+from penode.pmsm.bench.machines import MACHINES
+from penode.pmsm.bench.references import MOTOR
+
+MINIMAL = """
+machine = "traction_300A"
+speed_rpm = 900.0
+duration = 0.01
+[reference]
+kind = "lissajous"
+amplitude = 100.0
+rate_d = 140.0
+rate_q = 150.0
+"""
+
+
+@pytest.fixture
+def load(tmp_path):
+    def write_and_load(text):
+        path = tmp_path / "case.toml"
+        path.write_text(text)
+        return load_config(path)
+
+    return write_and_load
+
+
+def test_shipped_configurations_are_the_papers():
+    assert set(shipped_configs()) == {"paper_simulation", "paper_testbench", "well_designed"}
+    slow = load_config("paper_simulation")
+    assert (slow.speed_rpm, slow.duration, slow.drive.time_step) == (1500.0, 2.0, 1e-4)
+    assert (slow.reference.rate_d, slow.reference.rate_q) == (14.0, 15.0)
+    rough = load_config("paper_testbench")
+    assert (rough.speed_rpm.rpm, rough.duration) == (1000.0, 6.0)
+    assert rough.reference.rate_d == pytest.approx(49 / 12)
+    assert rough.reference.rate_q == pytest.approx(50 / 12)
+    for part in (rough.drive.current_sensors, rough.drive.resolver, rough.drive.speed_sensor):
+        assert part is not None
+    assert rough.drive.inverter.dead_time is not None
+
+
+def test_nothing_more_than_asked_for_is_set(load):
+    simulation = load(MINIMAL)
+    assert simulation.machine is MACHINES["traction_300A"]
+    assert simulation.drive.inverter.dead_time is None
+    assert simulation.drive.current_sensors is None
+
+
+def test_kinds_nest(load):
+    text = MINIMAL + 'domain = "motor"\n[drive.inverter.hold]\nkind = "stationary"\nadvance = 1.5\n'
+    simulation = load(text)
+    assert simulation.reference.domain == MOTOR
+    assert isinstance(simulation.drive.inverter.hold, StationaryHold)
+    assert simulation.drive.inverter.hold.advance == 1.5
+
+
+def test_the_same_file_records_the_same_run(load):
+    text = MINIMAL.replace("duration", "seed = 5\nduration") + "[drive]\ncurrent_noise = 0.3\n"
+    one, two = load(text).record().experiment, load(text).record().experiment
+    assert one.source.sha256 == two.source.sha256
+    other = load(text.replace("seed = 5", "seed = 6")).record().experiment
+    assert other.source.sha256 != one.source.sha256
+
+
+@pytest.mark.parametrize("choices", KINDS.values(), ids=lambda c: "-".join(c))
+def test_every_kind_can_be_called(choices):
+    assert all(callable(make) for make in choices.values())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("amplitude = 100.0", "amplitude = true", "amplitude"),
+        ("amplitude = 100.0", 'amplitude = "a"', "amplitude"),
+        ("[reference]", "[reference.x]", "reference"),
+        ("speed_rpm = 900.0", "", "speed_rpm is missing"),
+        ('machine = "traction_300A"', "", "machine"),
+        ('machine = "traction_300A"', "machine = { map = 'gone.csv' }", "resistance"),
+        ("duration = 0.01", "duration = 0.01\n[drive]\ndc = 3.0\n", "dc_voltage"),
+    ],
+)
+def test_refusals_name_the_entry(load, old, new, words):
+    with pytest.raises(InputError, match=words):
+        load(MINIMAL.replace(old, new))
