@@ -3,8 +3,11 @@
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+
+from penode.cli.main import main
 
 
 def run_penode(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -14,13 +17,31 @@ def run_penode(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture(scope="session")
-def penode():
+def penode_process():
     return run_penode
+
+
+@pytest.fixture
+def penode(monkeypatch, capsys):
+    """Run ``penode`` with arguments in this process, which spares the imports."""
+
+    def run(*arguments: object) -> SimpleNamespace:
+        monkeypatch.setattr(sys, "argv", ["penode", *map(str, arguments)])
+        capsys.readouterr()
+        status = 0
+        try:
+            main()
+        except SystemExit as end:
+            status = end.code or 0
+        printed = capsys.readouterr()
+        return SimpleNamespace(returncode=status, stdout=printed.out, stderr=printed.err)
+
+    return run
 
 
 @pytest.fixture(scope="session")
 def demo(tmp_path_factory):
-    """The folder ``penode demo`` wrote, and what it printed."""
+    """Return the folder ``penode demo`` wrote, and what it printed."""
     folder = tmp_path_factory.mktemp("demo")
     done = run_penode("demo", "--out", folder)
     assert done.returncode == 0, done.stderr

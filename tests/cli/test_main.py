@@ -138,6 +138,10 @@ def test_unusable_recording_gets_one_sentence_and_leaves_nothing(case, penode, t
     )
 
 
+def test_a_refusal_is_one_line_of_the_process_too(penode_process, tmp_path):
+    assert_refused(penode_process("identify", "gone.csv", "--out", tmp_path / "out"), tmp_path, [])
+
+
 def test_empty_file_and_text_named_parquet_are_refused(penode, tmp_path):
     for name in ("empty.csv", "text.parquet"):
         run = tmp_path / name
