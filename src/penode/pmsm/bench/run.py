@@ -34,7 +34,7 @@ from penode.pmsm.bench.truth import Trace, Truth
 __all__ = ["DEFAULT_DRIVE", "Drive", "Recording", "record", "simulate"]
 
 # Rows that one call of the compiled loop works on: what bounds its memory, whatever the length.
-_CHUNK = 2000
+_CHUNK = 1000
 
 # Share of a run that may lie at the voltage limit before the reference counts as unreachable.
 _SATURATED_SHARE = 0.05
@@ -189,7 +189,8 @@ def _run(rig: Rig, chunks: Iterator[tuple[Row, int]]) -> Sampled:
     """Run the loop through all chunks and return what the samples yield, as NumPy arrays."""
     state, parts = None, []
     with float64():
-        rig = jax.device_put(rig)
+        # A whole number and a fraction in the same place would be two programs.
+        rig = jax.tree.map(lambda x: jnp.asarray(x, dtype=float), rig)
         for rows, count in chunks:
             if state is None:
                 state = rig.start(jax.tree.map(lambda x: x[0], rows.motion))
