@@ -111,7 +111,10 @@ def simulate(
     """
     require_suffix(out)
     began = time.monotonic()
-    recording = load_config(config).record()
+    simulation = load_config(config)
+    for warning in simulation.warnings:
+        _say(f"warning: {warning}")
+    recording = simulation.record()
     story, table = write_recording(recording, out)
     if picture is not None:
         write_atomically(picture, recording_picture(recording))

@@ -1,5 +1,6 @@
 """Simulations as TOML files."""
 
+import numpy as np
 import pytest
 
 from penode.errors import InputError
@@ -42,6 +43,21 @@ def test_shipped_configurations_are_the_papers():
     for part in (rough.drive.current_sensors, rough.drive.resolver, rough.drive.speed_sensor):
         assert part is not None
     assert rough.drive.inverter.dead_time is not None
+
+
+def test_what_is_found_in_an_imported_map_is_told(load, tmp_path):
+    axis = np.linspace(-200.0, 200.0, 21)
+    i_d, i_q = (a.ravel() for a in np.meshgrid(axis, axis, indexing="ij"))
+    text = MINIMAL.replace(
+        '"traction_300A"', "{ map = 'm.csv', resistance = 0.01, pole_pairs = 4 }"
+    )
+    for skew, told in ((0.0, False), (3e-5, True)):  # H: the second map is no gradient
+        psi = (0.05 + 2e-4 * i_d + skew * i_q, 4e-4 * i_q - skew * i_d)
+        table = np.column_stack([i_d, i_q, *psi])
+        header = "i_d,i_q,psi_d,psi_q"
+        np.savetxt(tmp_path / "m.csv", table, delimiter=",", header=header, comments="")
+        simulation = load(text)
+        assert any("recipro" in warning for warning in simulation.warnings) == told
 
 
 def test_nothing_more_than_asked_for_is_set(load):

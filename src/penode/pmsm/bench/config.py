@@ -64,6 +64,8 @@ class Simulation:
     drive : Drive
     seed : int
         Seed of the measurement noise.
+    warnings : tuple of str
+        What was found in an imported map, a sentence each.
     """
 
     machine: Machine
@@ -72,6 +74,7 @@ class Simulation:
     duration: float
     drive: Drive
     seed: int
+    warnings: tuple[str, ...] = ()
 
     def record(self) -> Recording:
         """Return the recording and the truth behind it; see `penode.pmsm.bench.run.record`."""
@@ -114,8 +117,10 @@ def load_config(source: str | Path) -> Simulation:
         table = tomllib.loads(path.read_text())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
+    built, warnings = _read_machine(path, table.pop("machine", None))
     entries = {
-        "machine": _read_machine(path, table.pop("machine", None)),
+        "machine": built,
+        "warnings": warnings,
         "drive": _read(Drive, table.pop("drive", {}), f"{path}: drive"),
         "seed": table.pop("seed", 0),
     }
@@ -128,15 +133,16 @@ class _Rest:
     def __init__(self, reference: Reference, speed_rpm: Speed, duration: float) -> None: ...
 
 
-def _read_machine(path: Path, entry: Any) -> Machine:
+def _read_machine(path: Path, entry: Any) -> tuple[Machine, tuple[str, ...]]:
     if isinstance(entry, str):
-        return machine(entry)
+        return machine(entry), ()
     if not isinstance(entry, dict) or "map" not in entry:
         raise InputError(f"{path}: machine = {entry!r} came; give a name, or a table with map.")
     given = {**entry, "map": path.parent / entry["map"]}
     where = f"{path}: machine"
     source = given.pop("map")
-    return import_machine(source, **_arguments(import_machine, given, where, known=1)).machine
+    imported = import_machine(source, **_arguments(import_machine, given, where, known=1))
+    return imported.machine, imported.findings.warnings
 
 
 def _read(kind: Any, entry: Any, where: str) -> Any:
