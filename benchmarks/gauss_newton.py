@@ -31,10 +31,13 @@ def stored_jacobian(objective: Objective, windows, states, inputs) -> Callable:
         model = objective.layout.model(objective.layout.values(raw)[:, None])
 
         def step(x, k):
-            x = objective.predictor.step(model, x, inputs[:, windows.starts + k])
-            return x, states[:, windows.starts + k + 1] - x
+            at = windows.starts + k
+            x = objective.predictor.step(model, x, lambda offset: inputs[:, at + offset])
+            return x, states[:, at + 1] - x[0]
 
-        return jax.lax.scan(step, states[:, windows.starts], np.arange(windows.horizon))[1].ravel()
+        return jax.lax.scan(step, states[None][:, :, windows.starts], np.arange(windows.horizon))[
+            1
+        ].ravel()
 
     def normal(raw):
         jacobian = jax.jacfwd(residuals)(raw)

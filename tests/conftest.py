@@ -22,6 +22,7 @@ from penode.models.networks import ConvexGradient, TanhLayers
 from penode.models.parameters import Layout, Positive, with_batch_axis
 from penode.pmsm.flux_maps import FluxMap
 from penode.pmsm.model import Machine
+from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER, RK4
 from penode.training.covariance import Reported
 from penode.training.plan import Problem
@@ -340,7 +341,7 @@ def objective_of():
         key = (type(system.model), solver, jax.tree.structure(system.model))
         if key not in known:
             tableau = {"euler": EULER, "rk4": RK4}[solver]
-            predictor = Predictor(system.time_step, tableau)
+            predictor = Predictor(system.time_step, RungeKutta(tableau))
             known[key] = Objective(predictor, system.model, system.scale)
         return known[key]
 

@@ -27,6 +27,9 @@ from penode import (
 )
 from penode.arrays import Leaf
 from penode.models.parameters import Layout
+from penode.predictors.multistep import AdamsBashforth
+from penode.predictors.one_step import RungeKutta
+from penode.predictors.tableaus import AB3, EULER, RK4
 from penode.training.second_order import LevenbergMarquardt
 from penode.validation.free_run import compare
 
@@ -179,6 +182,19 @@ def test_a_state_that_never_moves_is_told(systems):
 def test_a_plan_without_stages_is_refused():
     with pytest.raises(InputError, match="stage"):
         Plan(())
+
+
+@pytest.mark.parametrize("solver", [RungeKutta(EULER), AdamsBashforth(AB3)], ids=["euler", "ab3"])
+def test_the_plans_solver_is_the_one_used(systems, solver):
+    system = systems["duffing"]
+    run = system.experiments[0]
+    plan = Plan((Stage(1, LevenbergMarquardt()),), solver=solver)
+    fit = identify(system.model, [run], plan=plan)
+    same = compare(Predictor(run.time_step, solver), fit.model, run, "train")
+    other = compare(Predictor(run.time_step, RungeKutta(RK4)), fit.model, run, "train")
+    np.testing.assert_array_equal(fit.comparisons[0].one_step, same.one_step)
+    assert np.abs(other.one_step - same.one_step).max() > 1e-6
+    assert solver.table.name in fit.provenance["solver"]
 
 
 def test_a_model_without_inputs_can_be_stacked():

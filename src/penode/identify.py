@@ -67,27 +67,34 @@ def identify(
         too short, or the predictions diverge at the first horizon.
     """
     began = time.monotonic()
+    if not experiments:
+        raise InputError("no recording came; give at least one.")
     start = start if isinstance(start, Start) else Start(start)
-    ascent = _prepare(start.model, experiments, observer)
+    plan = plan or fitting_plan(ladder_plan(), experiments)
+    ascent = _prepare(start.model, experiments, plan, observer)
     for unseen in validation:
         require_predictable(ascent.objective.predictor, start.model, unseen)
-    plan = plan or fitting_plan(ladder_plan(), experiments)
     rungs = ascent.climb(plan, ascent.objective.layout.raw(start.model))
     choice = selector.select(rungs)
     wall_time = time.monotonic() - began
-    provenance = {"training_time_s": wall_time, "placement": str(plan.placement)}
+    provenance = {
+        "training_time_s": wall_time,
+        "placement": str(plan.placement),
+        "solver": str(plan.solver),
+    }
     return Account(ascent, start, plan, rungs, choice).fit(validation, provenance)
 
 
-def _prepare(model: Model, experiments: Sequence[Experiment], observer: Observer) -> Ascent:
-    if not experiments:
-        raise InputError("no recording came; give at least one.")
+def _prepare(
+    model: Model, experiments: Sequence[Experiment], plan: Plan, observer: Observer
+) -> Ascent:
     for experiment in experiments:
         if len(experiment) > 1:
             check_excitation(experiment, model.states)
     visited = np.concatenate([e.stack(model.states) for e in experiments])
     one_unit = len(set(model.state_units)) == 1
     scale = np.ones(visited.shape[1]) if one_unit else np.maximum(visited.std(axis=0), 1e-300)
-    objective = Objective(Predictor(experiments[0].time_step), model, scale)
+    predictor = Predictor(experiments[0].time_step, plan.solver, plan.hold)
+    objective = Objective(predictor, model, scale)
     reported = Reported(objective.layout, thin(visited, most=100))
     return Ascent(objective, reported, model, experiments, observer)

@@ -1,43 +1,78 @@
-"""Every method converges at the order its table claims."""
+"""Every solver converges at the order it claims, fed by exact history where it needs one."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from penode.predictors import tableaus
-from penode.predictors.one_step import runge_kutta_step
+from penode import Experiment, Model, physical
+from penode.predictors.base import Predictor
+from penode.predictors.holds import FirstOrder
+from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
+from penode.predictors.multistep import AdamsBashforth
+from penode.predictors.one_step import RungeKutta, Substeps
+from penode.predictors.tableaus import ADAMS_BASHFORTH, RK3, RUNGE_KUTTA
+from penode.validation.free_run import compare
 
-#: All methods that ship, and one that a user might add.
-METHODS = [t for t in vars(tableaus).values() if isinstance(t, tableaus.ButcherTableau)]
-METHODS.append(
-    tableaus.ButcherTableau(
-        "kutta 3/8", 4, ((1 / 3,), (-1 / 3, 1.0), (1.0, -1.0, 1.0)), (1 / 8, 3 / 8, 3 / 8, 1 / 8)
-    )
-)
-#: Steps over the span: fine enough for the leading term, coarse enough to stay above rounding.
-STEPS = {1: (4000, 8000), 2: (200, 400), 4: (100, 200)}
+SOLVERS = {
+    **{table.name: RungeKutta(table) for table in RUNGE_KUTTA},
+    **{table.name: AdamsBashforth(table) for table in ADAMS_BASHFORTH},
+    "implicit midpoint": ImplicitMidpoint(),
+    "trapezoidal": Trapezoidal(),
+    "rk3 in 3 sub-steps": Substeps(RungeKutta(RK3), 3),
+}
+#: Steps over 2 s: fine enough for the leading term, coarse enough to stay above rounding.
+STEPS = {1: (2000, 4000), 2: (160, 320), 3: (160, 320), 4: (120, 240), 5: (160, 320)}
+START = (0.2, 0.1)
+COARSE = {"dopri5": (60, 120)}
 
 
-def pendulum(x):
-    """Driven, damped, at large swing: nonlinear in both states."""
-    return np.stack([x[1], 0.4 - 0.3 * x[1] * np.abs(x[1] + 3.0) - np.sin(x[0])])
+class Pendulum(Model):
+    """Driven and damped: nonlinear in both states."""
+
+    states = ("angle", "rate")
+    inputs = ("push",)
+    state_units = ("rad", "rad/s")
+
+    gravity: object = physical("1/s2")
+
+    def derivative(self, x, u):
+        return jnp.stack([x[1], u[0] - self.gravity * jnp.sin(x[0]) - 0.2 * x[1] ** 3])
 
 
-def test_all_shipped_methods_are_measured():
-    assert {"euler", "rk4"} <= {method.name for method in METHODS}
+def exact(push, steps):
+    """Return the recording of steps + 1 samples over 2 s by an adaptive method."""
+
+    def slope(t, x):
+        return [x[1], push(t) - 2.0 * np.sin(x[0]) - 0.2 * x[1] ** 3]
+
+    time = np.linspace(0, 2, steps + 1)
+    path = solve_ivp(
+        slope, (0, 2), list(START), t_eval=time, method="DOP853", rtol=1e-13, atol=1e-14
+    ).y
+    channels = {"angle": path[0], "rate": path[1], "push": push(time) + 0 * time}
+    return Experiment("pendulum", 2 / steps, channels)
 
 
-@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
-def test_order_of_convergence(method):
-    span, start = 3.0, np.array([2.0, -0.5])
-    exact = solve_ivp(
-        lambda t, x: pendulum(x), (0, span), start, method="DOP853", rtol=1e-13, atol=1e-14
-    ).y[:, -1]
-    errors = []
-    for steps in STEPS[method.order]:
-        x = start
-        for _ in range(steps):
-            x = runge_kutta_step(method, pendulum, x, span / steps)
-        errors.append(np.linalg.norm(x - exact))
-    assert errors[1] > 1e-12
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(method.order, abs=0.1)
+def error(solver, run, **options):
+    found = compare(Predictor(run.time_step, solver, **options), Pendulum(2.0), run, "train")
+    return np.abs(found.free_run - found.measured)[-1].max()
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_order_of_convergence(name):
+    solver = SOLVERS[name]
+    steps = COARSE.get(name, STEPS[solver.order])
+    errors = [error(solver, exact(lambda t: 0.3, n)) for n in steps]
+    assert errors[1] > 2e-13
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(solver.order, abs=0.1)
+
+
+def test_a_first_order_hold_follows_a_ramp_that_a_zero_order_hold_cannot():
+    """On an input that is straight between samples RK4 keeps its order with the second."""
+    runs = [exact(lambda t: 0.3 + 0.5 * t, steps) for steps in (100, 200)]
+    held = [error(RungeKutta(RUNGE_KUTTA[5]), run) for run in runs]
+    straight = [error(RungeKutta(RUNGE_KUTTA[5]), run, hold=FirstOrder()) for run in runs]
+    assert np.log2(held[0] / held[1]) == pytest.approx(1.0, abs=0.1)
+    assert np.log2(straight[0] / straight[1]) == pytest.approx(4.0, abs=0.1)
+    assert straight[1] < 1e-5 * held[1]

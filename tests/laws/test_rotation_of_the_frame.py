@@ -29,7 +29,8 @@ def test_predictions_turn_with_the_frame(systems, rng, angle):
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     currents, voltages = rng.uniform(-80, 80, (2, 2, 40))
     speed = rng.uniform(-300, 300, (1, 40))
-    step = jax.jit(Predictor(1e-3).step)
+    predictor = Predictor(1e-3)
+    step = jax.jit(lambda model, x, u: predictor.step(model, x[None], lambda offset: u)[0])
     with float64():
         plain = np.asarray(step(with_batch_axis(model), currents, np.vstack([voltages, speed])))
         seen = step(

@@ -28,15 +28,16 @@ def by_rollout(case, horizon):
     system, start, inputs = case
     predictor, model = Predictor(system.time_step), with_batch_axis(system.model)
 
-    def step(k, x):
-        return predictor.step(model, x, jnp.asarray(inputs)[:, k]), x[0]
+    def step(k, history):
+        drive = lambda offset: jnp.asarray(inputs)[:, k + offset]  # noqa: E731
+        return predictor.step(model, history, drive), history[0, 0]
 
-    def visit(k, x, extra, carry):
+    def visit(k, history, extra, carry):
         path, before, count = carry
-        return path.at[k].set(x), before.at[k].set(extra), count + 1
+        return path.at[k].set(history[0]), before.at[k].set(extra), count + 1
 
     blank = (jnp.zeros((STEPS, 2, 9)), jnp.zeros((STEPS, 9)), jnp.zeros(()))
-    return rollout(step, jnp.asarray(start), horizon, visit, blank)
+    return rollout(step, jnp.asarray(start)[None], horizon, visit, blank)
 
 
 def by_loop(case):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from penode import Predictor
+from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
 from penode.training.residuals import CHUNK, GaussNewtonTerms, Objective
 
@@ -60,7 +61,7 @@ def test_whole_chunks_and_a_single_window(systems, objective_of):
 def test_scale_divides_the_residuals(systems):
     system, scale = systems["linear machine"], np.array([0.1, 5.0])
     windows = system.windows(3)
-    objective = Objective(Predictor(system.time_step, EULER), system.model, scale)
+    objective = Objective(Predictor(system.time_step, RungeKutta(EULER)), system.model, scale)
     residual, _ = system.sensitivities("euler", system.raw, windows)
     found = objective.gauss_newton(system.raw, windows)
     assert found.loss == pytest.approx(np.mean((residual / scale[:, None]) ** 2), rel=1e-12)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from penode import Experiment, InputError, Predictor
+from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
 from penode.validation.free_run import Comparison, compare, free_run_rmse
 
@@ -35,7 +36,7 @@ def test_predictions_are_those_of_the_numpy_twin(systems, name):
 def test_the_solver_is_the_predictors(systems):
     system = systems["duffing"]
     run = system.experiments[1]
-    found = compare(Predictor(system.time_step, EULER), system.model, run, "train")
+    found = compare(Predictor(system.time_step, RungeKutta(EULER)), system.model, run, "train")
     measured, inputs = run.stack(system.model.states), run.stack(system.model.inputs)
     ahead = system.step("euler", system.raw[:, None], measured[:-1].T, inputs[:-1].T).T
     np.testing.assert_allclose(found.one_step[1:], ahead, rtol=0, atol=1e-12)

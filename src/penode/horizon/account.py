@@ -98,7 +98,7 @@ class Account:
         agreeing = [self.rungs[k] for k in self.choice.agreeing]
         values = np.stack([rung.values[: len(self.names)] for rung in agreeing])
         deviation = np.stack([rung.deviation[: len(self.names)] for rung in agreeing])
-        weights = np.maximum(deviation, 1e-300) ** -2.0
+        weights = np.maximum(deviation, 1e-100) ** -2.0
         if not weights.any():
             return np.asarray(values.std(axis=0))
         middle = np.average(values, axis=0, weights=weights)

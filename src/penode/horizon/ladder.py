@@ -1,7 +1,7 @@
 """Ladder: the same fit at growing horizons, each warm-started by the one before."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,7 +54,7 @@ def fitting_plan(plan: Plan, experiments: Sequence[Experiment]) -> Plan:
     """Drop stages whose horizon leaves fewer than 20 windows in the shortest recording."""
     longest = min(len(e) for e in experiments) // 20
     stages = tuple(stage for stage in plan.stages if stage.horizon <= max(longest, 1))
-    return Plan(stages, plan.placement)
+    return replace(plan, stages=stages)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +127,7 @@ class Ascent:
             self.model.states,
             self.model.inputs,
             stage.horizon,
+            past=self.objective.predictor.past,
             placement=plan.placement,
         )
         moving = self.objective.layout.members(stage.groups)

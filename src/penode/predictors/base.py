@@ -2,42 +2,61 @@
 
 from dataclasses import dataclass
 
+import jax.numpy as jnp
+
 from penode.arrays import JaxArray
 from penode.models.base import Model
-from penode.predictors.one_step import runge_kutta_step
-from penode.predictors.tableaus import RK4, ButcherTableau
+from penode.predictors.field import Field
+from penode.predictors.holds import Drive, Hold, ZeroOrder
+from penode.predictors.one_step import RungeKutta
+from penode.predictors.solver import Solver
+from penode.predictors.tableaus import RK4
+
+DEFAULT_SOLVER: Solver = RungeKutta(RK4)
+DEFAULT_HOLD: Hold = ZeroOrder()
 
 
 @dataclass(frozen=True)
 class Predictor:
-    """How a model's next sample is computed: x_(k+1) = g(x_k, u_k, theta).
+    """How a model's next sample is computed: x_(k+1) = g(x_k, ..., u_(k+1), u_k, ..., theta).
 
     Attributes
     ----------
     time_step : float
-        Sampling interval in s; u[k] is held from t_k to t_(k+1).
-    solver : ButcherTableau
-        Explicit method, one step a sample.
+        Sampling interval in s.
+    solver : Solver
+        A Runge-Kutta method, sub-steps of one, a multistep or an implicit method.
+    hold : Hold
+        The input between samples; u[k] is held from t_k to t_(k+1) by default.
     """
 
     time_step: float
-    solver: ButcherTableau = RK4
+    solver: Solver = DEFAULT_SOLVER
+    hold: Hold = DEFAULT_HOLD
 
-    def step(self, model: Model, x: JaxArray, u: JaxArray) -> JaxArray:
-        """Predict the next sample.
+    @property
+    def past(self) -> int:
+        """Measured samples a prediction starts from, the present one included."""
+        return self.solver.past
+
+    def step(self, model: Model, history: JaxArray, drive: Drive) -> JaxArray:
+        """Predict the next sample and put it in front of the history.
 
         Parameters
         ----------
         model : Model
             Parameters carry a trailing batch axis (1 or batch).
-        x : array, shape (state, batch)
-            State at t_k.
-        u : array, shape (input, batch)
-            Input held from t_k to t_(k+1).
+        history : array, shape (past, state, batch)
+            State at t_k first, then at t_(k-1) and before.
+        drive : callable
+            Input (input, batch) by offset from sample k.
 
         Returns
         -------
-        array, shape (state, batch)
-            Predicted state at t_(k+1) (paper, eq. for the explicit single-step predictor).
+        array, shape (past, state, batch)
+            Predicted state at t_(k+1) first (paper, eqs. for the explicit single-step, the
+            multistep and the implicit predictor).
         """
-        return runge_kutta_step(self.solver, lambda z: model.derivative(z, u), x, self.time_step)
+        field = Field(model, drive, self.hold, self.time_step)
+        ahead = self.solver.advance(field, history)[None]
+        return ahead if self.past == 1 else jnp.concatenate([ahead, history[:-1]])

@@ -1,41 +1,87 @@
-"""One explicit Runge-Kutta step with the input held over the sample."""
+"""One-step solvers: explicit Runge-Kutta tables, and sub-steps of any of them."""
 
-from collections.abc import Callable
+from dataclasses import dataclass
 
 from penode.arrays import JaxArray
+from penode.predictors.field import Field
+from penode.predictors.solver import Solver
 from penode.predictors.tableaus import ButcherTableau
 
 
-def runge_kutta_step(
-    tableau: ButcherTableau,
-    derivative: Callable[[JaxArray], JaxArray],
-    x: JaxArray,
-    time_step: float,
-) -> JaxArray:
-    """Advance x' = derivative(x) by one step.
+@dataclass(frozen=True)
+class RungeKutta:
+    """An explicit Runge-Kutta method, one step a sample.
 
-    Parameters
+    Attributes
     ----------
-    tableau : ButcherTableau
-        The method.
-    derivative : callable
-        Maps a state (state, batch) to its derivative; the input is held inside it.
-    x : array, shape (state, batch)
-        State at the start of the step.
-    time_step : float
-        s.
-
-    Returns
-    -------
-    array, shape (state, batch)
-        State at the end of the step.
+    table : ButcherTableau
     """
-    slopes = [derivative(x)]
-    for row in tableau.a:
-        slopes.append(derivative(x + time_step * _weighted(row, slopes)))
-    return x + time_step * _weighted(tableau.b, slopes)
+
+    table: ButcherTableau
+
+    @property
+    def order(self) -> int:
+        """Order of convergence."""
+        return self.table.order
+
+    @property
+    def past(self) -> int:
+        """Measured samples a prediction starts from."""
+        return 1
+
+    def advance(self, field: Field, history: JaxArray) -> JaxArray:
+        """Return the next state (state, batch) from history (1, state, batch)."""
+        x = history[0]
+        slopes = [field(x)]
+        for row, node in zip(self.table.a, self.table.nodes[1:], strict=True):
+            slopes.append(field(x + field.width * weighted(row, slopes), share=node))
+        return x + field.width * weighted(self.table.b, slopes)
 
 
-def _weighted(weights: tuple[float, ...], slopes: list[JaxArray]) -> JaxArray:
+def weighted(weights: tuple[float, ...], slopes: list[JaxArray]) -> JaxArray:
+    """Return the weighted sum of slopes, leaving out those of weight zero."""
     terms = [w * k for w, k in zip(weights, slopes, strict=True) if w != 0.0]
     return sum(terms[1:], terms[0])
+
+
+@dataclass(frozen=True)
+class Substeps:
+    """Several equal steps of a one-step solver in each sample.
+
+    Attributes
+    ----------
+    solver : Solver
+        With `past` = 1.
+    count : int
+        Steps a sample.
+
+    Raises
+    ------
+    ValueError
+        If the solver needs more than one past sample, or count is below 1.
+    """
+
+    solver: Solver
+    count: int
+
+    def __post_init__(self) -> None:
+        if self.solver.past != 1:
+            raise ValueError(f"{self.solver} uses past samples; sub-steps need a one-step solver.")
+        if self.count < 1:
+            raise ValueError(f"{self.count} sub-steps came; want at least 1.")
+
+    @property
+    def order(self) -> int:
+        """Order of convergence."""
+        return self.solver.order
+
+    @property
+    def past(self) -> int:
+        """Measured samples a prediction starts from."""
+        return 1
+
+    def advance(self, field: Field, history: JaxArray) -> JaxArray:
+        """Return the next state (state, batch) from history (1, state, batch)."""
+        for number in range(self.count):
+            history = self.solver.advance(field.split(number, self.count), history)[None]
+        return history[0]

@@ -22,15 +22,17 @@ def rollout(
     Parameters
     ----------
     step : callable
-        ``step(k, x) -> (x_next, extra)``: one prediction from sample k of the window, and anything
-        the visitor wants to know of it, such as its linearisation.
-    start : array, shape (state, batch)
-        Measured states at the windows' starts.
+        ``step(k, history) -> (history, extra)``: one prediction from sample k of the window, put in
+        front of the history, and anything the visitor wants to know of it, such as its
+        linearisation.
+    start : array, shape (past, state, batch)
+        Measured states at the windows' starts and before.
     horizon : int or scalar array
         Number of steps H. A Python int gives a loop that reverse mode can differentiate; an array
         gives one program for every H (forward sensitivities need no reverse pass).
     visit : callable
-        ``visit(k, x_next, extra, carry) -> carry``: receives each prediction, for k = 0 .. H - 1.
+        ``visit(k, history, extra, carry) -> carry``: receives each prediction, history[0], for
+        k = 0 .. H - 1.
     carry : pytree
         What the visitor accumulates.
 
@@ -41,8 +43,8 @@ def rollout(
     """
 
     def body(k: JaxArray, state: tuple[JaxArray, Carry]) -> tuple[JaxArray, Carry]:
-        x_next, extra = step(k, state[0])
-        return x_next, visit(k, x_next, extra, state[1])
+        history, extra = step(k, state[0])
+        return history, visit(k, history, extra, state[1])
 
     result: tuple[JaxArray, Carry] = jax.lax.fori_loop(0, horizon, body, (start, carry))
     return result[1]

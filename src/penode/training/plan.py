@@ -9,6 +9,9 @@ import numpy as np
 from penode.arrays import BoolArray, FloatArray
 from penode.data.windows import DEFAULT_PLACEMENT, Placement, Windows
 from penode.errors import InputError
+from penode.predictors.base import DEFAULT_HOLD, DEFAULT_SOLVER
+from penode.predictors.holds import Hold
+from penode.predictors.solver import Solver
 from penode.training.covariance import Reported
 from penode.training.residuals import GaussNewtonTerms, Objective
 
@@ -116,6 +119,10 @@ class Plan:
     stages : tuple of Stage
     placement : Placement
         Where windows start: jittered by default, `Contiguous` for the paper's mode.
+    solver : Solver
+        Turns the model into a predictor; classic Runge-Kutta by default.
+    hold : Hold
+        The input between samples; constant by default.
 
     Raises
     ------
@@ -125,6 +132,8 @@ class Plan:
 
     stages: tuple[Stage, ...]
     placement: Placement = DEFAULT_PLACEMENT
+    solver: Solver = DEFAULT_SOLVER
+    hold: Hold = DEFAULT_HOLD
 
     def __post_init__(self) -> None:
         if not self.stages:

@@ -13,6 +13,7 @@ from penode.data.windows import Windows
 from penode.models.base import Model
 from penode.models.parameters import Layout
 from penode.predictors.base import Predictor
+from penode.predictors.holds import Drive
 from penode.predictors.rollout import rollout
 
 #: Windows a chunk: the sensitivities of one chunk stay in the first-level cache.
@@ -121,16 +122,17 @@ class Objective:
         model = self.layout.model(self.layout.values(raw)[:, None])
 
         @jax.checkpoint
-        def predict(x: JaxArray, u: JaxArray) -> JaxArray:
-            return self.predictor.step(model, x, u)
+        def predict(k: JaxArray, history: JaxArray) -> JaxArray:
+            return self.predictor.step(model, history, _drive(inputs, starts + k))
 
-        def step(k: JaxArray, x: JaxArray) -> tuple[JaxArray, None]:
-            return predict(x, inputs[:, starts + k]), None
+        def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
+            return predict(k, history), None
 
-        def visit(k: JaxArray, x: JaxArray, _: None, total: JaxArray) -> JaxArray:
-            return total + jnp.sum(self.residual(states[:, starts + k + 1], x) ** 2)
+        def visit(k: JaxArray, history: JaxArray, _: None, total: JaxArray) -> JaxArray:
+            return total + jnp.sum(self.residual(states[:, starts + k + 1], history[0]) ** 2)
 
-        total = rollout(step, states[:, starts], horizon, visit, jnp.zeros((), states.dtype))
+        start = _history(states, starts, self.predictor.past)
+        total = rollout(step, start, horizon, visit, jnp.zeros((), states.dtype))
         return total / (states.shape[0] * starts.shape[0] * horizon)
 
     def _sum_over_chunks(
@@ -176,35 +178,50 @@ class Objective:
         (states, inputs), (starts, used) = recordings, windows
         shared = jnp.broadcast_to(values[:, None], (values.shape[0], CHUNK))
 
-        def predict(own: JaxArray, x: JaxArray, u: JaxArray) -> JaxArray:
-            return self.predictor.step(self.layout.model(own), x, u)
+        def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, Any]:
+            drive = _drive(inputs, starts + k)
 
-        def step(k: JaxArray, x: JaxArray) -> tuple[JaxArray, Any]:
-            u = inputs[:, starts + k]
-            return jax.vjp(lambda own, x: predict(own, x, u), shared, x)
+            def predict(own: JaxArray, history: JaxArray) -> JaxArray:
+                return self.predictor.step(self.layout.model(own), history, drive)
 
-        def visit(k: JaxArray, x: JaxArray, pull: Any, carry: Any) -> Any:
+            return jax.vjp(predict, shared, history)
+
+        def visit(k: JaxArray, history: JaxArray, pull: Any, carry: Any) -> Any:
             sensitivity, scores, normal, squares = carry
-            residual = self.residual(states[:, starts + k + 1], x) * used
-            sensitivity = _advance(sensitivity, pull, x)
-            scaled = sensitivity * (used / jnp.asarray(self.scale)[:, None])[:, None]
+            residual = self.residual(states[:, starts + k + 1], history[0]) * used
+            sensitivity = _advance(sensitivity, pull, history)
+            scaled = sensitivity[0] * (used / jnp.asarray(self.scale)[:, None])[:, None]
             scores = scores + jnp.sum(scaled * residual[:, None], axis=0)
             normal = normal + jnp.einsum("sib,sjb->ij", scaled, scaled)
             return sensitivity, scores, normal, squares + jnp.sum(residual**2)
 
-        blank = jnp.zeros((states.shape[0], *shared.shape), values.dtype)
+        start = _history(states, starts, self.predictor.past)
+        blank = jnp.zeros((*start.shape[:2], *shared.shape), values.dtype)
         carry = (blank, jnp.zeros_like(shared), *sums)
-        _, scores, normal, squares = rollout(step, states[:, starts], horizon, visit, carry)
+        _, scores, normal, squares = rollout(step, start, horizon, visit, carry)
         return scores, normal, squares
 
 
-def _advance(sensitivity: JaxArray, pull: Any, x: JaxArray) -> JaxArray:
-    """S_(k+1) = (dg/dx) S_k + dg/dtheta, a row a state by one vector-Jacobian product each."""
+def _advance(sensitivity: JaxArray, pull: Any, history: JaxArray) -> JaxArray:
+    """Return S_(k+1) = sum_j (dg/dx_(k-j)) S_(k-j) + dg/dtheta in front of the older ones.
+
+    One vector-Jacobian product a state; shapes (past, state, value, batch).
+    """
     rows = []
-    for state in range(x.shape[0]):
-        own, before = pull(jnp.zeros_like(x).at[state].set(1.0))
-        rows.append(own + jnp.sum(before[:, None] * sensitivity, axis=0))
-    return jnp.stack(rows)
+    for state in range(history.shape[1]):
+        own, before = pull(jnp.zeros_like(history).at[0, state].set(1.0))
+        rows.append(own + jnp.sum(before[:, :, None] * sensitivity, axis=(0, 1)))
+    ahead = jnp.stack(rows)[None]
+    return ahead if len(sensitivity) == 1 else jnp.concatenate([ahead, sensitivity[:-1]])
+
+
+def _history(states: JaxArray, at: JaxArray, past: int) -> JaxArray:
+    """Return the measured states (past, state, batch) at and before samples `at`, newest first."""
+    return jnp.stack([states[:, at - j] for j in range(past)])
+
+
+def _drive(inputs: JaxArray, at: JaxArray) -> Drive:
+    return lambda offset: inputs[:, at + offset]
 
 
 def _recordings(windows: Windows) -> tuple[JaxArray, JaxArray]:

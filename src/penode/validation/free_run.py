@@ -102,10 +102,10 @@ def compare(predictor: Predictor, model: Model, experiment: Experiment, role: st
     require_predictable(predictor, model, experiment)
     measured, inputs = experiment.stack(model.states), experiment.stack(model.inputs)
     with float64():
-        batched, drive = with_batch_axis(model), jnp.asarray(inputs[:-1].T)
-        ahead = np.asarray(_one_step(predictor, batched, jnp.asarray(measured[:-1].T), drive)).T
-        free = np.asarray(_free_run(predictor, batched, jnp.asarray(measured[0]), drive)).T
-    first = measured[:1]
+        arguments = (with_batch_axis(model), jnp.asarray(measured.T), jnp.asarray(inputs.T))
+        ahead = np.asarray(_one_step(predictor, *arguments)).T
+        free = np.asarray(_free_run(predictor, *arguments)).T
+    first = measured[: predictor.past]
     return Comparison(
         name=experiment.name,
         role=role,
@@ -130,16 +130,27 @@ def free_run_rmse(predictor: Predictor, model: Model, experiments: Sequence[Expe
 
 @partial(jax.jit, static_argnums=0)
 def _one_step(predictor: Predictor, model: Model, states: JaxArray, inputs: JaxArray) -> JaxArray:
-    return predictor.step(model, states, inputs)
+    """Predict samples past .. N - 1 (state, N - past), each from the measured ones before it."""
+    at = jnp.arange(predictor.past - 1, states.shape[1] - 1)
+    history = jnp.stack([states[:, at - j] for j in range(predictor.past)])
+    return predictor.step(model, history, lambda offset: inputs[:, at + offset])[0]
 
 
 @partial(jax.jit, static_argnums=0)
-def _free_run(predictor: Predictor, model: Model, start: JaxArray, inputs: JaxArray) -> JaxArray:
-    def step(k: JaxArray, x: JaxArray) -> tuple[JaxArray, None]:
-        return predictor.step(model, x, jax.lax.dynamic_slice_in_dim(inputs, k, 1, axis=1)), None
+def _free_run(predictor: Predictor, model: Model, states: JaxArray, inputs: JaxArray) -> JaxArray:
+    """Predict samples past .. N - 1 (state, N - past) from the first `past` measured ones."""
+    last = predictor.past - 1
+    samples = states.shape[1] - predictor.past
 
-    def visit(k: JaxArray, x: JaxArray, _: None, path: JaxArray) -> JaxArray:
-        return jax.lax.dynamic_update_slice_in_dim(path, x, k, axis=1)
+    def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
+        def drive(offset: int) -> JaxArray:
+            return jax.lax.dynamic_slice_in_dim(inputs, k + last + offset, 1, axis=1)
 
-    blank = jnp.zeros((start.shape[0], inputs.shape[1]), start.dtype)
-    return rollout(step, start[:, None], inputs.shape[1], visit, blank)
+        return predictor.step(model, history, drive), None
+
+    def visit(k: JaxArray, history: JaxArray, _: None, path: JaxArray) -> JaxArray:
+        return jax.lax.dynamic_update_slice_in_dim(path, history[0], k, axis=1)
+
+    start = jnp.stack([states[:, last - j, None] for j in range(predictor.past)])
+    blank = jnp.zeros((states.shape[0], samples), states.dtype)
+    return rollout(step, start, samples, visit, blank)
