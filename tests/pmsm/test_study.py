@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -64,6 +65,14 @@ def test_everything_written_reads_back(fit, slow_run, tmp_path):
     again = penode.Fit.load(tmp_path)
     np.testing.assert_array_equal(again.flux_map(50.0, -80.0), fit.flux_map(50.0, -80.0))
     assert again.result() == json.loads(json.dumps(fit.result())) or again.horizon == fit.horizon
+
+
+def test_a_stuck_current_is_warned_of(slow_run):
+    held = slow_run.channels["i_d"].copy()
+    held[3000:3400] = held[3000]
+    run = replace(slow_run, channels={**slow_run.channels, "i_d": held})
+    warnings = identify([run], study=Study(horizon=1)).warnings
+    assert any("i_d" in warning for warning in warnings)
 
 
 @pytest.mark.parametrize("choice", [{"flux_map": "magic"}, {"horizon": 0}])

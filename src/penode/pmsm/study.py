@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from penode.data.experiment import Experiment
+from penode.data.quality import inspect
 from penode.errors import InputError
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HORIZONS, Observer, fitting_plan, ladder_plan
@@ -128,7 +129,9 @@ def identify(
         "electrical_frequency_hz": speed / (2 * np.pi),
     }
     known = {name: fact for name, fact in facts.items() if fact is not None}
-    return replace(fit, provenance={**fit.provenance, **known})
+    found = tuple(f.sentence for e in recordings for f in inspect(e, ("i_d", "i_q", "u_d", "u_q")))
+    provenance = {**fit.provenance, **known}
+    return replace(fit, warnings=(*fit.warnings, *found), provenance=provenance)
 
 
 def _start(recordings: Sequence[Experiment], study: Study) -> Start:

@@ -60,7 +60,8 @@ class Rung:
     parameters, std : mapping of str to float
         Physical parameters and their standard deviations (HAC sandwich), SI units.
     rmse : float
-        Root mean squared k-step-ahead error on the training windows, in the state's unit.
+        Root mean squared k-step-ahead error on the training windows: in the states' unit, or in
+        standard deviations of the channels where units differ.
     free_run_rmse : float or None
         Free-run error on the training recordings, in the state's unit; None where it diverged.
     iterations : int
