@@ -31,5 +31,8 @@ format: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks.run
 
+validate: $(STAMP)
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow
+
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

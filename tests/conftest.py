@@ -18,8 +18,9 @@ from hypothesis import settings
 from penode import Experiment, Fit, Model, Predictor, identify, ladder_plan, parameter, physical
 from penode.arrays import Leaf, float64
 from penode.data.windows import cut
+from penode.models.layout import Layout
 from penode.models.networks import ConvexGradient, TanhLayers
-from penode.models.parameters import Layout, Positive, with_batch_axis
+from penode.models.parameters import Positive, with_batch_axis
 from penode.pmsm.flux_maps import FluxMap
 from penode.pmsm.model import Machine
 from penode.predictors.one_step import RungeKutta

@@ -83,6 +83,7 @@ TARGETS = {
     "make test": ["pytest"],
     "make check": ["ruff format --check", "ruff check", "mypy", "lint-imports"],
     "make bench": ["benchmarks.run"],
+    "make validate": ["-m slow"],
 }
 
 

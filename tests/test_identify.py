@@ -26,7 +26,7 @@ from penode import (
     parameter,
 )
 from penode.arrays import Leaf
-from penode.models.parameters import Layout
+from penode.models.layout import Layout
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import AB3, EULER, RK4

@@ -9,7 +9,7 @@ from penode.horizon.identifiability import Start
 from penode.horizon.ladder import ladder_plan
 from penode.identify import identify
 from penode.models.base import Model
-from penode.models.parameters import parameter, physical
+from penode.models.parameters import nuisance, parameter, physical
 from penode.predictors.base import Predictor
 from penode.training.fit import Fit
 from penode.training.plan import Plan, Stage
@@ -29,6 +29,7 @@ __all__ = [
     "identify",
     "ladder_plan",
     "load",
+    "nuisance",
     "parameter",
     "physical",
     "pmsm",

@@ -18,9 +18,9 @@ from penode.predictors.base import Predictor
 from penode.training.covariance import Reported
 from penode.training.fit import Fit
 from penode.training.plan import Plan
-from penode.training.residuals import Objective
+from penode.training.residuals import Objective, residual_scale
 from penode.validation.coverage import thin
-from penode.validation.free_run import require_predictable
+from penode.validation.free_run import require_predictable, with_unmeasured
 
 
 def nobody(event: Mapping[str, Any]) -> None:
@@ -88,13 +88,13 @@ def identify(
 def _prepare(
     model: Model, experiments: Sequence[Experiment], plan: Plan, observer: Observer
 ) -> Ascent:
+    measured = tuple(name for name in model.states if name not in model.unmeasured)
     for experiment in experiments:
         if len(experiment) > 1:
-            check_excitation(experiment, model.states)
-    visited = np.concatenate([e.stack(model.states) for e in experiments])
-    one_unit = len(set(model.state_units)) == 1
-    scale = np.ones(visited.shape[1]) if one_unit else np.maximum(visited.std(axis=0), 1e-300)
+            check_excitation(experiment, measured)
+    visited = np.concatenate([with_unmeasured(e, model).stack(model.states) for e in experiments])
     predictor = Predictor(experiments[0].time_step, plan.solver, plan.hold)
-    objective = Objective(predictor, model, scale)
+    scale = residual_scale(model, visited, plan.loss)
+    objective = Objective(predictor, model, scale, plan.loss, len(experiments))
     reported = Reported(objective.layout, thin(visited, most=100))
     return Ascent(objective, reported, model, experiments, observer)

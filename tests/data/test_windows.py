@@ -27,7 +27,10 @@ shapes = st.tuples(st.integers(1, 40), st.integers(1, 5)).flatmap(
         st.lists(st.integers(sum(shape), sum(shape) + 200), min_size=1, max_size=4),
     )
 )
-placements = st.one_of(st.just(Contiguous()), st.builds(Jittered, st.integers(0, 2**40)))
+placements = st.one_of(
+    st.just(Contiguous()),
+    st.builds(Jittered, st.integers(0, 2**40), st.one_of(st.none(), st.integers(1, 60))),
+)
 
 
 @settings(max_examples=200, deadline=None)
@@ -151,6 +154,39 @@ def test_jitter_is_uniform_within_its_strata() -> None:
 def test_jitter_reaches_every_admissible_start(admissible: int) -> None:
     reached = {int(s) for seed in range(200) for s in Jittered(seed).starts(3, 2 + admissible, 4)}
     assert reached == set(range(3, 3 + admissible))
+
+
+@pytest.mark.parametrize("stride", [1, 3, 12, 30])
+def test_stride_draws_one_start_in_every_stratum_of_its_length(stride: int) -> None:
+    """103 - 12 = 91 admissible starts after the second sample."""
+    starts = cut_all([103], 12, 2, Jittered(7, stride)).starts
+    np.testing.assert_array_equal((starts - 1) // stride, np.arange(-(-90 // stride)))
+    assert starts[0] >= 1
+    assert starts[-1] <= 90
+
+
+def test_stride_below_the_horizon_makes_windows_overlap() -> None:
+    horizon = 40
+    alone, overlapping = (
+        cut_all([2000], horizon, 1, Jittered(0, stride)).starts for stride in (None, 10)
+    )
+    assert len(alone) == 49
+    assert len(overlapping) == 196
+    assert np.diff(overlapping).max() < 20
+    np.testing.assert_array_equal(alone, cut_all([2000], horizon, 1, Jittered(0, horizon)).starts)
+
+
+def test_stride_keeps_recordings_apart() -> None:
+    windows = cut_all([60, 50], 20, 3, Jittered(0, 5))
+    assert list(np.bincount(windows.recording)) == [8, 6]
+    assert windows.starts[windows.recording == 0].max() < 60 - 20
+    assert windows.starts[windows.recording == 1].min() >= 60 + 2
+
+
+@pytest.mark.parametrize("stride", [0, -4])
+def test_stride_below_one_is_refused(stride: int) -> None:
+    with pytest.raises(InputError, match=f"stride {stride} came where 1 or more was wanted"):
+        Jittered(0, stride)
 
 
 def test_shortest_recording_gives_one_window() -> None:

@@ -111,5 +111,5 @@ def test_provenance_names_versions_and_data(oscillator):
     provenance = oscillator.fit.provenance
     assert set(provenance["versions"]) == {"penode", "jax", "numpy", "scipy"}
     assert set(provenance["data"]) == {"train.csv", "unseen.csv"}
-    assert provenance["placement"] == "Jittered(seed=0)"
+    assert provenance["placement"] == "Jittered(seed=0, stride=None)"
     assert provenance["training_time_s"] > 0

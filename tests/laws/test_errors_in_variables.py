@@ -13,6 +13,7 @@ from penode import Contiguous, Experiment, Model, Predictor, physical
 from penode.arrays import Leaf
 from penode.data.windows import cut
 from penode.training.covariance import Reported
+from penode.training.loss import DEFAULT_LOSS, Loss
 from penode.training.plan import Problem
 from penode.training.residuals import Objective
 from penode.training.second_order import LevenbergMarquardt
@@ -45,18 +46,23 @@ def recordings():
     return [Experiment(f"{sign:+}", STEP, {"x": x + sign * noise, "u": u}) for sign in (1, -1)]
 
 
-@pytest.fixture(scope="module")
-def bias():
-    """Return the error of a at H = 1, 2, 4, 8."""
-    objective = Objective(Predictor(STEP), Lag(1.0, 1.0), np.ones(1))
+def errors(horizons, loss=DEFAULT_LOSS):
+    """Return the error of a by horizon."""
+    objective = Objective(Predictor(STEP), Lag(1.0, 1.0), np.ones(1), loss)
     reported = Reported(objective.layout, np.zeros((1, 1)))
     runs, moving, found = recordings(), np.ones(2, dtype=bool), {}
-    for horizon in (1, 2, 4, 8):
+    for horizon in horizons:
         windows = cut(runs, ("x",), ("u",), horizon, placement=Contiguous())
         problem = Problem(objective, reported, windows, moving)
         solution = LevenbergMarquardt(tolerance=1e-6).minimise(problem, np.ones(2))
         found[horizon] = solution.raw[0] - 1.0
     return found
+
+
+@pytest.fixture(scope="module")
+def bias():
+    """Return the error of a at H = 1, 2, 4, 8."""
+    return errors((1, 2, 4, 8))
 
 
 def test_noise_on_the_start_biases_the_rate(bias):
@@ -70,3 +76,12 @@ def test_noise_on_the_start_biases_the_rate(bias):
 @pytest.mark.parametrize("horizon", [2, 4, 8])
 def test_bias_falls_as_three_over_two_h_plus_one(bias, horizon):
     assert bias[horizon] / bias[1] == pytest.approx(3 / (2 * horizon + 1), rel=0.1)
+
+
+@pytest.mark.parametrize("horizon", [8, 40])
+def test_a_start_that_its_window_estimates_biases_nothing(bias, horizon):
+    """The noise is that of an output then, at every sample alike."""
+    held = bias[1] * 3 / (2 * horizon + 1)
+    found = errors((horizon,), Loss(free_starts={"x": np.inf}))[horizon]
+    assert held > 0.02
+    assert abs(found) < 0.01 * held

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from penode.arrays import float64
+from penode.models.layout import Layout
 from penode.models.networks import ConvexGradient, TanhLayers, dense
-from penode.models.parameters import Layout, with_batch_axis
+from penode.models.parameters import with_batch_axis
 
 
 def layers(network, x):

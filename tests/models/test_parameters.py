@@ -12,12 +12,15 @@ from hypothesis.extra.numpy import arrays
 
 from penode import InputError, Model
 from penode.arrays import float64
+from penode.models.layout import Layout
 from penode.models.parameters import (
+    Bounded,
     Identity,
-    Layout,
+    Normal,
     Positive,
     PositiveDefinite,
     Setting,
+    nuisance,
     parameter,
     physical,
     with_batch_axis,
@@ -33,6 +36,7 @@ def positive_definite(value):
 TRANSFORMS = {
     Identity(): ([(), (3,), (2, 3)], lambda value: np.isfinite(value).all()),
     Positive(): ([(), (3,), (2, 3)], lambda value: (value > 0).all()),
+    Bounded(-2.0, 0.5): ([(), (3,), (2, 3)], lambda value: ((value > -2) & (value < 0.5)).all()),
     PositiveDefinite(): ([(1, 1), (2, 2), (4, 4)], positive_definite),
 }
 CASES = [(t, shape) for t, (shapes, _) in TRANSFORMS.items() for shape in shapes]
@@ -68,6 +72,42 @@ def test_positive_definite_is_the_cholesky_factor_with_logarithmic_diagonal():
     np.testing.assert_allclose(raw, [np.log(2.0), -0.5, np.log(0.1)], rtol=1e-12)
 
 
+def test_bounded_is_a_logistic_function_between_its_bounds():
+    raw = np.array([-1.0, 0.0, 2.0])
+    with float64():
+        found = Bounded(1.0, 5.0).forward(jnp.asarray(raw), (3,))
+    np.testing.assert_allclose(found, 1.0 + 4.0 / (1 + np.exp(-raw)), rtol=1e-14)
+
+
+def test_bounded_is_exact_close_to_its_bounds():
+    value = np.array([1e-12, 1.0 - 1e-9])
+    raw = Bounded(0.0, 1.0).inverse(value)
+    np.testing.assert_allclose(raw, [np.log(1e-12), np.log(1e9)], rtol=1e-7)
+
+
+@pytest.mark.parametrize(("low", "high"), [(1.0, 1.0), (2.0, -1.0), (0.0, np.nan)])
+def test_bounds_that_leave_nothing_are_refused(low, high):
+    with pytest.raises(ValueError, match="want low below high"):
+        Bounded(low, high)
+
+
+class InBounds(Model):
+    states: ClassVar[tuple[str, ...]] = ("x",)
+    inputs: ClassVar[tuple[str, ...]] = ()
+    state_units: ClassVar[tuple[str, ...]] = ("m",)
+
+    share: object = physical("1", Bounded(0.0, 1.0))
+
+    def derivative(self, x, u):
+        return -self.share * x
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0, -0.2, 1.7])
+def test_a_value_out_of_bounds_or_on_them_is_refused(value):
+    with pytest.raises(InputError, match=r"share = .* came; want Bounded values"):
+        Layout(InBounds(value)).raw(InBounds(value))
+
+
 def test_a_parameter_is_copied_as_float64(systems):
     source = np.array(3, dtype=np.float32)
     model = type(systems["linear machine"].model)(L_d=source, L_q=2, R=1, psi=0)
@@ -81,6 +121,39 @@ def test_physical_is_a_scalar_of_the_physical_group():
     setting = physical("ohm", Positive()).metadata["setting"]
     assert setting == Setting("ohm", "physical", True, Positive())
     assert parameter().metadata["setting"] == Setting("", "learned", False, Identity())
+
+
+def test_priors_and_nuisances_are_settings():
+    belief = Normal(0.2, 0.05)
+    setting = physical("ohm", prior=belief).metadata["setting"]
+    assert setting == Setting("ohm", "physical", True, prior=belief)
+    assert parameter(prior=belief).metadata["setting"].prior == belief
+    assert parameter().metadata["setting"].prior is None
+    setting = nuisance("A", Bounded(-1.0, 1.0), belief).metadata["setting"]
+    assert setting == Setting("A", "nuisance", False, Bounded(-1.0, 1.0), belief, True)
+
+
+class Believed(Model):
+    """Priors on a constrained scalar and on a vector, none on what is between them."""
+
+    states: ClassVar[tuple[str, ...]] = ("x",)
+    inputs: ClassVar[tuple[str, ...]] = ()
+    state_units: ClassVar[tuple[str, ...]] = ("m",)
+
+    mass: object = physical("kg", Positive(), Normal(2.0, 0.5))
+    free: object = physical("m")
+    bend: object = parameter(prior=Normal(-1.0, 4.0))
+
+    def derivative(self, x, u):
+        return -x
+
+
+def test_beliefs_are_standardised_distances_in_units_of_the_values():
+    """Of the mass and not of its logarithm."""
+    layout = Layout(Believed(3.0, 7.0, [1.0, -3.0]))
+    with float64():
+        values = layout.values(jnp.asarray(layout.raw(Believed(3.0, 7.0, [1.0, -3.0]))))
+        np.testing.assert_allclose(layout.beliefs(values), [2.0, 0.5, -0.5], rtol=1e-13)
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from penode.arrays import float64
 from penode.data.windows import Windows
-from penode.models.parameters import Layout
+from penode.models.layout import Layout
 from penode.training.covariance import (
     Reported,
     bandwidth_in_windows,

@@ -1,14 +1,19 @@
 """One-step predictions and free runs against a NumPy loop."""
 
 from dataclasses import replace
+from typing import ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from penode import Experiment, InputError, Predictor
+from penode import Experiment, InputError, Model, Predictor, physical
+from penode.arrays import Leaf, float64
+from penode.models.parameters import with_batch_axis
+from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta
-from penode.predictors.tableaus import EULER
-from penode.validation.free_run import Comparison, compare, free_run_rmse
+from penode.predictors.tableaus import AB3, EULER
+from penode.validation.free_run import Comparison, compare, free_run_rmse, look_ahead
 
 
 def predictor_of(system):
@@ -49,7 +54,7 @@ def test_a_free_run_that_diverges_has_an_infinite_error(systems):
     found = compare(predictor_of(system), unstable, run, "train")
     assert found.free_run_rmse == np.inf
     assert np.isfinite(found.one_step_rmse)
-    both = free_run_rmse(predictor_of(system), unstable, [run, run])
+    both = free_run_rmse(predictor_of(system), [unstable, unstable], [run, run])
     assert both == np.inf
 
 
@@ -58,7 +63,7 @@ def test_free_run_error_weighs_recordings_by_their_length(systems):
     runs = system.experiments
     parts = [compare(predictor_of(system), system.model, run, "train") for run in runs]
     errors = np.concatenate([(p.measured - p.free_run)[1:] for p in parts])
-    found = free_run_rmse(predictor_of(system), system.model, runs)
+    found = free_run_rmse(predictor_of(system), [system.model] * len(runs), runs)
     assert found == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-12)
 
 
@@ -74,3 +79,128 @@ def test_errors_leave_the_measured_start_out():
     wrong_start = np.array([[9.0], [2.0], [2.0]])
     found = Comparison("run", "train", 1.0, ("x",), ("m",), zeros, wrong_start, wrong_start)
     assert (found.one_step_rmse, found.free_run_rmse) == (2.0, 2.0)
+
+
+# --- looking k samples ahead ------------------------------------------------------------------
+
+
+def looked_ahead(predictor, system, run, steps):
+    """Return the samples (time, state) from `past` on."""
+    with float64():
+        columns = (run.stack(n).T for n in (system.model.states, system.model.inputs))
+        states, inputs = (jnp.asarray(c) for c in columns)
+        model = with_batch_axis(system.model)
+        return np.asarray(look_ahead(predictor, model, states, inputs, steps)).T
+
+
+@pytest.mark.parametrize("steps", [1, 2, 5, 200])
+def test_looking_ahead_is_the_plain_loop(systems, steps):
+    """From k samples before, or from the first one where there are fewer: then a free run."""
+    system = systems["duffing"]
+    run = system.experiments[1]
+    measured, inputs = run.stack(system.model.states), run.stack(system.model.inputs)
+    expected = []
+    for target in range(1, len(run)):
+        origin = max(target - steps, 0)
+        x = measured[origin]
+        for u in inputs[origin:target]:
+            x = system.step("rk4", system.raw, x, u)
+        expected.append(x)
+    found = looked_ahead(predictor_of(system), system, run, steps)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize(("steps", "which"), [(1, "one_step"), (200, "free_run")])
+def test_one_step_and_free_run_are_its_ends(systems, steps, which):
+    """With a solver that starts from three samples."""
+    system = systems["duffing"]
+    run, predictor = system.experiments[1], Predictor(system.time_step, AdamsBashforth(AB3))
+    expected = getattr(compare(predictor, system.model, run), which)
+    found = looked_ahead(predictor, system, run, steps)
+    assert len(found) == len(run) - 3
+    np.testing.assert_allclose(found, expected[3:], rtol=0, atol=1e-11)
+
+
+# --- an estimated start -----------------------------------------------------------------------
+
+
+class Hidden(Model):
+    """x'' = u - 2 x - 0.4 x', the speed without a sensor."""
+
+    states: ClassVar[tuple[str, ...]] = ("x", "v")
+    inputs: ClassVar[tuple[str, ...]] = ("u",)
+    state_units: ClassVar[tuple[str, ...]] = ("m", "m/s")
+    unmeasured: ClassVar[tuple[str, ...]] = ("v",)
+
+    k: Leaf = physical("1/s2")
+
+    def derivative(self, x, u):
+        return jnp.stack([x[1], u[0] - self.k * x[0] - 0.4 * x[1]])
+
+
+class Seen(Hidden):
+    """The same with a sensor."""
+
+    unmeasured: ClassVar[tuple[str, ...]] = ()
+
+
+STEP, START = 0.1, np.array([0.6, -1.1])
+
+
+def recorded(**wrong):
+    """Record x, v and u of the twin from START; `wrong` is added to the first sample."""
+    u, path = np.sin(0.13 * np.arange(80)), [START]
+    for push in u[:-1]:
+
+        def derivative(z, push=push):
+            return np.array([z[1], push - 2.0 * z[0] - 0.4 * z[1]])
+
+        x = path[-1]
+        k1 = derivative(x)
+        k2 = derivative(x + STEP / 2 * k1)
+        k3 = derivative(x + STEP / 2 * k2)
+        k4 = derivative(x + STEP * k3)
+        path.append(x + STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+    x, v = np.array(path).T
+    channels = {"x": x, "v": v, "u": u}
+    for name, error in wrong.items():
+        channels[name] = channels[name].copy()
+        channels[name][0] += error
+    return Experiment("run.csv", STEP, channels), np.array(path)
+
+
+def without_speed(run):
+    return Experiment(run.name, STEP, {n: c for n, c in run.channels.items() if n != "v"})
+
+
+@pytest.mark.parametrize("free", [("x",), ("v", "x")])
+def test_a_wrong_first_sample_is_estimated_away(free):
+    run, truth = recorded(x=0.3)
+    found = compare(Predictor(STEP), Seen(2.0), run, free=free)
+    np.testing.assert_allclose(found.free_run, truth, rtol=0, atol=1e-8)
+    held = compare(Predictor(STEP), Seen(2.0), run)
+    np.testing.assert_array_equal(held.free_run[0], run.stack(("x", "v"))[0])
+    assert held.free_run_rmse > 0.05
+
+
+def test_an_unmeasured_state_is_estimated_and_not_compared():
+    run, truth = recorded()
+    found = compare(Predictor(STEP), Hidden(2.0), without_speed(run))
+    assert (found.states, found.units) == (("x",), ("m",))
+    np.testing.assert_allclose(found.free_run[:, 0], truth[:, 0], rtol=0, atol=1e-8)
+    np.testing.assert_array_equal(found.measured[:, 0], run.channels["x"])
+
+
+def test_one_step_ahead_of_an_unmeasured_state_without_a_guess_is_unknown():
+    run, truth = recorded()
+    found = compare(Predictor(STEP), Hidden(2.0), without_speed(run))
+    assert np.isnan(found.one_step[1:]).all()
+    assert np.isfinite(found.free_run).all()
+    guessed = compare(Predictor(STEP), Hidden(2.0), run)
+    np.testing.assert_allclose(guessed.one_step[1:, 0], truth[1:, 0], rtol=0, atol=1e-12)
+
+
+def test_the_start_of_a_multistep_solver_is_not_estimated():
+    predictor = Predictor(STEP, AdamsBashforth(AB3))
+    with pytest.raises(InputError, match=r"starts from 3 samples; choose a one-step solver\.$"):
+        compare(predictor, Hidden(2.0), without_speed(recorded()[0]))

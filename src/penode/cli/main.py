@@ -22,6 +22,7 @@ from penode.errors import InputError
 from penode.pmsm.bench.config import load_config
 from penode.pmsm.demo import run_demo
 from penode.pmsm.flux_maps import FLUX_MAPS
+from penode.pmsm.holds import HOLDS
 from penode.pmsm.recording_picture import recording_picture
 from penode.pmsm.report import machine_report
 from penode.pmsm.simulated_files import write_recording
@@ -54,7 +55,7 @@ def main() -> None:
 
 
 @app.command("identify")
-def identify_command(
+def identify_command(  # noqa: PLR0913 (an argument an option)
     runs: Annotated[list[Path], typer.Argument(help="Recordings to train on, CSV or Parquet.")],
     out: Folder,
     validate: Annotated[
@@ -62,6 +63,15 @@ def identify_command(
     ] = None,
     horizon: Annotated[str, typer.Option(help="auto, or the number of steps.")] = "auto",
     flux_map: Annotated[str, typer.Option(help=f"One of {', '.join(FLUX_MAPS)}.")] = "coenergy",
+    inverter: Annotated[
+        bool, typer.Option(help="Identify the inverter's dead-time voltage; needs theta_el.")
+    ] = False,
+    angle_orders: Annotated[
+        str, typer.Option(help="Harmonics of the angle in the map, such as 6,12; needs theta_el.")
+    ] = "",
+    hold: Annotated[
+        str, typer.Option(help=f"Frame in which the voltage is held: {' or '.join(HOLDS)}.")
+    ] = "dq",
     seed: Annotated[int, typer.Option(help="Seed of every random draw.")] = 0,
 ) -> None:
     """Identify resistance and flux-linkage map from recordings of a drive.
@@ -72,7 +82,14 @@ def identify_command(
     Example: penode identify run.csv --validate other.csv --out result
     """
     began = time.monotonic()
-    study = Study(flux_map, _steps(horizon), seed=seed)
+    study = Study(
+        flux_map,
+        _steps(horizon),
+        seed=seed,
+        inverter=inverter,
+        angle_orders=_orders(angle_orders),
+        hold=hold,
+    )
     recordings = [load(run) for run in runs]
     unseen = [load(run) for run in validate or []]
     with watched(out, _errors) as observer:
@@ -154,6 +171,15 @@ def _steps(horizon: str) -> int | None:
     except ValueError as error:
         raise InputError(
             f"--horizon {horizon} came; give auto or a whole number of steps from 1."
+        ) from error
+
+
+def _orders(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(",")) if text else ()
+    except ValueError as error:
+        raise InputError(
+            f"--angle-orders {text} came; give whole numbers with commas between, such as 6,12."
         ) from error
 
 

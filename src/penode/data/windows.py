@@ -37,7 +37,7 @@ class Placement(Protocol):
 
 @dataclass(frozen=True)
 class Jittered:
-    """One start drawn uniformly from each stratum of `horizon` admissible starts.
+    """One start drawn uniformly from each stratum of admissible starts, as long as the horizon.
 
     Regular starts sample a periodic disturbance at few phases, which biases parameters; these
     starts do not. The draw depends on the seed and the place of the recording only, so the same
@@ -47,18 +47,24 @@ class Jittered:
     ----------
     seed : int
         Seed of the draw, not negative.
+    stride : int, optional
+        Length of a stratum; the horizon if not given. A shorter one makes windows overlap, which
+        keeps their number up where the horizon is long and the recording short.
 
     Raises
     ------
     InputError
-        If the seed is negative.
+        If the seed is negative or the stride below 1.
     """
 
     seed: int = 0
+    stride: int | None = None
 
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise InputError(f"seed {self.seed} came where 0 or more was wanted; change the seed.")
+        if self.stride is not None and self.stride < 1:
+            raise InputError(f"stride {self.stride} came where 1 or more was wanted.")
 
     def starts(self, first: int, last: int, horizon: int) -> IntArray:
         """Place one window in each stratum; the last stratum may be shorter than the others.
@@ -68,15 +74,16 @@ class Jittered:
         first, last : int
             First and last admissible start, both included.
         horizon : int
-            Steps predicted from each start, and length of a stratum.
+            Steps predicted from each start.
 
         Returns
         -------
-        ndarray of int64, shape (ceil((last - first + 1) / horizon),)
+        ndarray of int64, shape (ceil((last - first + 1) / stratum),)
             Starts in ascending order.
         """
-        lower = np.arange(first, last + 1, horizon, dtype=np.int64)
-        upper = np.minimum(lower + horizon, last + 1)
+        stratum = self.stride or horizon
+        lower = np.arange(first, last + 1, stratum, dtype=np.int64)
+        upper = np.minimum(lower + stratum, last + 1)
         # `first` counts through all recordings, so it sets each one's draw apart; the horizon sets
         # the rungs of a ladder apart.
         random = np.random.default_rng([self.seed, first, horizon])

@@ -16,7 +16,7 @@ from penode.models.base import Model
 from penode.training.fit import Estimate, Fit, HorizonChoice, Rung, unused
 from penode.training.plan import Plan
 from penode.validation.coverage import thin
-from penode.validation.free_run import Comparison, compare, free_run_rmse
+from penode.validation.free_run import Comparison, compare, free_run_rmse, with_unmeasured
 from penode.validation.residual_tests import residual_spectrum
 
 
@@ -60,10 +60,13 @@ class Account:
             Added to versions and data hashes.
         """
         predictor, experiments = self.ascent.objective.predictor, self.ascent.experiments
-        model = self._model(self.rungs[self.choice.index])
-        roles = [(e, "train") for e in experiments] + [(e, "validation") for e in validation]
-        comparisons = tuple(compare(predictor, model, e, role) for e, role in roles)
-        visited = np.concatenate([e.stack(model.states) for e in experiments])
+        chosen = self.rungs[self.choice.index]
+        model = self._model(chosen)
+        own = [self._model(chosen, k) for k in range(len(experiments))]
+        seen = [compare(predictor, m, e, "train") for m, e in zip(own, experiments, strict=True)]
+        comparisons = (*seen, *(compare(predictor, model, e, "validation") for e in validation))
+        whole = [with_unmeasured(e, model) for e in experiments]
+        visited = np.concatenate([e.stack(model.states) for e in whole])
         return Fit(
             model=model,
             parameters=self._estimates(),
@@ -71,14 +74,20 @@ class Account:
             excited=thin(visited),
             comparisons=comparisons,
             spectrum=residual_spectrum(comparisons[0]),
+            nuisances=self._nuisances(chosen),
             warnings=self._warnings(comparisons),
             provenance={**_environment(experiments, validation), **provenance},
         )
 
-    def _model(self, rung: RungFit) -> Model:
+    def _model(self, rung: RungFit, experiment: int | None = None) -> Model:
         with float64():
-            model: Model = self.ascent.objective.layout.plain_model(rung.solution.raw)
+            layout = self.ascent.objective.layout
+            model: Model = layout.plain_model(rung.solution.raw, experiment)
         return model
+
+    def _nuisances(self, rung: RungFit) -> dict[str, FloatArray]:
+        with float64():
+            return self.ascent.objective.layout.nuisances(rung.solution.raw)
 
     def _estimates(self) -> dict[str, Estimate]:
         layout = self.ascent.objective.layout
@@ -119,9 +128,9 @@ class Account:
         )
 
     def _rung(self, rung: RungFit) -> Rung:
-        free = free_run_rmse(
-            self.ascent.objective.predictor, self._model(rung), self.ascent.experiments
-        )
+        experiments = self.ascent.experiments
+        models = [self._model(rung, k) for k in range(len(experiments))]
+        free = free_run_rmse(self.ascent.objective.predictor, models, experiments)
         return Rung(
             horizon=rung.horizon,
             parameters=dict(zip(self.names, rung.values.tolist(), strict=False)),

@@ -11,10 +11,16 @@ from penode.data.experiment import Experiment
 from penode.data.windows import Jittered, Windows, cut
 from penode.errors import InputError
 from penode.models.base import Model
-from penode.training.covariance import Reported, influence, sandwich_deviation
+from penode.training.covariance import (
+    Reported,
+    hang_on_few_windows,
+    influence,
+    sandwich_deviation,
+)
 from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Solution, Stage
 from penode.training.residuals import Objective
 from penode.training.second_order import LevenbergMarquardt
+from penode.validation.free_run import with_unmeasured
 
 #: Told an event, such as one evaluation or a finished rung, as plain values.
 Observer = Callable[[Mapping[str, Any]], None]
@@ -123,7 +129,7 @@ class Ascent:
 
     def _problem(self, stage: Stage, plan: Plan) -> Problem:
         windows = cut(
-            self.experiments,
+            [with_unmeasured(e, self.model) for e in self.experiments],
             self.model.states,
             self.model.inputs,
             stage.horizon,
@@ -135,7 +141,7 @@ class Ascent:
 
     def _finish(self, stage: Stage, problem: Problem, solution: Solution) -> RungFit:
         jacobian = problem.reported_jacobian(solution.raw)
-        deviation = sandwich_deviation(solution.terms, jacobian, problem.windows)
+        deviation = self._deviation(problem, solution, jacobian)
         values = self.reported.values(solution.raw)
         names = self.objective.layout.physical
         self.observer(
@@ -152,6 +158,16 @@ class Ascent:
         )
         share = influence(solution.terms, jacobian[: len(names)])
         return RungFit(stage.horizon, solution, values, deviation, share, problem.windows)
+
+    def _deviation(self, problem: Problem, solution: Solution, jacobian: FloatArray) -> FloatArray:
+        """Return the deviations of reported quantities, infinite where nothing measures them."""
+        deviation = sandwich_deviation(solution.terms, jacobian, problem.windows)
+        error, physical = self.objective.error, len(self.objective.layout.physical)
+        if problem.windows.horizon * len(error.compared) <= len(error.free):
+            return np.full_like(deviation, np.inf)  # every window spends its data on its own start
+        few = hang_on_few_windows(solution.terms, jacobian[:physical])
+        deviation[:physical][few] = np.inf
+        return deviation
 
     def _progress(
         self, horizon: int, share: tuple[int, int]

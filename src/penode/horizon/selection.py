@@ -110,7 +110,8 @@ def _expected_errors(rungs: Sequence[RungFit]) -> FloatArray:
     physical = len(rungs[0].influence)
     values = np.stack([rung.values for rung in rungs])
     variance = np.maximum(np.stack([rung.deviation for rung in rungs]) ** 2, 1e-300)
-    consensus = np.sum(values / variance, axis=0) / np.sum(1 / variance, axis=0)
+    weights = np.where(np.isfinite(variance).any(axis=0), 1 / variance, 1.0)
+    consensus = np.sum(values * weights, axis=0) / np.sum(weights, axis=0)
     squares = variance + (values - consensus) ** 2
     votes = [np.log(squares[:, :physical]).mean(axis=1)] if physical else []
     if squares.shape[1] > physical:

@@ -23,11 +23,15 @@ class Model(eqx.Module):
         Channel names of the state x and the input u, in the order of their rows.
     state_units : tuple of str
         SI units of the states.
+    unmeasured : tuple of str
+        States that no sensor measures (none by default): nothing is compared with them, and each
+        window estimates where they start. A channel of that name is taken as a first guess.
     """
 
     states: ClassVar[tuple[str, ...]]
     inputs: ClassVar[tuple[str, ...]]
     state_units: ClassVar[tuple[str, ...]]
+    unmeasured: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def derivative(self, x: JaxArray, u: JaxArray) -> JaxArray:
@@ -63,6 +67,43 @@ class Model(eqx.Module):
             Output of the learned map, any unit.
         """
         return x[:0]
+
+    def corrected(self, measured: JaxArray) -> JaxArray:
+        """Return the states behind what the sensors read; by default they read the states.
+
+        A model of sensor offsets, say, returns ``measured - self.offset`` with a field
+        declared by `penode.nuisance`. Predictions start from these states and are compared with
+        them.
+
+        Parameters
+        ----------
+        measured : array, shape (state, batch)
+            Recorded states, SI units.
+
+        Returns
+        -------
+        array, shape (state, batch)
+            States, SI units.
+        """
+        return measured
+
+    def stored(self, x: JaxArray) -> JaxArray:
+        """Return what the equation balances: s in ds/dt = supply, by default the states.
+
+        A machine stores flux linkage: a residual in this domain weighs voltages, one in the
+        states' weighs currents.
+
+        Parameters
+        ----------
+        x : array, shape (state, batch)
+            States, SI units.
+
+        Returns
+        -------
+        array, shape (state, batch)
+            Stored quantity, any unit.
+        """
+        return x
 
     def maps(self) -> Mapping[str, Callable[..., Any]]:
         """Return the learned maps by name, as functions of NumPy arrays (none by default)."""

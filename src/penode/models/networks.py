@@ -6,12 +6,13 @@ products are written as broadcast sums, which compile to one fused loop over the
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import JaxArray, Leaf
+from penode.arrays import FloatArray, JaxArray, Leaf
 from penode.models.parameters import Positive, PositiveDefinite, parameter
 
 
@@ -63,12 +64,18 @@ class TanhLayers(eqx.Module):
         return dense(self.weights[-1], hidden) + self.biases[-1], dense(self.weights[-1], slope)
 
 
+def _float64_if_any(value: Any) -> FloatArray | None:
+    return None if value is None else np.array(value, dtype=np.float64)
+
+
 class ConvexGradient(eqx.Module):
     """Gradient of a strictly convex scalar: offset + stiffness x + A' (gain * tanh(A x + bias)).
 
     The scalar is offset'x + x' stiffness x / 2 + sum(gain * log cosh(A x + bias)). With a positive
     definite stiffness and positive gains its Hessian is symmetric positive definite everywhere,
-    so the map is invertible (gradient networks, arXiv:2602.14947).
+    so the map is invertible (gradient networks, arXiv:2602.14947). Features, such as the harmonics
+    of an angle, may shift the biases by ``modulation @ features``: at each of their values the map
+    is still the gradient of such a scalar.
 
     Attributes
     ----------
@@ -78,6 +85,8 @@ class ConvexGradient(eqx.Module):
         The matrix A.
     bias : array, shape (unit,)
     gain : array, shape (unit,), positive
+    modulation : array, shape (unit, feature), or None
+        Shift of the biases by each feature; None where the map has no features.
     """
 
     offset: Leaf = parameter()
@@ -85,9 +94,10 @@ class ConvexGradient(eqx.Module):
     directions: Leaf = parameter()
     bias: Leaf = parameter()
     gain: Leaf = parameter(transform=Positive())
+    modulation: Leaf | None = eqx.field(default=None, converter=_float64_if_any)
 
     @classmethod
-    def random(cls, inputs: int, units: int, seed: int) -> "ConvexGradient":
+    def random(cls, inputs: int, units: int, seed: int, features: int = 0) -> "ConvexGradient":
         """Draw directions of random angle and length 1 to 3, with biases inside the unit ball.
 
         Parameters
@@ -96,6 +106,8 @@ class ConvexGradient(eqx.Module):
             Sizes n and unit.
         seed : int
             Seed of the draw.
+        features : int
+            Number of features; their shifts of the biases are drawn small, normal of 0.01.
         """
         random = np.random.default_rng(seed)
         directions = random.normal(size=(units, inputs))
@@ -104,11 +116,26 @@ class ConvexGradient(eqx.Module):
         bias = random.uniform(-0.8, 0.8, units) * length
         gain = np.full(units, 0.3 / units)
         stiffness = 0.3 * np.eye(inputs)
-        return cls(np.zeros(inputs), stiffness, directions * length[:, None], bias, gain)
+        shifts = 0.01 * random.normal(size=(units, features)) if features else None
+        directions *= length[:, None]
+        return cls(np.zeros(inputs), stiffness, directions, bias, gain, shifts)
 
-    def value_and_jacobian(self, x: JaxArray) -> tuple[JaxArray, JaxArray]:
-        """Return the gradient (n, batch) and the Hessian (n, n, batch) at x (n, batch)."""
-        saturation = jnp.tanh(dense(self.directions, x) + self.bias)
+    def value_and_jacobian(
+        self, x: JaxArray, features: JaxArray | None = None
+    ) -> tuple[JaxArray, JaxArray]:
+        """Return the gradient (n, batch) and the Hessian (n, n, batch) at x (n, batch).
+
+        Parameters
+        ----------
+        x : array, shape (n, batch)
+            Dimensionless.
+        features : array, shape (feature, batch or 1), optional
+            Dimensionless; all zero where not given.
+        """
+        hidden = dense(self.directions, x) + self.bias
+        if features is not None and self.modulation is not None:
+            hidden += dense(self.modulation, features)
+        saturation = jnp.tanh(hidden)
         pull = self.gain * saturation
         slope = self.gain * (1.0 - saturation**2)
         gradient = self.offset + dense(self.stiffness, x)

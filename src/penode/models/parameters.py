@@ -1,22 +1,16 @@
-"""Parameters: a tree of values, a twin tree of settings, and one raw vector for the optimiser.
+"""Parameters: a tree of physical values beside a twin tree of what is known of each of them."""
 
-The values in a model are physical. The optimiser moves an unconstrained raw vector; `Layout` is
-the only place where one becomes the other.
-"""
-
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import BoolArray, FloatArray, JaxArray
-from penode.errors import InputError
+from penode.arrays import FloatArray, JaxArray
 
 
 class Transform(Protocol):
@@ -67,6 +61,37 @@ class Positive:
 
 
 @dataclass(frozen=True)
+class Bounded:
+    """Values strictly between two bounds, as logistic functions.
+
+    Attributes
+    ----------
+    low, high : float
+        In the parameter's SI unit.
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise ValueError(f"bounds {self.low} and {self.high} came; want low below high.")
+
+    def size(self, shape: tuple[int, ...]) -> int:
+        """Return the number of entries."""
+        return math.prod(shape)
+
+    def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
+        """Squeeze raw (size,) between the bounds."""
+        return (self.low + (self.high - self.low) * jax.nn.sigmoid(raw)).reshape(shape)
+
+    def inverse(self, value: FloatArray) -> FloatArray:
+        """Take the logit of the value's place between the bounds."""
+        place = (np.ravel(value) - self.low) / (self.high - self.low)
+        return np.log(place) - np.log1p(-place)
+
+
+@dataclass(frozen=True)
 class PositiveDefinite:
     """Symmetric positive definite matrices, as Cholesky factors with a logarithmic diagonal."""
 
@@ -90,6 +115,20 @@ class PositiveDefinite:
 
 
 @dataclass(frozen=True)
+class Normal:
+    """What is believed of a parameter before any data.
+
+    Attributes
+    ----------
+    mean, deviation : float
+        In the parameter's SI unit.
+    """
+
+    mean: float
+    deviation: float
+
+
+@dataclass(frozen=True)
 class Setting:
     """What is known of one parameter beside its value.
 
@@ -103,12 +142,18 @@ class Setting:
         Whether it is reported with an interval.
     transform : Transform
         From the optimiser's raw vector to admissible values.
+    prior : Normal or None
+        Belief about every entry; `penode.training.penalties.Priors` brings it into a loss.
+    per_experiment : bool
+        Whether every recording has a value of its own.
     """
 
     unit: str = ""
     group: str = "learned"
     physical: bool = False
     transform: Transform = Identity()
+    prior: Normal | None = None
+    per_experiment: bool = False
 
 
 _DEFAULT = Setting()
@@ -125,6 +170,7 @@ def parameter(
     group: str = "learned",
     physical: bool = False,
     transform: Transform = _DEFAULT.transform,
+    prior: Normal | None = None,
 ) -> Any:
     """Declare a field of a `Model` (or of a network inside it) as a trained parameter.
 
@@ -137,23 +183,57 @@ def parameter(
     physical : bool
         Whether it is reported with an interval; it must then be a scalar.
     transform : Transform
-        Constraint, such as `Positive` or `PositiveDefinite`.
+        Constraint, such as `Positive`, `Bounded` or `PositiveDefinite`.
+    prior : Normal, optional
+        Belief about every entry.
 
     Returns
     -------
     dataclass field
         Converts its value to a float64 array at construction.
     """
-    setting = Setting(unit, group, physical, transform)
+    return _declare(Setting(unit, group, physical, transform, prior))
+
+
+def physical(
+    unit: str, transform: Transform = _DEFAULT.transform, prior: Normal | None = None
+) -> Any:
+    """Declare a scalar physical parameter, reported with an interval; see `parameter`."""
+    return _declare(Setting(unit, "physical", physical=True, transform=transform, prior=prior))
+
+
+def nuisance(
+    unit: str, transform: Transform = _DEFAULT.transform, prior: Normal | None = None
+) -> Any:
+    """Declare a parameter of which every recording has its own value, such as a sensor offset.
+
+    It moves with the group ``"nuisance"``. The fit keeps the values of every recording in
+    ``Fit.nuisances``; its model has their mean.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit.
+    transform : Transform
+        Constraint, the same in every recording.
+    prior : Normal, optional
+        Belief about every recording's value.
+
+    Returns
+    -------
+    dataclass field
+    """
+    return _declare(
+        Setting(unit, "nuisance", transform=transform, prior=prior, per_experiment=True)
+    )
+
+
+def _declare(setting: Setting) -> Any:
     return eqx.field(converter=_float64, metadata={"setting": setting})
 
 
-def physical(unit: str, transform: Transform = _DEFAULT.transform) -> Any:
-    """Declare a scalar physical parameter, reported with an interval; see `parameter`."""
-    return parameter(unit=unit, group="physical", physical=True, transform=transform)
-
-
-def _setting(model: eqx.Module, path: Sequence[Any]) -> Setting:
+def setting_at(model: eqx.Module, path: Sequence[Any]) -> Setting:
+    """Return what is known of the leaf at a path of tree keys."""
     node: Any = model
     found = _DEFAULT
     for key in path:
@@ -167,127 +247,10 @@ def _setting(model: eqx.Module, path: Sequence[Any]) -> Setting:
 
 def settings(model: eqx.Module) -> Any:
     """Return the twin tree: the model's structure with a `Setting` in place of every value."""
-    return jax.tree_util.tree_map_with_path(lambda path, _: _setting(model, path), model)
+    return jax.tree_util.tree_map_with_path(lambda path, _: setting_at(model, path), model)
 
 
 def with_batch_axis(model: AnyModule) -> AnyModule:
     """Return the model with one trailing axis of length 1 on every parameter."""
     batched: AnyModule = jax.tree.map(lambda leaf: leaf[..., None], model)
     return batched
-
-
-class Layout(Generic[AnyModule]):
-    """Where each parameter of a model lies in two vectors, one raw and one of values.
-
-    The optimiser moves the raw vector (unconstrained). Predictors are differentiated with respect
-    to the vector of values, and the transforms enter once, as the Jacobian between the two.
-
-    Parameters
-    ----------
-    model : Model
-        Structure, shapes and settings are taken from it; its values are not kept.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Dotted path of each parameter.
-    settings : tuple of Setting
-        One for each name.
-    size : int
-        Length of the raw vector.
-    """
-
-    def __init__(self, model: AnyModule):
-        pairs, self._structure = jax.tree_util.tree_flatten_with_path(model)
-        self.names = tuple(jax.tree_util.keystr(path).lstrip(".") for path, _ in pairs)
-        self.settings: tuple[Setting, ...] = tuple(_setting(model, path) for path, _ in pairs)
-        for name, (_, leaf) in zip(self.names, pairs, strict=True):
-            if not isinstance(leaf, (np.ndarray, jax.Array)):
-                raise InputError(
-                    f"{name} = {leaf!r} is a plain number; declare the field with "
-                    "penode.parameter() to train it, or static with equinox.field(static=True)."
-                )
-        self._shapes = tuple(np.shape(leaf) for _, leaf in pairs)
-        sizes = [s.transform.size(d) for s, d in zip(self.settings, self._shapes, strict=True)]
-        self._raw = _consecutive(sizes)
-        self._values = _consecutive([math.prod(shape) for shape in self._shapes])
-        self.size = sum(sizes)
-
-    @property
-    def physical(self) -> tuple[str, ...]:
-        """Names of the physical parameters, in the order of the tree."""
-        return tuple(n for n, s in zip(self.names, self.settings, strict=True) if s.physical)
-
-    @property
-    def units(self) -> dict[str, str]:
-        """SI unit of each physical parameter."""
-        pairs = zip(self.names, self.settings, strict=True)
-        return {name: setting.unit for name, setting in pairs if setting.physical}
-
-    def raw(self, model: AnyModule) -> FloatArray:
-        """Return the raw vector, shape (size,), of a model without batch axis."""
-        leaves = jax.tree.leaves(model)
-        entries = zip(self.names, self.settings, leaves, strict=True)
-        parts = [_inverse(name, setting.transform, leaf) for name, setting, leaf in entries]
-        return np.concatenate([np.zeros(0), *parts])
-
-    def values(self, raw: JaxArray) -> JaxArray:
-        """Return the vector of values, shape (value,), of a raw vector (size,)."""
-        parts = zip(self.settings, self._raw, self._shapes, strict=True)
-        return jnp.concatenate([s.transform.forward(raw[at], d).ravel() for s, at, d in parts])
-
-    def model(self, values: JaxArray) -> AnyModule:
-        """Return the model of values (value, batch), batch axis last on every parameter."""
-        batch = values.shape[-1]
-        parts = zip(self._values, self._shapes, strict=True)
-        leaves = [values[at].reshape(*shape, batch) for at, shape in parts]
-        model: AnyModule = jax.tree.unflatten(self._structure, leaves)
-        return model
-
-    def plain_model(self, raw: FloatArray) -> AnyModule:
-        """Return the model of one raw vector (size,) with NumPy values and no batch axis."""
-        batched = self.model(self.values(jnp.asarray(raw))[:, None])
-        model: AnyModule = jax.tree.map(lambda leaf: np.asarray(leaf[..., 0]), batched)
-        return model
-
-    def physical_values(self, values: JaxArray) -> JaxArray:
-        """Pick the physical parameters, shape (physical,), out of a vector of values."""
-        parts = zip(self.settings, self._values, strict=True)
-        picked = [values[at] for setting, at in parts if setting.physical]
-        return jnp.concatenate([values[:0], *picked])
-
-    def members(self, groups: Sequence[str] | None) -> BoolArray:
-        """Return which raw entries, shape (size,), belong to the groups (all for None).
-
-        Raises
-        ------
-        InputError
-            If the model has no parameter of a group.
-        """
-        known = {setting.group for setting in self.settings}
-        missing = sorted(set(groups or ()) - known)
-        if missing:
-            raise InputError(
-                f"group {', '.join(missing)} came; the model's groups are "
-                f"{', '.join(sorted(known))}."
-            )
-        chosen = np.zeros(self.size, dtype=np.bool_)
-        for setting, at in zip(self.settings, self._raw, strict=True):
-            chosen[at] = groups is None or setting.group in groups
-        return chosen
-
-
-def _inverse(name: str, transform: Transform, value: FloatArray) -> FloatArray:
-    try:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            raw = transform.inverse(value)
-    except np.linalg.LinAlgError:
-        raw = np.full(1, np.nan)
-    if not np.isfinite(raw).all():
-        raise InputError(f"{name} = {value} came; want {type(transform).__name__} values.")
-    return raw
-
-
-def _consecutive(sizes: Sequence[int]) -> tuple[slice, ...]:
-    ends = np.cumsum([0, *sizes])
-    return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))

@@ -52,6 +52,27 @@ def drive_recording(experiment: Experiment) -> Experiment:
     return experiment
 
 
+def require_angle(experiment: Experiment, purpose: str) -> None:
+    """Refuse a recording without the rotor's angle.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    purpose : str
+        What needs the angle, for the message.
+
+    Raises
+    ------
+    InputError
+        If there is no channel theta_el.
+    """
+    if "theta_el" not in experiment.channels:
+        raise InputError(
+            f"{experiment.name}: no channel theta_el came, and {purpose} needs the electrical "
+            "angle of the rotor in rad; record it, or identify without."
+        )
+
+
 def _from_phases(experiment: Experiment) -> Experiment:
     experiment.stack((*_PHASES, "theta_el"))
     theta = experiment.channels["theta_el"]

@@ -14,13 +14,15 @@ from penode.horizon.ladder import HORIZONS, Observer, fitting_plan, ladder_plan
 from penode.horizon.selection import Longest, Plateau, Selector
 from penode.identify import identify as identify_model
 from penode.identify import nobody
-from penode.pmsm.channels import drive_recording
-from penode.pmsm.flux_maps import FLUX_MAPS
+from penode.pmsm.channels import drive_recording, require_angle
+from penode.pmsm.flux_maps import FLUX_MAPS, check_angle_orders
+from penode.pmsm.holds import HOLDS
 from penode.pmsm.report import machine_report
 from penode.pmsm.start import weak_start
 from penode.training.archive import write_atomically
 from penode.training.fit import Fit
 from penode.training.plan import Plan
+from penode.training.second_order import LevenbergMarquardt
 
 #: Points a side of the grid in ``flux_map.csv``.
 GRID = 41
@@ -40,17 +42,27 @@ class Study:
         For the torque; None where it is not needed.
     seed : int
         Seed of network draws and window placement.
+    inverter : bool
+        Identify the inverter's dead-time voltage too; the recordings need theta_el.
+    angle_orders : tuple of int
+        Harmonics of the electrical angle in the flux map, such as (6, 12); they need theta_el.
+    hold : str
+        Frame in which the voltage of a row stands still until the next: ``"dq"``, or
+        ``"stationary"`` for an inverter without correction of the turn.
 
     Raises
     ------
     InputError
-        If the flux map is unknown or the horizon is below 1.
+        If a name is unknown, the horizon is below 1, or the map cannot have angle orders.
     """
 
     flux_map: str = "coenergy"
     horizon: int | None = None
     pole_pairs: int | None = None
     seed: int = 0
+    inverter: bool = False
+    angle_orders: tuple[int, ...] = ()
+    hold: str = "dq"
 
     def __post_init__(self) -> None:
         if self.flux_map not in FLUX_MAPS:
@@ -59,13 +71,37 @@ class Study:
             )
         if self.horizon is not None and self.horizon < 1:
             raise InputError(f"horizon {self.horizon} came; give a whole number from 1, or auto.")
+        if self.hold not in HOLDS:
+            raise InputError(f"hold {self.hold!r} came; choose one of {', '.join(HOLDS)}.")
+        check_angle_orders(self.flux_map, self.angle_orders)
 
     def plan(self, experiments: Sequence[Experiment]) -> Plan:
         """Return the ladder: up to the horizon asked for, or as far as the recordings reach."""
+        # A map with angle orders is larger and starts closer: fewer rungs, none of them cold.
+        horizons = HORIZONS[:: 2 if self.angle_orders else 1]
+        optimiser = LevenbergMarquardt(evaluations=25) if self.angle_orders else None
         if self.horizon is None:
-            return fitting_plan(ladder_plan(seed=self.seed), experiments)
-        below = [h for h in HORIZONS if h < self.horizon]
-        return ladder_plan([*below[::3], self.horizon], seed=self.seed)
+            plan = fitting_plan(ladder_plan(horizons, optimiser, self.seed), experiments)
+        else:
+            below = [h for h in HORIZONS if h < self.horizon]
+            plan = ladder_plan([*below[::3], self.horizon], optimiser, self.seed)
+        return replace(plan, hold=HOLDS[self.hold])
+
+    def check(self, experiments: Sequence[Experiment]) -> None:
+        """Refuse recordings without the rotor's angle where the model needs it.
+
+        Raises
+        ------
+        InputError
+            If theta_el is missing.
+        """
+        purposes = {
+            "the inverter term": self.inverter,
+            "a map with angle orders": self.angle_orders,
+        }
+        for purpose in (p for p, wanted in purposes.items() if wanted):
+            for experiment in experiments:
+                require_angle(experiment, purpose)
 
     def selector(self) -> Selector:
         """Return the rule that picks the horizon."""
@@ -93,7 +129,7 @@ def identify(
     pole_pairs : int, optional
         For the torque; overrides the study's.
     study : Study
-        Flux map, horizon and seed.
+        Flux map, inverter, hold, horizon and seed.
     validation : sequence of Experiment
         Recordings that are predicted but not trained on.
     observer : callable
@@ -111,6 +147,7 @@ def identify(
     """
     recordings = [drive_recording(e) for e in experiments]
     unseen = [drive_recording(e) for e in validation]
+    study.check([*recordings, *unseen])
     observer({"event": "start", "recordings": [e.name for e in recordings]})
     start = _start(recordings, study)
     fit = identify_model(
@@ -124,6 +161,9 @@ def identify(
     speed = float(np.median(np.abs(recordings[0].channels["omega_el"])))
     facts = {
         "flux_map": study.flux_map,
+        "inverter": study.inverter,
+        "angle_orders": list(study.angle_orders),
+        "hold": study.hold,
         "seed": study.seed,
         "pole_pairs": pole_pairs or study.pole_pairs,
         "electrical_frequency_hz": speed / (2 * np.pi),
@@ -135,7 +175,13 @@ def identify(
 
 
 def _start(recordings: Sequence[Experiment], study: Study) -> Start:
-    machine, independence = weak_start(recordings, study.flux_map, study.seed)
+    machine, independence = weak_start(
+        recordings,
+        study.flux_map,
+        study.seed,
+        angle_orders=study.angle_orders,
+        inverter=study.inverter,
+    )
     repair = "Add a recording at another speed, or reverse the speed."
     if not FLUX_MAPS[study.flux_map].reciprocal:
         repair = (

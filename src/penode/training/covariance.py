@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, float64
+from penode.arrays import BoolArray, FloatArray, float64
 from penode.data.windows import Windows
 from penode.models.base import Model
-from penode.models.parameters import Layout
+from penode.models.layout import Layout
 from penode.training.residuals import GaussNewtonTerms
 
 #: Directions of the normal matrix below this share of the largest (after scaling) are flat.
@@ -18,6 +18,10 @@ FLAT = 1e-12
 
 #: Length of the recordings, in HAC bandwidths, below which no deviation is given.
 LEAST_BANDWIDTHS = 5
+
+#: A quantity hangs on single windows if of many no more than this number weigh in its variance.
+_FEW_WINDOWS = 2.5
+_MANY_WINDOWS = 20
 
 
 def marquardt_scale(normal: FloatArray) -> FloatArray:
@@ -126,6 +130,27 @@ def sandwich_deviation(
     """
     if len(windows.states) < LEAST_BANDWIDTHS * correlation_length(windows):
         return np.full(len(jacobian), np.inf)
+    return working_deviation(terms, jacobian, windows)
+
+
+def hang_on_few_windows(terms: GaussNewtonTerms, jacobian: FloatArray) -> BoolArray:
+    """Return which reported quantities, shape (reported,), one or two windows of many decide.
+
+    A rollout that comes near a singularity is so sensitive to the parameters that it outweighs all
+    others, and makes what it decides look certain.
+    """
+    squares = influence(terms, jacobian) ** 2
+    effective = squares.sum(axis=1) ** 2 / np.maximum((squares**2).sum(axis=1), 1e-300)
+    return np.asarray((effective < _FEW_WINDOWS) & (terms.scores.shape[1] >= _MANY_WINDOWS))
+
+
+def working_deviation(
+    terms: GaussNewtonTerms, jacobian: FloatArray, windows: Windows
+) -> FloatArray:
+    """Return the sandwich's deviations, shape (reported,), however short the recordings are.
+
+    Good enough to stop an optimiser by, where `sandwich_deviation` declines to report.
+    """
     gain = jacobian @ inverse_normal(terms.normal)
     meat = bartlett(terms.scores, bandwidth_in_windows(windows))
     variance = np.sum((gain @ meat) * gain, axis=1)

@@ -5,9 +5,10 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
-from penode.arrays import BoolArray, FloatArray
+from penode.arrays import BoolArray, FloatArray, float64
 from penode.errors import InputError
 from penode.models.base import Model
 from penode.training.archive import (
@@ -130,6 +131,8 @@ class Fit:
         Measured against one-step and free-run predictions, per recording.
     spectrum : Spectrum
         Spectrum of the one-step residual on the first training recording.
+    nuisances : mapping of str to ndarray, shape (recording, ...)
+        Parameters of which every training recording has its own value; the model has their mean.
     warnings : tuple of str
         One sentence each.
     provenance : mapping
@@ -142,6 +145,7 @@ class Fit:
     excited: FloatArray
     comparisons: tuple[Comparison, ...]
     spectrum: Spectrum
+    nuisances: Mapping[str, FloatArray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -151,7 +155,7 @@ class Fit:
         maps = self.model.maps()
         if name not in maps:
             raise AttributeError(f"Fit has no {name!r}; this model's maps are {sorted(maps)}.")
-        return maps[name]
+        return _in_float64(maps[name])
 
     def supported(self, points: FloatArray) -> BoolArray:
         """Return which points (point, state), SI units, lie in the excited region."""
@@ -187,6 +191,7 @@ class Fit:
         """
         folder = Path(folder)
         arrays: dict[str, FloatArray] = {"excited": self.excited}
+        arrays |= {f"nuisance.{name}": values for name, values in self.nuisances.items()}
         comparisons = [
             _describe(c, f"comparison.{k}", arrays) for k, c in enumerate(self.comparisons)
         ]
@@ -231,9 +236,24 @@ class Fit:
             excited=arrays["excited"],
             comparisons=tuple(_restore(Comparison, c, arrays) for c in document["comparisons"]),
             spectrum=_restore(Spectrum, document["spectrum"], arrays),
+            nuisances={
+                name.removeprefix("nuisance."): values
+                for name, values in arrays.items()
+                if name.startswith("nuisance.")
+            },
             warnings=tuple(document["warnings"]),
             provenance=document["provenance"],
         )
+
+
+def _in_float64(learned: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a learned map that computes in float64 and gives NumPy arrays back."""
+
+    def evaluate(*arguments: Any, **named: Any) -> Any:
+        with float64():
+            return jax.tree.map(np.asarray, learned(*arguments, **named))
+
+    return evaluate
 
 
 def unused(name: str, known: Mapping[str, Any]) -> str:

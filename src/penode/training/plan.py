@@ -13,10 +13,14 @@ from penode.predictors.base import DEFAULT_HOLD, DEFAULT_SOLVER
 from penode.predictors.holds import Hold
 from penode.predictors.solver import Solver
 from penode.training.covariance import Reported
+from penode.training.loss import DEFAULT_LOSS, Loss
 from penode.training.residuals import GaussNewtonTerms, Objective
 
 #: Told the raw parameters (parameter,) and the loss as an optimiser goes.
 Progress = Callable[[FloatArray, float], None]
+
+#: Squared sensitivities below this share of the largest are taken for rounding noise.
+_ROUNDING = 1e-15
 
 DIVERGED = "The rollouts diverge."
 
@@ -47,9 +51,19 @@ class Problem:
     def gauss_newton(self, raw: FloatArray) -> GaussNewtonTerms:
         """Return the terms of the moving parameters at raw (parameter,)."""
         terms = self.objective.gauss_newton(raw, self.windows)
-        normal = terms.normal[np.ix_(self.moving, self.moving)]
+        normal = (terms.normal + self._ridge(terms.normal))[np.ix_(self.moving, self.moving)]
         scores = terms.scores[self.moving]
         return GaussNewtonTerms(terms.loss, terms.count, normal, terms.descent[self.moving], scores)
+
+    def _ridge(self, normal: FloatArray) -> FloatArray:
+        """Return what keeps a learned parameter that nothing depends on from drifting away.
+
+        Its column is rounding noise, and a step along it would be noise divided by noise.
+        """
+        layout = self.objective.layout
+        learned = ~layout.members(("physical",) if layout.physical else ())
+        largest = np.max(np.diag(normal), where=learned, initial=0.0)
+        return np.diag(_ROUNDING * largest * learned)
 
     def reported_jacobian(self, raw: FloatArray) -> FloatArray:
         """Return d(reported)/d(moving raw), shape (reported, moving)."""
@@ -123,6 +137,8 @@ class Plan:
         Turns the model into a predictor; classic Runge-Kutta by default.
     hold : Hold
         The input between samples; constant by default.
+    loss : Loss
+        What is squared and summed; the paper's training loss by default.
 
     Raises
     ------
@@ -134,6 +150,7 @@ class Plan:
     placement: Placement = DEFAULT_PLACEMENT
     solver: Solver = DEFAULT_SOLVER
     hold: Hold = DEFAULT_HOLD
+    loss: Loss = DEFAULT_LOSS
 
     def __post_init__(self) -> None:
         if not self.stages:

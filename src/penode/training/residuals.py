@@ -1,20 +1,24 @@
 """THE objective: one residual, from which loss, gradient, Gauss-Newton terms and scores derive."""
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, IntArray, JaxArray, float64
+from penode.arrays import FloatArray, JaxArray, float64
 from penode.data.windows import Windows
 from penode.models.base import Model
-from penode.models.parameters import Layout
+from penode.models.layout import Layout
+from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
-from penode.predictors.holds import Drive
 from penode.predictors.rollout import rollout
+from penode.training.free_starts import eliminated, estimated_starts
+from penode.training.loss import DEFAULT_LOSS, Loss
+from penode.training.prediction_error import Batch, PredictionError
+from penode.training.sensitivities import window_sums
 
 #: Windows a chunk: the sensitivities of one chunk stay in the first-level cache.
 CHUNK = 64
@@ -23,6 +27,8 @@ CHUNK = 64
 @dataclass(frozen=True, eq=False)
 class GaussNewtonTerms:
     """Sums over windows w and steps k of the residual r and its sensitivity S = -dr/dtheta.
+
+    Penalties of the loss are in all of them but the scores.
 
     Attributes
     ----------
@@ -50,6 +56,25 @@ class GaussNewtonTerms:
         return bool(np.isfinite(self.loss) and np.isfinite(self.normal).all())
 
 
+def residual_scale(model: Model, visited: FloatArray, loss: Loss) -> FloatArray:
+    """Return what residuals are divided by, shape (quantity,): 1 where all share a unit.
+
+    Parameters
+    ----------
+    model : Model
+        At its start.
+    visited : ndarray, shape (time, state)
+        Recorded states, SI units.
+    loss : Loss
+        In its domain each quantity is divided by its deviation if the states' units differ.
+    """
+    with float64():
+        quantity = np.asarray(loss.domain(with_batch_axis(model), jnp.asarray(visited.T)))
+    if len(set(model.state_units)) == 1:
+        return np.ones(len(quantity))
+    return np.asarray(np.maximum(quantity.std(axis=1), 1e-300))
+
+
 class Objective:
     """Squared k-step-ahead error of a model on windows, k = 1..H.
 
@@ -60,17 +85,27 @@ class Objective:
     model : Model
         Structure of the parameters; its values are not kept.
     scale : ndarray, shape (state,)
-        Residuals are divided by it; in the states' SI units.
+        Residuals are divided by it; in the units of the loss's domain, SI units of the states by
+        default.
+    loss : Loss
+        What is squared and summed; the paper's training loss by default.
+    experiments : int
+        Recordings, each with its own value of every nuisance.
     """
 
-    def __init__(self, predictor: Predictor, model: Model, scale: FloatArray):
+    def __init__(
+        self,
+        predictor: Predictor,
+        model: Model,
+        scale: FloatArray,
+        loss: Loss = DEFAULT_LOSS,
+        experiments: int = 1,
+    ):
         self.predictor = predictor
-        self.layout = Layout(model)
+        self.layout = Layout(model, experiments)
         self.scale = np.asarray(scale, dtype=np.float64)
-
-    def residual(self, measured: JaxArray, predicted: JaxArray) -> JaxArray:
-        """Return the scaled k-step-ahead error, shape (state, batch)."""
-        return (measured - predicted) / jnp.asarray(self.scale)[:, None]
+        self.loss = loss
+        self.error = PredictionError(predictor, self.layout, self.scale, loss, model)
 
     def loss_and_gradient(self, raw: FloatArray, windows: Windows) -> tuple[float, FloatArray]:
         """Return the loss and its gradient (parameter,) by reverse mode.
@@ -83,8 +118,8 @@ class Objective:
             One program is compiled for each horizon and number of windows.
         """
         with float64():
-            arguments = (jnp.asarray(raw), *_recordings(windows), jnp.asarray(windows.starts))
-            loss, gradient = self._value_and_grad(*arguments, windows.horizon)
+            batch = _batch(windows, len(windows.starts))
+            loss, gradient = self._value_and_grad(jnp.asarray(raw), batch, windows.horizon)
             return float(loss), np.asarray(gradient)
 
     def gauss_newton(self, raw: FloatArray, windows: Windows) -> GaussNewtonTerms:
@@ -97,143 +132,116 @@ class Objective:
         windows : Windows
             One program serves every horizon and number of windows cut from the same recordings.
         """
-        count = len(windows.starts)
+        count, capacity = len(windows.starts), CHUNK * -(-len(windows.states) // CHUNK)
         with float64():
-            sums = self._terms(
-                jnp.asarray(raw), *_recordings(windows), _padded(windows), count, windows.horizon
-            )
-            squares, normal, descent, scores = (np.asarray(part) for part in sums)
-        residuals = count * windows.horizon * len(self.scale)
+            batch = _batch(windows, capacity)
+            sums = self._terms(jnp.asarray(raw), batch, count, windows.horizon)
+            squares, normal, scores = (np.asarray(part) for part in sums)
+            penalties, slopes = (np.asarray(part) for part in self._penalties(jnp.asarray(raw)))
+        residuals = count * windows.horizon * len(self.error.compared)
         return GaussNewtonTerms(
-            float(squares) / residuals, residuals, normal, descent, scores[:, :count]
+            loss=float(squares) / residuals + float(penalties @ penalties),
+            count=residuals,
+            normal=normal + residuals * slopes.T @ slopes,
+            descent=scores.sum(axis=1) - residuals * slopes.T @ penalties,
+            scores=scores[:, :count],
         )
 
     @cached_property
     def _value_and_grad(self) -> Any:
-        return jax.jit(jax.value_and_grad(self._loss), static_argnums=4)
+        return jax.jit(jax.value_and_grad(self._loss), static_argnums=2)
 
     @cached_property
     def _terms(self) -> Any:
         return jax.jit(self._sum_over_chunks)
 
-    def _loss(
-        self, raw: JaxArray, states: JaxArray, inputs: JaxArray, starts: JaxArray, horizon: int
-    ) -> JaxArray:
-        model = self.layout.model(self.layout.values(raw)[:, None])
+    @cached_property
+    def _penalties(self) -> Any:
+        return jax.jit(lambda raw: (self._penalty(raw), jax.jacfwd(self._penalty)(raw)))
+
+    def _penalty(self, raw: JaxArray) -> JaxArray:
+        values = self.layout.values(raw)
+        parts = [penalty.residuals(self.layout, values) for penalty in self.loss.penalties]
+        return jnp.concatenate([raw[:0], *parts])
+
+    def _loss(self, raw: JaxArray, batch: Batch, horizon: int) -> JaxArray:
+        error, values = self.error, self.layout.values(raw)[:, None]
+        correction = self._correction(jax.lax.stop_gradient(values), horizon, batch)
+        outputs, prefilter = len(error.compared), self.loss.prefilter
 
         @jax.checkpoint
         def predict(k: JaxArray, history: JaxArray) -> JaxArray:
-            return self.predictor.step(model, history, _drive(inputs, starts + k))
+            return error.step(values, history, k, batch)
 
         def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
             return predict(k, history), None
 
-        def visit(k: JaxArray, history: JaxArray, _: None, total: JaxArray) -> JaxArray:
-            return total + jnp.sum(self.residual(states[:, starts + k + 1], history[0]) ** 2)
+        def visit(k: JaxArray, history: JaxArray, _: None, carry: Any) -> Any:
+            memory, total = carry
+            residual = error.residual(values, history[0], k + 1, jnp.asarray(horizon), batch)
+            filtered, memory = prefilter.advance(memory, residual)
+            return memory, total + jnp.sum(filtered**2)
 
-        start = _history(states, starts, self.predictor.past)
-        total = rollout(step, start, horizon, visit, jnp.zeros((), states.dtype))
-        return total / (states.shape[0] * starts.shape[0] * horizon)
+        memory = jnp.zeros((prefilter.order, outputs, len(batch.starts)), values.dtype)
+        start = error.start(values, correction, batch)
+        held = jnp.sum(jnp.asarray(error.stiffness)[:, None] * correction**2)
+        total = rollout(step, start, horizon, visit, (memory, held))[1]
+        return total / (outputs * len(batch.starts) * horizon) + jnp.sum(self._penalty(raw) ** 2)
+
+    def _correction(self, values: JaxArray, horizon: int, batch: Batch) -> JaxArray:
+        """Return the windows' starts at their minimum, where they do not move the gradient."""
+        each = jnp.broadcast_to(values, (len(values), len(batch.starts)))
+        return jax.lax.stop_gradient(
+            estimated_starts(self.error, each, jnp.asarray(horizon), batch)
+        )
 
     def _sum_over_chunks(
-        self,
-        raw: JaxArray,
-        states: JaxArray,
-        inputs: JaxArray,
-        starts: JaxArray,
-        count: JaxArray,
-        horizon: JaxArray,
+        self, raw: JaxArray, windows: Batch, count: JaxArray, horizon: JaxArray
     ) -> tuple[JaxArray, ...]:
         values = self.layout.values(raw)
         transform = jax.jacfwd(self.layout.values)(raw)
-        size = values.shape[0]
-        chunk_of = partial(self._one_chunk, values, (states, inputs), horizon)
+        size, capacity = values.shape[0], windows.starts.shape[0]
+        each = jnp.broadcast_to(values[:, None], (size, CHUNK))
 
         def body(chunk: JaxArray, sums: tuple[JaxArray, ...]) -> tuple[JaxArray, ...]:
-            squares, normal, scores = sums
-            at = jax.lax.dynamic_slice(starts, (chunk * CHUNK,), (CHUNK,))
-            used = (chunk * CHUNK + jnp.arange(CHUNK) < count).astype(values.dtype)
-            chunk_scores, normal, squares = chunk_of((at, used), (normal, squares))
+            batch = _chunk(windows, chunk * CHUNK)
+            correction = estimated_starts(self.error, each, horizon, batch)
+            joint = window_sums(self.error, each, correction, horizon, batch)
+            squares, scores, normal = eliminated(self.error, joint, correction, batch.used)
             here = (jnp.zeros_like(chunk), chunk * CHUNK)
-            return squares, normal, jax.lax.dynamic_update_slice(scores, chunk_scores, here)
+            return (
+                sums[0] + jnp.sum(squares),
+                sums[1] + normal,
+                jax.lax.dynamic_update_slice(sums[2], scores, here),
+            )
 
         nothing = (
             jnp.zeros((), values.dtype),
             jnp.zeros((size, size), values.dtype),
-            jnp.zeros((size, starts.shape[0]), values.dtype),
+            jnp.zeros((size, capacity), values.dtype),
         )
         chunks = (count + CHUNK - 1) // CHUNK
         squares, normal, scores = jax.lax.fori_loop(0, chunks, body, nothing)
-        scores = transform.T @ scores
-        return squares, transform.T @ normal @ transform, jnp.sum(scores, axis=1), scores
-
-    def _one_chunk(
-        self,
-        values: JaxArray,
-        recordings: tuple[JaxArray, JaxArray],
-        horizon: JaxArray,
-        windows: tuple[JaxArray, JaxArray],
-        sums: tuple[JaxArray, JaxArray],
-    ) -> tuple[JaxArray, JaxArray, JaxArray]:
-        (states, inputs), (starts, used) = recordings, windows
-        shared = jnp.broadcast_to(values[:, None], (values.shape[0], CHUNK))
-
-        def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, Any]:
-            drive = _drive(inputs, starts + k)
-
-            def predict(own: JaxArray, history: JaxArray) -> JaxArray:
-                return self.predictor.step(self.layout.model(own), history, drive)
-
-            return jax.vjp(predict, shared, history)
-
-        def visit(k: JaxArray, history: JaxArray, pull: Any, carry: Any) -> Any:
-            sensitivity, scores, normal, squares = carry
-            residual = self.residual(states[:, starts + k + 1], history[0]) * used
-            sensitivity = _advance(sensitivity, pull, history)
-            scaled = sensitivity[0] * (used / jnp.asarray(self.scale)[:, None])[:, None]
-            scores = scores + jnp.sum(scaled * residual[:, None], axis=0)
-            normal = normal + jnp.einsum("sib,sjb->ij", scaled, scaled)
-            return sensitivity, scores, normal, squares + jnp.sum(residual**2)
-
-        start = _history(states, starts, self.predictor.past)
-        blank = jnp.zeros((*start.shape[:2], *shared.shape), values.dtype)
-        carry = (blank, jnp.zeros_like(shared), *sums)
-        _, scores, normal, squares = rollout(step, start, horizon, visit, carry)
-        return scores, normal, squares
+        return squares, transform.T @ normal @ transform, transform.T @ scores
 
 
-def _advance(sensitivity: JaxArray, pull: Any, history: JaxArray) -> JaxArray:
-    """Return S_(k+1) = sum_j (dg/dx_(k-j)) S_(k-j) + dg/dtheta in front of the older ones.
-
-    One vector-Jacobian product a state; shapes (past, state, value, batch).
-    """
-    rows = []
-    for state in range(history.shape[1]):
-        own, before = pull(jnp.zeros_like(history).at[0, state].set(1.0))
-        rows.append(own + jnp.sum(before[:, :, None] * sensitivity, axis=(0, 1)))
-    ahead = jnp.stack(rows)[None]
-    return ahead if len(sensitivity) == 1 else jnp.concatenate([ahead, sensitivity[:-1]])
-
-
-def _history(states: JaxArray, at: JaxArray, past: int) -> JaxArray:
-    """Return the measured states (past, state, batch) at and before samples `at`, newest first."""
-    return jnp.stack([states[:, at - j] for j in range(past)])
-
-
-def _drive(inputs: JaxArray, at: JaxArray) -> Drive:
-    return lambda offset: inputs[:, at + offset]
-
-
-def _recordings(windows: Windows) -> tuple[JaxArray, JaxArray]:
-    return jnp.asarray(windows.states.T), jnp.asarray(windows.inputs.T)
-
-
-def _padded(windows: Windows) -> JaxArray:
-    """Return the starts at a length that the recordings alone decide: one shape a ladder.
+def _batch(windows: Windows, capacity: int) -> Batch:
+    """Return the windows for compiled code, padded to a length: one program for a whole ladder.
 
     The last window pads: a rollout from elsewhere could overflow, and zero times that is nan.
     """
-    capacity = CHUNK * -(-len(windows.states) // CHUNK)
-    starts: IntArray = np.full(capacity, windows.starts[-1], dtype=np.int64)
-    starts[: len(windows.starts)] = windows.starts
-    return jnp.asarray(starts)
+    order = np.minimum(np.arange(capacity), len(windows.starts) - 1)
+    return Batch(
+        states=jnp.asarray(windows.states.T),
+        inputs=jnp.asarray(windows.inputs.T),
+        starts=jnp.asarray(windows.starts[order]),
+        recording=jnp.asarray(windows.recording[order]),
+        used=jnp.asarray((np.arange(capacity) < len(windows.starts)).astype(float)),
+    )
+
+
+def _chunk(windows: Batch, first: JaxArray) -> Batch:
+    """Return the windows `first` .. `first` + CHUNK - 1."""
+    parts = (windows.starts, windows.recording, windows.used)
+    starts, recording, used = (jax.lax.dynamic_slice(a, (first,), (CHUNK,)) for a in parts)
+    return Batch(windows.states, windows.inputs, starts, recording, used)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.training.covariance import marquardt_scale, sandwich_deviation
+from penode.training.covariance import marquardt_scale, working_deviation
 from penode.training.plan import DIVERGED, Problem, Progress, Solution, silent
 from penode.training.residuals import GaussNewtonTerms
 
@@ -75,7 +75,7 @@ class LevenbergMarquardt:
         if not len(jacobian):  # nothing is reported: the loss decides
             return bool(terms.descent @ step <= 1e-10 * terms.loss * terms.count)
         left = jacobian @ step
-        deviation = sandwich_deviation(terms, jacobian, problem.windows)
+        deviation = working_deviation(terms, jacobian, problem.windows)
         ratio = np.abs(left) / np.maximum(deviation, 1e-300)
         physical = len(problem.objective.layout.physical)
         learned = np.sqrt(np.mean(ratio[physical:] ** 2)) if len(ratio) > physical else 0.0

@@ -1,12 +1,13 @@
 """Measured states against the model's one-step and free-run predictions."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.optimize import least_squares
 
 from penode.arrays import FloatArray, JaxArray, float64
 from penode.data.experiment import Experiment
@@ -33,7 +34,8 @@ class Comparison:
     states, units : tuple of str
         Names and SI units of the columns.
     measured, one_step, free_run : ndarray, shape (time, state)
-        Measured states; prediction of each sample from the measured one before it; prediction of
+        Measured states, less the sensor errors the model knows; prediction of each sample from the
+        measured one before it (nan where a state is neither measured nor guessed); prediction of
         the whole recording from its first sample alone (not finite after a divergence).
     """
 
@@ -57,6 +59,13 @@ class Comparison:
         return rmse(self.measured[1:], self.free_run[1:])
 
 
+def with_unmeasured(experiment: Experiment, model: Model) -> Experiment:
+    """Return the recording with a channel of zeros for each unmeasured state that has no guess."""
+    absent = [name for name in model.unmeasured if name not in experiment.channels]
+    blank = {name: np.zeros(len(experiment)) for name in absent}
+    return replace(experiment, channels={**experiment.channels, **blank}) if absent else experiment
+
+
 def require_predictable(predictor: Predictor, model: Model, experiment: Experiment) -> None:
     """Refuse a recording that the model cannot predict.
 
@@ -73,7 +82,7 @@ def require_predictable(predictor: Predictor, model: Model, experiment: Experime
                 f"{experiment.name}: data row {bad[0] + 1}, channel {name} is {values[bad[0]]} "
                 "where a number was wanted; cut the recording there."
             )
-    experiment.stack((*model.states, *model.inputs))
+    with_unmeasured(experiment, model).stack((*model.states, *model.inputs))
     if not np.isclose(experiment.time_step, predictor.time_step, rtol=1e-4, atol=0):
         raise InputError(
             f"{experiment.name}: time step {experiment.time_step:.6g} s came where the model was "
@@ -81,7 +90,13 @@ def require_predictable(predictor: Predictor, model: Model, experiment: Experime
         )
 
 
-def compare(predictor: Predictor, model: Model, experiment: Experiment, role: str) -> Comparison:
+def compare(
+    predictor: Predictor,
+    model: Model,
+    experiment: Experiment,
+    role: str = "validation",
+    free: Sequence[str] | None = None,
+) -> Comparison:
     """Predict one recording step by step and in free run.
 
     Parameters
@@ -90,9 +105,12 @@ def compare(predictor: Predictor, model: Model, experiment: Experiment, role: st
     model : Model
         Trained, without batch axis.
     experiment : Experiment
-        Has the model's states and inputs as channels.
+        Has the model's measured states and inputs as channels.
     role : str
         ``"train"`` or ``"validation"``.
+    free : sequence of str, optional
+        States whose initial value the free run estimates, by least squares over the whole
+        recording (NOE with estimated initial state); the model's unmeasured ones by default.
 
     Raises
     ------
@@ -100,28 +118,40 @@ def compare(predictor: Predictor, model: Model, experiment: Experiment, role: st
         If a channel is missing, or the time step is not the predictor's.
     """
     require_predictable(predictor, model, experiment)
-    measured, inputs = experiment.stack(model.states), experiment.stack(model.inputs)
+    guessed = all(name in experiment.channels for name in model.unmeasured)
+    experiment = with_unmeasured(experiment, model)
+    rows = [k for k, name in enumerate(model.states) if name not in model.unmeasured]
+    freed = [model.states.index(name) for name in (model.unmeasured if free is None else free)]
     with float64():
-        arguments = (with_batch_axis(model), jnp.asarray(measured.T), jnp.asarray(inputs.T))
-        ahead = np.asarray(_one_step(predictor, *arguments)).T
-        free = np.asarray(_free_run(predictor, *arguments)).T
-    first = measured[: predictor.past]
+        recorded = (experiment.stack(names).T for names in (model.states, model.inputs))
+        measured, inputs = (jnp.asarray(columns) for columns in recorded)
+        batched = with_batch_axis(model)
+        measured = batched.corrected(measured)
+        ahead = np.asarray(look_ahead(predictor, batched, measured, inputs, 1)).T
+        start = jnp.stack([measured[:, predictor.past - 1 - j] for j in range(predictor.past)])
+        if freed:
+            start = _estimated_start(predictor, batched, (measured, inputs), (rows, freed))
+        run = np.asarray(_free_run(predictor, batched, start, inputs)).T
+    whole = np.asarray(measured).T
+    first = np.asarray(start)[::-1]
     return Comparison(
         name=experiment.name,
         role=role,
         time_step=experiment.time_step,
-        states=model.states,
-        units=model.state_units,
-        measured=measured,
-        one_step=np.concatenate([first, ahead]),
-        free_run=np.concatenate([first, free]),
+        states=tuple(model.states[k] for k in rows),
+        units=tuple(model.state_units[k] for k in rows),
+        measured=whole[:, rows],
+        one_step=np.concatenate([first, ahead if guessed else ahead * np.nan])[:, rows],
+        free_run=np.concatenate([first, run])[:, rows],
     )
 
 
-def free_run_rmse(predictor: Predictor, model: Model, experiments: Sequence[Experiment]) -> float:
-    """Return the free-run error over recordings, in the states' unit; infinite if one diverged."""
+def free_run_rmse(
+    predictor: Predictor, models: Sequence[Model], experiments: Sequence[Experiment]
+) -> float:
+    """Return the free-run error over recordings, one model each; infinite if one diverged."""
     squares, count = 0.0, 0
-    for experiment in experiments:
+    for model, experiment in zip(models, experiments, strict=True):
         comparison = compare(predictor, model, experiment, "train")
         squares += comparison.free_run_rmse**2 * (len(experiment) - 1)
         count += len(experiment) - 1
@@ -129,18 +159,47 @@ def free_run_rmse(predictor: Predictor, model: Model, experiments: Sequence[Expe
 
 
 @partial(jax.jit, static_argnums=0)
-def _one_step(predictor: Predictor, model: Model, states: JaxArray, inputs: JaxArray) -> JaxArray:
-    """Predict samples past .. N - 1 (state, N - past), each from the measured ones before it."""
-    at = jnp.arange(predictor.past - 1, states.shape[1] - 1)
-    history = jnp.stack([states[:, at - j] for j in range(predictor.past)])
-    return predictor.step(model, history, lambda offset: inputs[:, at + offset])[0]
+def look_ahead(
+    predictor: Predictor, model: Model, states: JaxArray, inputs: JaxArray, steps: int
+) -> JaxArray:
+    """Predict every sample from the measured ones `steps` before it (paper, k-step-ahead).
+
+    Parameters
+    ----------
+    predictor : Predictor
+    model : Model
+        With a batch axis of length 1.
+    states, inputs : array, shapes (state, time) and (input, time)
+        Measured.
+    steps : int
+        k; known at run time only.
+
+    Returns
+    -------
+    array, shape (state, time - past)
+        For samples past .. time - 1; the first k - 1 of them start from fewer steps before.
+    """
+    past, last = predictor.past, states.shape[1] - 1
+    target = jnp.arange(past, last + 1)
+    origin = jnp.maximum(target - steps, past - 1)
+    start = jnp.stack([states[:, origin - j] for j in range(past)])
+
+    def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
+        at = origin + k
+        ahead = predictor.step(model, history, lambda offset: inputs[:, at + offset])
+        return jnp.where(at < target, ahead, history), None
+
+    def visit(k: JaxArray, history: JaxArray, _: None, path: JaxArray) -> JaxArray:
+        return history[0]
+
+    return rollout(step, start, steps, visit, start[0])
 
 
 @partial(jax.jit, static_argnums=0)
-def _free_run(predictor: Predictor, model: Model, states: JaxArray, inputs: JaxArray) -> JaxArray:
-    """Predict samples past .. N - 1 (state, N - past) from the first `past` measured ones."""
+def _free_run(predictor: Predictor, model: Model, start: JaxArray, inputs: JaxArray) -> JaxArray:
+    """Predict samples past .. N - 1 (state, N - past) from the states (past, state) before them."""
     last = predictor.past - 1
-    samples = states.shape[1] - predictor.past
+    samples = inputs.shape[1] - predictor.past
 
     def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
         def drive(offset: int) -> JaxArray:
@@ -151,6 +210,37 @@ def _free_run(predictor: Predictor, model: Model, states: JaxArray, inputs: JaxA
     def visit(k: JaxArray, history: JaxArray, _: None, path: JaxArray) -> JaxArray:
         return jax.lax.dynamic_update_slice_in_dim(path, history[0], k, axis=1)
 
-    start = jnp.stack([states[:, last - j, None] for j in range(predictor.past)])
-    blank = jnp.zeros((states.shape[0], samples), states.dtype)
-    return rollout(step, start, samples, visit, blank)
+    blank = jnp.zeros((start.shape[1], samples), start.dtype)
+    return rollout(step, start[..., None], samples, visit, blank)
+
+
+def _estimated_start(
+    predictor: Predictor,
+    model: Model,
+    recording: tuple[JaxArray, JaxArray],
+    rows: tuple[list[int], list[int]],
+) -> JaxArray:
+    """Return the first state (1, state), its free rows fitted to the compared rows of the run."""
+    (measured, inputs), (compared, freed) = recording, rows
+    first = measured[:, 0]
+    if predictor.past > 1:
+        raise InputError(
+            f"the first state is to be estimated, but {predictor.solver} starts from "
+            f"{predictor.past} samples; choose a one-step solver."
+        )
+
+    def residual(free: JaxArray) -> JaxArray:
+        run = _free_run(predictor, model, first.at[np.array(freed)].set(free)[None], inputs)
+        gap: JaxArray = (run - measured[:, 1:])[np.array(compared)].ravel()
+        return gap
+
+    slope = jax.jit(jax.jacfwd(residual))
+    found = least_squares(
+        lambda free: np.nan_to_num(np.asarray(residual(free)), nan=1e150, posinf=1e150),
+        np.asarray(first)[freed],
+        jac=lambda free: np.asarray(slope(free)),
+        x_scale="jac",
+        max_nfev=50,
+    )
+    start: JaxArray = first.at[np.array(freed)].set(found.x)[None]
+    return start

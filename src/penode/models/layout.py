@@ -1,0 +1,189 @@
+"""Layout: the one place where a model becomes the optimiser's vector, and the vector a model."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Generic
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import BoolArray, FloatArray, JaxArray
+from penode.errors import InputError
+from penode.models.parameters import AnyModule, Setting, Transform, setting_at
+
+
+class Layout(Generic[AnyModule]):
+    """Where each parameter of a model lies in two vectors, one raw and one of values.
+
+    The optimiser moves the raw vector (unconstrained). Predictors are differentiated with respect
+    to the vector of values, and the transforms enter once, as the Jacobian between the two.
+
+    Parameters
+    ----------
+    model : Model
+        Structure, shapes and settings are taken from it; its values are not kept.
+    experiments : int
+        Recordings, each with its own value of every nuisance.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Dotted path of each parameter.
+    settings : tuple of Setting
+        One for each name.
+    size : int
+        Length of the raw vector.
+    experiments : int
+        Recordings.
+    """
+
+    def __init__(self, model: AnyModule, experiments: int = 1):
+        pairs, self._structure = jax.tree_util.tree_flatten_with_path(model)
+        self.names = tuple(jax.tree_util.keystr(path).lstrip(".") for path, _ in pairs)
+        self.settings: tuple[Setting, ...] = tuple(setting_at(model, path) for path, _ in pairs)
+        for name, (_, leaf) in zip(self.names, pairs, strict=True):
+            if not isinstance(leaf, (np.ndarray, jax.Array)):
+                raise InputError(
+                    f"{name} = {leaf!r} is a plain number; declare the field with "
+                    "penode.parameter() to train it, or static with equinox.field(static=True)."
+                )
+        self.experiments = experiments
+        self._copies = tuple(experiments if s.per_experiment else 1 for s in self.settings)
+        self._shapes = tuple(np.shape(leaf) for _, leaf in pairs)
+        entries = tuple(zip(self.settings, self._shapes, self._copies, strict=True))
+        self._raw = _consecutive([n * s.transform.size(d) for s, d, n in entries])
+        self._values = _consecutive([n * math.prod(d) for _, d, n in entries])
+        self.size = self._raw[-1].stop if self._raw else 0
+
+    @property
+    def physical(self) -> tuple[str, ...]:
+        """Names of the physical parameters, in the order of the tree."""
+        return tuple(n for n, s in zip(self.names, self.settings, strict=True) if s.physical)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """SI unit of each physical parameter."""
+        pairs = zip(self.names, self.settings, strict=True)
+        return {name: setting.unit for name, setting in pairs if setting.physical}
+
+    def raw(self, model: AnyModule) -> FloatArray:
+        """Return the raw vector, shape (size,), of a model without batch axis."""
+        leaves = jax.tree.leaves(model)
+        entries = zip(self.names, self.settings, leaves, self._copies, strict=True)
+        parts = [np.tile(_inverse(name, s.transform, leaf), n) for name, s, leaf, n in entries]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def values(self, raw: JaxArray) -> JaxArray:
+        """Return the vector of values, shape (value,), of a raw vector (size,)."""
+        parts = [
+            setting.transform.forward(part, shape).ravel()
+            for setting, at, shape, n in self._entries()
+            for part in jnp.split(raw[at], n)
+        ]
+        return jnp.concatenate([raw[:0], *parts])
+
+    def model(self, values: JaxArray, shares: JaxArray | None = None) -> AnyModule:
+        """Return the model of values (value, batch), batch axis last on every parameter.
+
+        Parameters
+        ----------
+        values : array, shape (value, batch)
+        shares : array, shape (experiment, batch), optional
+            How much of each recording's nuisances a column of the batch has: 1 for its own and 0
+            for the others. Without it every column has their mean.
+        """
+        batch = values.shape[-1]
+        if shares is None:
+            shares = jnp.full((self.experiments, 1), 1.0 / self.experiments, values.dtype)
+        leaves = []
+        for (_, _, shape, copies), at in zip(self._entries(), self._values, strict=True):
+            leaf = values[at].reshape(copies, *shape, batch)
+            own = jnp.expand_dims(shares, tuple(range(1, leaf.ndim - 1))) if copies > 1 else None
+            leaves.append(leaf[0] if own is None else jnp.sum(own * leaf, axis=0))
+        model: AnyModule = jax.tree.unflatten(self._structure, leaves)
+        return model
+
+    def plain_model(self, raw: FloatArray, experiment: int | None = None) -> AnyModule:
+        """Return the model of one raw vector (size,) with NumPy values and no batch axis.
+
+        Parameters
+        ----------
+        raw : ndarray, shape (size,)
+        experiment : int, optional
+            Recording whose nuisances the model has; without it their mean.
+        """
+        shares = None if experiment is None else jnp.eye(self.experiments)[:, [experiment]]
+        batched = self.model(self.values(jnp.asarray(raw))[:, None], shares)
+        model: AnyModule = jax.tree.map(lambda leaf: np.asarray(leaf[..., 0]), batched)
+        return model
+
+    def nuisances(self, raw: FloatArray) -> dict[str, FloatArray]:
+        """Return the nuisances, each of shape (experiment, *shape), of a raw vector (size,)."""
+        values = np.asarray(self.values(jnp.asarray(raw)))
+        return {
+            name: values[at].reshape(self.experiments, *shape)
+            for name, at, (setting, _, shape, _) in zip(
+                self.names, self._values, self._entries(), strict=True
+            )
+            if setting.per_experiment
+        }
+
+    def beliefs(self, values: JaxArray) -> JaxArray:
+        """Return the standardised distances (entry,) of values (value,) from their priors."""
+        parts = zip(self.settings, self._values, strict=True)
+        gaps = [(values[at] - s.prior.mean) / s.prior.deviation for s, at in parts if s.prior]
+        return jnp.concatenate([values[:0], *gaps])
+
+    def physical_values(self, values: JaxArray) -> JaxArray:
+        """Pick the physical parameters, shape (physical,), out of a vector of values."""
+        parts = zip(self.settings, self._values, strict=True)
+        picked = [values[at] for setting, at in parts if setting.physical]
+        return jnp.concatenate([values[:0], *picked])
+
+    def members(self, groups: Sequence[str] | None) -> BoolArray:
+        """Return which raw entries, shape (size,), belong to the groups (all for None).
+
+        Raises
+        ------
+        InputError
+            If the model has no parameter of a group.
+        """
+        return self._members(groups, self._raw)
+
+    def value_members(self, groups: Sequence[str] | None) -> BoolArray:
+        """Return which values, shape (value,), belong to the groups; see `members`."""
+        return self._members(groups, self._values)
+
+    def _members(self, groups: Sequence[str] | None, places: Sequence[slice]) -> BoolArray:
+        known = {setting.group for setting in self.settings}
+        missing = sorted(set(groups or ()) - known)
+        if missing:
+            raise InputError(
+                f"group {', '.join(missing)} came; the model's groups are "
+                f"{', '.join(sorted(known))}."
+            )
+        chosen = np.zeros(places[-1].stop if places else 0, dtype=np.bool_)
+        for setting, at in zip(self.settings, places, strict=True):
+            chosen[at] = groups is None or setting.group in groups
+        return chosen
+
+    def _entries(self) -> tuple[tuple[Setting, slice, tuple[int, ...], int], ...]:
+        return tuple(zip(self.settings, self._raw, self._shapes, self._copies, strict=True))
+
+
+def _inverse(name: str, transform: Transform, value: FloatArray) -> FloatArray:
+    try:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            raw = transform.inverse(value)
+    except np.linalg.LinAlgError:
+        raw = np.full(1, np.nan)
+    if not np.isfinite(raw).all():
+        raise InputError(f"{name} = {value} came; want {type(transform).__name__} values.")
+    return raw
+
+
+def _consecutive(sizes: Sequence[int]) -> tuple[slice, ...]:
+    ends = np.cumsum([0, *sizes])
+    return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))

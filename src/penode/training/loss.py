@@ -1,0 +1,155 @@
+"""Loss: what is squared and summed over windows, put together from small objects."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import zip_longest
+from typing import TypeAlias
+
+import jax.numpy as jnp
+
+from penode.arrays import JaxArray
+from penode.errors import InputError
+from penode.models.base import Model
+from penode.training.penalties import Penalty
+
+#: Quantity (quantity, batch) of a model at states x (state, batch) in which errors are measured.
+Domain: TypeAlias = Callable[[Model, JaxArray], JaxArray]
+
+#: Weight of the squared error at step k = 1..H of a horizon H.
+StepWeight: TypeAlias = Callable[[JaxArray, JaxArray], JaxArray]
+
+
+def states(model: Model, x: JaxArray) -> JaxArray:
+    """Measure errors in the states (paper, training loss)."""
+    return x
+
+
+def equation(model: Model, x: JaxArray) -> JaxArray:
+    """Measure errors in what the equation stores, such as flux linkage (time integrals of volts).
+
+    One Euler step in this domain is the flux predictor: linear in resistance and flux linkage.
+    """
+    return model.stored(x)
+
+
+def every_step(step: JaxArray, horizon: JaxArray) -> JaxArray:
+    """Weigh every step alike (paper, training loss)."""
+    return jnp.ones(())
+
+
+def last_step(step: JaxArray, horizon: JaxArray) -> JaxArray:
+    """Weigh the last step alone, H times: the H-step-ahead predictor."""
+    return jnp.where(step == horizon, 1.0 * horizon, 0.0)
+
+
+@dataclass(frozen=True)
+class Discounted:
+    """Weigh each step `factor` times the one before it.
+
+    Attributes
+    ----------
+    factor : float
+        Below 1 trusts early steps, above 1 late ones.
+    """
+
+    factor: float
+
+    def __call__(self, step: JaxArray, horizon: JaxArray) -> JaxArray:
+        """Return the weight of a step."""
+        return self.factor ** (step - 1.0)
+
+
+@dataclass(frozen=True)
+class Prefilter:
+    """A noise model as a filter of the residuals: (b_0 + b_1 q^-1 + ..) / (1 + a_1 q^-1 + ..).
+
+    If the error of the one-step predictor is C(q) / D(q) times white noise, the filter D / C makes
+    it white (Ljung 1999, section 7.4; paper, section 3.2, condition 2). It starts at rest in every
+    window.
+
+    Attributes
+    ----------
+    numerator : tuple of float
+        b_0, b_1, ...
+    denominator : tuple of float
+        1, a_1, ...
+
+    Raises
+    ------
+    InputError
+        If the numerator is empty or the denominator does not begin with 1.
+    """
+
+    numerator: tuple[float, ...] = (1.0,)
+    denominator: tuple[float, ...] = (1.0,)
+
+    def __post_init__(self) -> None:
+        if not self.numerator or not self.denominator or self.denominator[0] != 1.0:
+            raise InputError(
+                f"prefilter {self.numerator} / {self.denominator} came; give a numerator and a "
+                "denominator that begins with 1."
+            )
+
+    @property
+    def order(self) -> int:
+        """Number of values the filter remembers."""
+        return max(len(self.numerator), len(self.denominator)) - 1
+
+    def advance(self, memory: JaxArray, signal: JaxArray) -> tuple[JaxArray, JaxArray]:
+        """Filter one sample.
+
+        Parameters
+        ----------
+        memory : array, shape (order, ...)
+            Zeros at the beginning.
+        signal : array, shape (...)
+            Present sample.
+
+        Returns
+        -------
+        array, shape (...)
+            Filtered sample.
+        array, shape (order, ...)
+            Memory after it (transposed direct form II).
+        """
+        if not self.order:
+            return self.numerator[0] * signal, memory
+        out = self.numerator[0] * signal + memory[0]
+        tail = zip_longest(self.numerator[1:], self.denominator[1:], fillvalue=0.0)
+        shifted = jnp.concatenate([memory[1:], jnp.zeros_like(memory[:1])])
+        moved = [b * signal - a * out + z for (b, a), z in zip(tail, shifted, strict=True)]
+        return out, jnp.stack(moved)
+
+
+NO_FILTER = Prefilter()
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Mean over windows, steps and channels of the squared k-step-ahead error, plus penalties.
+
+    Attributes
+    ----------
+    domain : Domain
+        In the states, or in what the equation stores (`equation`).
+    weight : StepWeight
+        Of each step's squared error; every step alike by default.
+    prefilter : Prefilter
+        Noise model; none by default.
+    penalties : tuple of Penalty
+        Their squared sums are added to the mean squared error.
+    free_starts : mapping of str to float
+        Measured states whose value at each window's start is corrected, with the deviation of
+        the correction in SI units that weighs as much as one residual of one scale (infinite: not
+        held at all). With windows as long as the recordings this is simulation-error (NOE)
+        training with estimated initial state.
+    """
+
+    domain: Domain = states
+    weight: StepWeight = every_step
+    prefilter: Prefilter = NO_FILTER
+    penalties: tuple[Penalty, ...] = ()
+    free_starts: Mapping[str, float] = field(default_factory=dict)
+
+
+DEFAULT_LOSS = Loss()

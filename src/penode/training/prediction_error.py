@@ -1,0 +1,174 @@
+"""The prediction error: where a window starts, how it goes on, and what is compared. One for all.
+
+Loss, gradient, Gauss-Newton terms, scores and estimated starts all call these functions.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import FloatArray, IntArray, JaxArray
+from penode.errors import InputError
+from penode.models.base import Model
+from penode.models.layout import Layout
+from penode.predictors.base import Predictor
+from penode.predictors.holds import Drive
+from penode.training.loss import Loss, states
+
+
+class Batch(eqx.Module):
+    """Windows inside compiled code.
+
+    Attributes
+    ----------
+    states : array, shape (state, time)
+        Measured states of all recordings.
+    inputs : array, shape (input, time)
+    starts : array of int, shape (batch,)
+    recording : array of int, shape (batch,)
+        Which recording each window is cut from.
+    used : array, shape (batch,)
+        1 for windows that count and 0 for padding.
+    """
+
+    states: JaxArray
+    inputs: JaxArray
+    starts: JaxArray
+    recording: JaxArray
+    used: JaxArray
+
+    def drive(self, step: JaxArray) -> Drive:
+        """Return the input by offset from sample `step` of each window."""
+        at = self.starts + step
+        return lambda offset: self.inputs[:, at + offset]
+
+    def measured(self, step: JaxArray) -> JaxArray:
+        """Return the measured states (state, batch) at sample `step` of each window."""
+        return self.states[:, self.starts + step]
+
+
+@dataclass(frozen=True, eq=False)
+class PredictionError:
+    """Scaled k-step-ahead error of a model.
+
+    Attributes
+    ----------
+    predictor : Predictor
+        Solver and time step.
+    layout : Layout
+        Of the model.
+    scale : ndarray, shape (quantity,)
+        Errors are divided by it; in the units of the loss's domain.
+    loss : Loss
+
+    Raises
+    ------
+    InputError
+        If the loss frees a state the model does not have, a start is to be estimated with a
+        predictor that needs more than one past sample, or errors are measured in another domain
+        than the states of a model with unmeasured ones.
+    """
+
+    predictor: Predictor
+    layout: Layout[Model]
+    scale: FloatArray
+    loss: Loss
+    model: Model
+
+    def __post_init__(self) -> None:
+        unknown = sorted(set(self.loss.free_starts) - set(self.model.states))
+        if unknown:
+            raise InputError(
+                f"free start of {', '.join(unknown)} came; the states are "
+                f"{', '.join(self.model.states)}."
+            )
+        if self.model.unmeasured and not self.plain:
+            raise InputError(
+                f"{', '.join(self.model.unmeasured)} is not measured, but errors in the equation's "
+                "domain need every state; measure errors in the states."
+            )
+        if len(self.free) and self.predictor.past > 1:
+            raise InputError(
+                f"starts of {', '.join(self.model.states[k] for k in self.free)} are to be "
+                f"estimated, but {self.predictor.solver} starts from {self.predictor.past} samples;"
+                " choose a one-step solver."
+            )
+
+    @cached_property
+    def free(self) -> IntArray:
+        """Rows of the states whose start each window estimates."""
+        freed = {*self.model.unmeasured, *self.loss.free_starts}
+        return np.array([k for k, n in enumerate(self.model.states) if n in freed], dtype=np.int64)
+
+    @cached_property
+    def stiffness(self) -> FloatArray:
+        """Inverse squared deviations of the starts' corrections, shape (free,)."""
+        names = [self.model.states[k] for k in self.free]
+        return np.array([self.loss.free_starts.get(name, np.inf) for name in names]) ** -2.0
+
+    @cached_property
+    def compared(self) -> IntArray:
+        """Rows of the domain's quantity that measurements are compared with."""
+        if not self.plain:
+            return np.arange(len(self.scale))
+        unmeasured = self.model.unmeasured
+        return np.array([k for k, n in enumerate(self.model.states) if n not in unmeasured])
+
+    def start(self, values: JaxArray, correction: JaxArray, batch: Batch) -> JaxArray:
+        """Return where predictions start: what the sensors read, corrected, and its past.
+
+        Parameters
+        ----------
+        values : array, shape (value, batch)
+        correction : array, shape (free, batch)
+            Added to the free states, SI units.
+        batch : Batch
+
+        Returns
+        -------
+        array, shape (past, state, batch)
+            Present state first.
+        """
+        model = self._model(values, batch)
+        past = [
+            model.corrected(batch.measured(jnp.asarray(-j))) for j in range(self.predictor.past)
+        ]
+        if len(self.free):
+            past[0] = past[0].at[self.free].add(correction)
+        return jnp.stack(past)
+
+    def step(self, values: JaxArray, history: JaxArray, step: JaxArray, batch: Batch) -> JaxArray:
+        """Return the history (past, state, batch) one sample on from sample `step`."""
+        model = self._model(values, batch)
+        return self.predictor.step(model, history, batch.drive(step))
+
+    def residual(
+        self, values: JaxArray, predicted: JaxArray, step: JaxArray, horizon: JaxArray, batch: Batch
+    ) -> JaxArray:
+        """Return the weighted, scaled error (output, batch) of the prediction for sample `step`.
+
+        The prefilter comes after it.
+        """
+        model = self._model(values, batch)
+        measured = model.corrected(batch.measured(step))
+        gap = self.loss.domain(model, measured) - self.loss.domain(model, predicted)
+        return (gap * self.weight(step, horizon)[:, None])[self.compared]
+
+    def _model(self, values: JaxArray, batch: Batch) -> Model:
+        count = self.layout.experiments
+        if count == 1:
+            return self.layout.model(values)
+        own = batch.recording == jnp.arange(count)[:, None]
+        return self.layout.model(values, own.astype(values.dtype))
+
+    @property
+    def plain(self) -> bool:
+        """Whether errors are measured in the states, so that dr/dx is minus the weight."""
+        return self.loss.domain is states
+
+    def weight(self, step: JaxArray, horizon: JaxArray) -> JaxArray:
+        """Return what multiplies the error of each quantity, shape (quantity,)."""
+        return jnp.sqrt(self.loss.weight(step, horizon)) / jnp.asarray(self.scale)

@@ -1,0 +1,238 @@
+"""Starts that windows estimate: against SciPy, a Schur complement written out, and differences.
+
+The position of an oscillator is recorded and its speed is not. The twin is differentiated by
+complex steps, with respect to the parameters and to each window's start.
+"""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from penode import Experiment, InputError, Model, Predictor, identify, ladder_plan, physical
+from penode.arrays import Leaf, float64
+from penode.data.windows import Windows
+from penode.predictors.multistep import AdamsBashforth
+from penode.predictors.one_step import RungeKutta
+from penode.predictors.tableaus import AB2, EULER
+from penode.training.free_starts import estimated_starts
+from penode.training.loss import DEFAULT_LOSS, Loss, equation
+from penode.training.prediction_error import Batch
+from penode.training.residuals import CHUNK, Objective
+
+STEP, HORIZON, WINDOWS = 0.1, 6, CHUNK + 9
+SCALE = np.array([0.5, 1.0])
+RAW = np.array([1.7, 0.3])
+
+
+class Oscillator(Model):
+    """x'' = u - k (x + x^3) - c x', x measured."""
+
+    states: ClassVar[tuple[str, ...]] = ("x", "v")
+    inputs: ClassVar[tuple[str, ...]] = ("u",)
+    state_units: ClassVar[tuple[str, ...]] = ("m", "m/s")
+    unmeasured: ClassVar[tuple[str, ...]] = ("v",)
+
+    k: Leaf = physical("1/s2")
+    c: Leaf = physical("1/s")
+
+    def derivative(self, x, u):
+        return jnp.stack([x[1], u[0] - self.k * (x[0] + x[0] ** 3) - self.c * x[1]])
+
+
+def slope(raw, x, u):
+    return np.stack([x[1] + 0 * raw[0], u - raw[0] * (x[0] + x[0] ** 3) - raw[1] * x[1]])
+
+
+@pytest.fixture(scope="module")
+def windows():
+    """Return windows from every sample; the channel of the speed is a poor guess."""
+    random, samples = np.random.default_rng(6), WINDOWS + HORIZON
+    time = STEP * np.arange(samples)
+    x = np.sin(1.3 * time) + 0.05 * random.normal(size=samples)
+    v = np.cos(1.3 * time) + 0.4 * random.normal(size=samples)
+    starts = np.arange(WINDOWS)
+    u = random.normal(size=(samples, 1))
+    return Windows(np.stack([x, v], axis=1), u, starts, 0 * starts, HORIZON, 1, STEP)
+
+
+#: What the loss frees, and the deviation of each correction in the twin's order (x, v).
+CASES = {
+    "the unmeasured speed": ({}, (None, np.inf)),
+    "the speed near its guess": ({"v": 0.3}, (None, 0.3)),
+    "the measured position too": ({"x": 0.08}, (0.08, np.inf)),
+}
+
+
+class Case:
+    """One loss, its objective, and the joint residual of the twin."""
+
+    def __init__(self, name, windows):
+        freed, deviations = CASES[name]
+        self.windows = windows
+        self.deviations = np.array([d for d in deviations if d is not None])
+        self.free = [k for k, d in enumerate(deviations) if d is not None]
+        predictor, model = Predictor(STEP, RungeKutta(EULER)), Oscillator(*RAW)
+        self.objective = Objective(predictor, model, SCALE, Loss(free_starts=freed))
+
+    def residual(self, raw, correction, windows):
+        """Return scaled errors of the position, then of the corrections: (residual, window)."""
+        first = windows.states.T[:, windows.starts]
+        x = [first[0] + 0 * raw[0], first[1] + 0 * raw[0]]
+        for row, change in zip(self.free, correction, strict=True):
+            x[row] = x[row] + change
+        x, rows = np.stack(np.broadcast_arrays(*x)), []
+        for k in range(HORIZON):
+            x = x + STEP * slope(raw, x, windows.inputs[windows.starts + k, 0])
+            rows.append((windows.states[windows.starts + k + 1, 0] - x[0]) / SCALE[0])
+        held = [c / d + 0 * rows[0] for c, d in zip(correction, self.deviations, strict=True)]
+        return np.array([*rows, *held])
+
+    def jacobian(self, raw, correction, windows):
+        """Return J, (residual, window, column), the columns being raw and correction."""
+        both, columns = np.concatenate([np.tile(raw[:, None], len(windows)), correction]), []
+        for k in range(len(both)):
+            moved = both + 1e-30j * np.eye(len(both))[:, [k]]
+            columns.append(self.residual(moved[:2], moved[2:], windows).imag / 1e-30)
+        return np.stack(columns, axis=-1)
+
+    def starts(self, raw, windows):
+        """Return each window's best correction by SciPy."""
+        found = []
+        for start in windows.starts:
+            one = part_of(windows, [start])
+            solution = least_squares(
+                lambda c, one=one: self.residual(raw[:, None], c[:, None], one)[:, 0],
+                np.zeros(len(self.free)),
+                jac=lambda c, one=one: self.jacobian(raw, c[:, None], one)[:, 0, 2:],
+                method="lm",
+                xtol=1e-15,
+                ftol=1e-15,
+                gtol=1e-15,
+            )
+            found.append(solution.x)
+        return np.array(found).T
+
+
+def part_of(windows, starts):
+    states, inputs, horizon = windows.states, windows.inputs, windows.horizon
+    return Windows(states, inputs, starts, np.zeros(len(starts)), horizon, 1, STEP)
+
+
+@pytest.fixture(scope="module", params=list(CASES))
+def case(request, windows):
+    return Case(request.param, windows)
+
+
+def test_estimated_starts_are_those_of_scipy(case, windows):
+    few = part_of(windows, np.arange(0, WINDOWS, 12))
+    with float64():
+        values = jnp.asarray(np.tile(RAW[:, None], len(few)))
+        parts = (few.states.T, few.inputs.T, few.starts, few.recording, np.ones(len(few)))
+        batch = Batch(*(jnp.asarray(part) for part in parts))
+        found = estimated_starts(case.objective.error, values, jnp.asarray(HORIZON), batch)
+    expected = case.starts(RAW, few)
+    assert np.abs(expected).max() > 0.05
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [WINDOWS, CHUNK, 5])
+def test_terms_are_the_schur_complement_of_the_joint_ones(case, windows, count):
+    part = part_of(windows, np.arange(count))
+    correction = case.starts(RAW, part)
+    residual = case.residual(RAW[:, None], correction, part)
+    jacobian = case.jacobian(RAW, correction, part)
+    normal, descent = np.zeros((2, 2)), np.zeros((2, count))
+    for w in range(count):
+        shared, own = jacobian[:, w, :2], jacobian[:, w, 2:]
+        joint, mixed = own.T @ own, own.T @ shared
+        normal += shared.T @ shared - mixed.T @ np.linalg.solve(joint, mixed)
+        reduced = shared.T - mixed.T @ np.linalg.solve(joint, own.T)
+        descent[:, w] = -reduced @ residual[:, w]
+    terms = case.objective.gauss_newton(RAW, part)
+    assert terms.count == count * HORIZON
+    assert terms.loss == pytest.approx(np.sum(residual**2) / terms.count, rel=1e-9)
+    np.testing.assert_allclose(terms.normal, normal, rtol=0, atol=1e-6 * np.abs(normal).max())
+    size = np.abs(descent).max()
+    np.testing.assert_allclose(terms.scores, descent, rtol=0, atol=1e-6 * size)
+    np.testing.assert_allclose(terms.descent, descent.sum(axis=1), rtol=0, atol=1e-6 * size)
+
+
+def test_gradient_is_that_of_the_loss_with_the_starts_estimated_again(case, windows):
+    loss, gradient = case.objective.loss_and_gradient(RAW, windows)
+    terms = case.objective.gauss_newton(RAW, windows)
+    assert loss == pytest.approx(terms.loss, rel=1e-10)
+    np.testing.assert_allclose(gradient, -2 * terms.descent / terms.count, rtol=1e-6)
+    for k, step in enumerate(1e-4 * np.eye(2)):
+        ahead, behind = (case.objective.gauss_newton(RAW + s * step, windows) for s in (1, -1))
+        assert (ahead.loss - behind.loss) / 2e-4 == pytest.approx(gradient[k], rel=1e-5)
+
+
+# --- a whole identification -------------------------------------------------------------------
+
+
+def positions(samples=500, noise=2e-3):
+    """Record the position of the twin, integrated four times as finely."""
+    random, state = np.random.default_rng(4), np.array([0.5, -1.0])
+    time = STEP * np.arange(samples)
+    u = 1.5 * np.sin(1.1 * time) + np.sin(2.7 * time + 1.0)
+    path = [state]
+    for push in u[:-1]:
+        for _ in range(4):
+            h = STEP / 4
+            k1 = slope(RAW, state, push)
+            k2 = slope(RAW, state + h / 2 * k1, push)
+            k3 = slope(RAW, state + h / 2 * k2, push)
+            k4 = slope(RAW, state + h * k3, push)
+            state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        path.append(state)
+    path = np.array(path)
+    return Experiment(
+        "x.csv", STEP, {"x": path[:, 0] + noise * random.normal(size=samples), "u": u}
+    )
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return identify(Oscillator(1.0, 0.0), [positions()], plan=ladder_plan((6, 12, 24)))
+
+
+@pytest.mark.parametrize(("name", "truth"), [("k", 1.7), ("c", 0.3)])
+def test_parameters_are_found_from_the_position_alone(fit, name, truth):
+    low, high = fit.parameters[name].interval_95
+    assert low < truth < high
+    assert high - low < 0.05
+
+
+def test_only_the_measured_state_is_compared(fit):
+    (comparison,) = fit.comparisons
+    assert comparison.states == ("x",)
+    assert comparison.units == ("m",)
+    assert 1.8e-3 < comparison.free_run_rmse < 4e-3  # 2 mm of noise, and the start's own
+
+
+# --- refusals ---------------------------------------------------------------------------------
+
+
+EULERS = RungeKutta(EULER)
+
+
+def refused(words, solver=EULERS, loss=DEFAULT_LOSS):
+    with pytest.raises(InputError, match=words) as caught:
+        Objective(Predictor(STEP, solver), Oscillator(*RAW), SCALE, loss)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).endswith(".")
+
+
+def test_a_multistep_solver_has_no_past_for_an_unmeasured_state():
+    refused(r"starts of v are to be estimated, but .* starts from 2 samples", AdamsBashforth(AB2))
+
+
+def test_a_free_start_of_a_state_the_model_lacks():
+    refused("free start of w came; the states are x, v", loss=Loss(free_starts={"w": 1.0}))
+
+
+def test_what_the_equation_stores_needs_every_state_measured():
+    refused("v is not measured", loss=Loss(equation))
