@@ -16,7 +16,16 @@ from penode.arrays import Leaf, float64
 from penode.data.windows import cut
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
-from penode.training.loss import Discounted, Loss, Prefilter, equation, every_step, last_step
+from penode.training.loss import (
+    Discounted,
+    Loss,
+    Prefilter,
+    channel_deviation,
+    equation,
+    every_step,
+    increment_deviation,
+    last_step,
+)
 from penode.training.residuals import Objective, residual_scale
 
 STEP, HORIZON = 0.05, 6
@@ -170,3 +179,12 @@ def test_scale_is_the_deviation_of_what_is_compared_where_units_differ(rng):
     in_psi = residual_scale(CoilInUnits(*TRUTH), visited, Loss(equation))
     np.testing.assert_allclose(in_psi, psi(TRUTH, visited.T).std(axis=1), rtol=1e-12)
     np.testing.assert_array_equal(residual_scale(Coil(*TRUTH), visited, Loss(equation)), [1, 1])
+
+
+def test_scales_by_channel_and_by_increment():
+    visited = np.cumsum(np.random.default_rng(3).normal(size=(500, 2)) * [2.0, 0.1], axis=0)
+    coil = Coil(*TRUTH)
+    by_channel = residual_scale(coil, visited, Loss(scale=channel_deviation))
+    np.testing.assert_allclose(by_channel, np.std(visited, axis=0), rtol=1e-12)
+    by_increment = residual_scale(coil, visited, Loss(scale=increment_deviation))
+    np.testing.assert_allclose(by_increment, [2.0, 0.1], rtol=0.1)

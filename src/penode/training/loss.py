@@ -6,8 +6,9 @@ from itertools import zip_longest
 from typing import TypeAlias
 
 import jax.numpy as jnp
+import numpy as np
 
-from penode.arrays import JaxArray
+from penode.arrays import FloatArray, JaxArray
 from penode.errors import InputError
 from penode.models.base import Model
 from penode.training.penalties import Penalty
@@ -40,6 +41,23 @@ def every_step(step: JaxArray, horizon: JaxArray) -> JaxArray:
 def last_step(step: JaxArray, horizon: JaxArray) -> JaxArray:
     """Weigh the last step alone, H times: the H-step-ahead predictor."""
     return jnp.where(step == horizon, 1.0 * horizon, 0.0)
+
+
+#: What each channel's error is divided by, (channel,), from its recorded values (time, channel).
+Scale: TypeAlias = Callable[[FloatArray], FloatArray]
+
+
+def channel_deviation(values: FloatArray) -> FloatArray:
+    """Divide each channel's errors by its deviation: a share of what it does."""
+    return np.asarray(values.std(axis=0))
+
+
+def increment_deviation(values: FloatArray) -> FloatArray:
+    """Divide each channel's errors by the deviation of its change over a sample.
+
+    One step's error is then a share of the derivative's deviation.
+    """
+    return np.asarray(np.diff(values, axis=0).std(axis=0))
 
 
 @dataclass(frozen=True)
@@ -143,6 +161,9 @@ class Loss:
         the correction in SI units that weighs as much as one residual of one scale (infinite: not
         held at all). With windows as long as the recordings this is simulation-error (NOE)
         training with estimated initial state.
+    scale : Scale or None
+        `channel_deviation`, `increment_deviation` or a function of your own; None divides by the
+        channels' deviations where their units differ and by 1 where they share one.
     """
 
     domain: Domain = states
@@ -150,6 +171,7 @@ class Loss:
     prefilter: Prefilter = NO_FILTER
     penalties: tuple[Penalty, ...] = ()
     free_starts: Mapping[str, float] = field(default_factory=dict)
+    scale: Scale | None = None
 
 
 DEFAULT_LOSS = Loss()

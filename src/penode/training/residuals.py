@@ -16,7 +16,7 @@ from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
 from penode.training.free_starts import eliminated, estimated_starts
-from penode.training.loss import DEFAULT_LOSS, Loss
+from penode.training.loss import DEFAULT_LOSS, Loss, channel_deviation
 from penode.training.prediction_error import Batch, PredictionError
 from penode.training.sensitivities import window_sums
 
@@ -57,7 +57,7 @@ class GaussNewtonTerms:
 
 
 def residual_scale(model: Model, visited: FloatArray, loss: Loss) -> FloatArray:
-    """Return what residuals are divided by, shape (quantity,): 1 where all share a unit.
+    """Return what residuals are divided by, shape (quantity,), in the loss's domain.
 
     Parameters
     ----------
@@ -66,13 +66,14 @@ def residual_scale(model: Model, visited: FloatArray, loss: Loss) -> FloatArray:
     visited : ndarray, shape (time, state)
         Recorded states, SI units.
     loss : Loss
-        In its domain each quantity is divided by its deviation if the states' units differ.
+        Its `scale`; by default 1 if the states share a unit and else the channels' deviations.
     """
     with float64():
         quantity = np.asarray(loss.domain(with_batch_axis(model), jnp.asarray(visited.T)))
-    if len(set(model.state_units)) == 1:
+    if loss.scale is None and len(set(model.state_units)) == 1:
         return np.ones(len(quantity))
-    return np.asarray(np.maximum(quantity.std(axis=1), 1e-300))
+    scale = loss.scale or channel_deviation
+    return np.asarray(np.maximum(scale(quantity.T), 1e-300))
 
 
 class Objective:
