@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 import penode
 from penode.models.networks import TanhLayers
 from penode.models.parameters import Positive, with_batch_axis
+from penode.training.multi_start import BestOf
 from penode.training.second_order import LevenbergMarquardt
 
 STEP = 0.01  # s
@@ -35,7 +36,7 @@ class Pendulum(penode.Model):
 
     def learned(self, x):
         """Return the friction (1, batch) in rad/s2, an odd function of the speed."""
-        forward, back = (self.friction.value_and_jacobian(s * x[1:] / 3.0)[0] for s in (1, -1))
+        forward, back = (self.friction.value_and_jacobian(s * x[1:])[0] for s in (1, -1))
         return 2.0 * (forward - back)
 
     def derivative(self, x, u):
@@ -71,9 +72,13 @@ def record(seed, samples=3000):
 
 def identify(run, horizons=(12, 25, 50, 100)):
     """Return the fit."""
-    start = Pendulum(TanhLayers.random((1, 6, 1), seed=0), stiffness=7.0, gain=1.0)
-    stages = tuple(penode.Stage(h, LevenbergMarquardt()) for h in horizons)
-    return penode.identify(start, [run], plan=penode.Plan(stages), validation=[record(2)])
+    start, *others = (
+        Pendulum(TanhLayers.random((1, 6, 1), seed), stiffness=7.0, gain=1.0) for seed in range(4)
+    )
+    first = penode.Stage(horizons[0], BestOf(LevenbergMarquardt(), tuple(others)))
+    later = tuple(penode.Stage(h, LevenbergMarquardt()) for h in horizons[1:])
+    plan = penode.Plan((first, *later))
+    return penode.identify(start, [run], plan=plan, validation=[record(2)])
 
 
 def main(out="pendulum.png"):

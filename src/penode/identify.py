@@ -4,23 +4,25 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
+from threadpoolctl import threadpool_limits
 
 from penode.data.experiment import Experiment
-from penode.data.quality import check_excitation
 from penode.errors import InputError
-from penode.horizon.account import Account
+from penode.horizon.account import Account, stopped
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import Ascent, Observer, fitting_plan, ladder_plan
-from penode.horizon.selection import Plateau, Selector
+from penode.horizon.ladder import (
+    Ascent,
+    Observer,
+    RungFit,
+    StoppedClimb,
+    fitting_plan,
+    ladder_plan,
+)
+from penode.horizon.selection import Choice, Plateau, Selector
 from penode.models.base import Model
-from penode.predictors.base import Predictor
-from penode.training.covariance import Reported
 from penode.training.fit import Fit
 from penode.training.plan import Plan
-from penode.training.residuals import Objective, residual_scale
-from penode.validation.coverage import thin
-from penode.validation.free_run import require_predictable, with_unmeasured
+from penode.validation.free_run import require_predictable
 
 
 def nobody(event: Mapping[str, Any]) -> None:
@@ -28,6 +30,20 @@ def nobody(event: Mapping[str, Any]) -> None:
 
 
 DEFAULT_SELECTOR = Plateau()
+
+
+class Stopped(KeyboardInterrupt):
+    """Ctrl-C during a training of which some horizons were finished, with the best so far.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of the finished horizons; its verdict is ``"stopped"`` unless the data cannot answer.
+    """
+
+    def __init__(self, fit: Fit):
+        super().__init__(fit.horizon.reason)
+        self.fit = fit
 
 
 def identify(
@@ -65,36 +81,31 @@ def identify(
     InputError
         If a channel is missing, a state never moves, the recordings differ in time step or are
         too short, or the predictions diverge at the first horizon.
+    Stopped
+        On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """
     began = time.monotonic()
     if not experiments:
         raise InputError("no recording came; give at least one.")
     start = start if isinstance(start, Start) else Start(start)
     plan = plan or fitting_plan(ladder_plan(), experiments)
-    ascent = _prepare(start.model, experiments, plan, observer)
+    ascent = Ascent.of(start.model, experiments, plan, observer)
     for unseen in validation:
         require_predictable(ascent.objective.predictor, start.model, unseen)
-    rungs = ascent.climb(plan, ascent.objective.layout.raw(start.model))
-    choice = selector.select(rungs)
-    wall_time = time.monotonic() - began
-    provenance = {
-        "training_time_s": wall_time,
-        "placement": str(plan.placement),
-        "solver": str(plan.solver),
-    }
-    return Account(ascent, start, plan, rungs, choice).fit(validation, provenance)
 
+    def account(rungs: Sequence[RungFit], choice: Choice) -> Fit:
+        provenance = {
+            "training_time_s": time.monotonic() - began,
+            "placement": str(plan.placement),
+            "solver": str(plan.solver),
+        }
+        return Account(ascent, start, plan, rungs, choice).fit(validation, provenance)
 
-def _prepare(
-    model: Model, experiments: Sequence[Experiment], plan: Plan, observer: Observer
-) -> Ascent:
-    measured = tuple(name for name in model.states if name not in model.unmeasured)
-    for experiment in experiments:
-        if len(experiment) > 1:
-            check_excitation(experiment, measured)
-    visited = np.concatenate([with_unmeasured(e, model).stack(model.states) for e in experiments])
-    predictor = Predictor(experiments[0].time_step, plan.solver, plan.hold)
-    scale = residual_scale(model, visited, plan.loss)
-    objective = Objective(predictor, model, scale, plan.loss, len(experiments))
-    reported = Reported(objective.layout, thin(visited, most=100))
-    return Ascent(objective, reported, model, experiments, observer)
+    try:
+        # Matrices are small, and threads that wait for each other cost more than they bring.
+        with threadpool_limits(1, "blas"):
+            rungs = ascent.climb(plan, ascent.objective.layout.raw(start.model))
+    except StoppedClimb as stop:
+        best = account(stop.rungs, stopped(selector.select(stop.rungs), plan))
+        raise Stopped(best) from stop
+    return account(rungs, selector.select(rungs))

@@ -109,7 +109,7 @@ def test_maps_of_the_fit_are_means_over_the_angle(orders):
     np.testing.assert_allclose(found, slopes, rtol=0, atol=1e-4 * FLUX / SCALE)
     with float64():
         watched = with_batch_axis(AngleMachine(flux_map, R=0.01)).learned(jnp.asarray(CURRENTS))
-    np.testing.assert_array_equal(watched, maps["flux_map"](*CURRENTS))
+    np.testing.assert_allclose(watched, maps["flux_map"](*CURRENTS), rtol=1e-13, atol=1e-15)
 
 
 # --- dead time --------------------------------------------------------------------------------

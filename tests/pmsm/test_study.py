@@ -9,8 +9,11 @@ import pytest
 
 import penode
 from penode.errors import InputError
+from penode.pmsm import study as study_module
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.study import GRID, Study, flux_map_csv, identify, write
+from penode.training import archive
+from penode.training import fit as fit_module
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +68,28 @@ def test_everything_written_reads_back(fit, slow_run, tmp_path):
     again = penode.Fit.load(tmp_path)
     np.testing.assert_array_equal(again.flux_map(50.0, -80.0), fit.flux_map(50.0, -80.0))
     assert again.result() == json.loads(json.dumps(fit.result())) or again.horizon == fit.horizon
+
+
+@pytest.mark.parametrize("place", ["fit.npz", "fit.json", "result.json", "flux_map.csv"])
+def test_an_interrupted_writing_leaves_the_result_of_before_whole(
+    fit, tmp_path, monkeypatch, place
+):
+    monkeypatch.setattr(study_module, "machine_report", lambda fit: "<html>")
+    write(fit, tmp_path)
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*.*")}
+    write_file = archive.write_atomically
+
+    def interrupted(path, content):
+        write_file(path, content)
+        if path.name == place:
+            raise KeyboardInterrupt
+
+    for module in (study_module, archive, fit_module):
+        monkeypatch.setattr(module, "write_atomically", interrupted)
+    other = replace(fit, warnings=("other",))
+    with pytest.raises(KeyboardInterrupt):
+        write(other, tmp_path)
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*.*")} == before
 
 
 def test_a_stuck_current_is_warned_of(slow_run):

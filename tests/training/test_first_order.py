@@ -104,3 +104,14 @@ def test_a_last_step_into_divergence_is_told(machine, problem):
     few = first_windows(problem, 10)
     solution = FirstOrder(optax.sgd(1e6), epochs=1, batches=1).minimise(few, machine.raw)
     assert solution.outcome == DIVERGED
+
+
+def test_starts_side_by_side_are_what_each_is_alone(machine, problem):
+    optimiser = FirstOrder(optax.adam(RATE), epochs=3, batches=5, seed=4)
+    raws = machine.raw + np.array([[0.1], [-30.0], [0.05]])
+    together = optimiser.minimise_together(problem, raws)
+    for k, (found, raw) in enumerate(zip(together, raws, strict=True)):
+        alone = replace(optimiser, seed=4 + k).minimise(problem, raw)
+        np.testing.assert_allclose(found.raw, alone.raw, rtol=1e-12)
+        assert (found.evaluations, found.outcome) == (alone.evaluations, alone.outcome)
+    assert [found.outcome == DIVERGED for found in together] == [False, True, False]

@@ -54,8 +54,9 @@ def test_a_free_run_that_diverges_has_an_infinite_error(systems):
     found = compare(predictor_of(system), unstable, run, "train")
     assert found.free_run_rmse == np.inf
     assert np.isfinite(found.one_step_rmse)
-    both = free_run_rmse(predictor_of(system), [unstable, unstable], [run, run])
-    assert both == np.inf
+    both = free_run_rmse(predictor_of(system), [[system.model] * 2, [unstable] * 2], [run, run])
+    assert np.isfinite(both[0])
+    assert both[1] == np.inf
 
 
 def test_free_run_error_weighs_recordings_by_their_length(systems):
@@ -63,8 +64,8 @@ def test_free_run_error_weighs_recordings_by_their_length(systems):
     runs = system.experiments
     parts = [compare(predictor_of(system), system.model, run, "train") for run in runs]
     errors = np.concatenate([(p.measured - p.free_run)[1:] for p in parts])
-    found = free_run_rmse(predictor_of(system), [system.model] * len(runs), runs)
-    assert found == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-12)
+    found = free_run_rmse(predictor_of(system), [[system.model] * len(runs)], runs)
+    assert found[0] == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-12)
 
 
 def test_a_missing_channel_is_named(systems):

@@ -1,4 +1,4 @@
-"""The command line: exit status 0 done, 1 the data cannot answer, 2 bad input or usage."""
+"""The command line: exit status 0 done, 1 the data cannot answer, 2 bad input, 130 stopped."""
 
 import hashlib
 import platform
@@ -14,11 +14,13 @@ import jax
 import typer
 from rich.console import Console
 
-from penode.cli.progress import Stopped, watched
+from penode.cli.progress import Interrupted, watched
 from penode.cli.summary import print_demo, print_fit
 from penode.data.load import load
 from penode.data.save import require_suffix
 from penode.errors import InputError
+from penode.horizon.checkpoint import Checkpoint
+from penode.identify import Stopped
 from penode.pmsm.bench.config import load_config
 from penode.pmsm.demo import run_demo
 from penode.pmsm.flux_maps import FLUX_MAPS
@@ -49,8 +51,8 @@ def main() -> None:
     except InputError as error:
         _say(f"error: {error}")
         sys.exit(2)
-    except Stopped:
-        _say("Stopped; no result was written.")
+    except Interrupted as stop:
+        _say(str(stop))
         sys.exit(130)
 
 
@@ -73,11 +75,19 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         str, typer.Option(help=f"Frame in which the voltage is held: {' or '.join(HOLDS)}.")
     ] = "dq",
     seed: Annotated[int, typer.Option(help="Seed of every random draw.")] = 0,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the fit that was stopped in --out.")
+    ] = False,
 ) -> None:
     """Identify resistance and flux-linkage map from recordings of a drive.
 
     Columns: t (s), u_d and u_q (V), i_d and i_q (A), omega_el (rad/s, electrical), optionally
     theta_el (rad); or u_a .. u_c, i_a .. i_c and theta_el. Currents and voltages are peak values.
+
+    Ctrl-C stops with the best so far, written as a whole result; the same command with --resume
+    added goes on after the last finished horizon. Ctrl-C a second time leaves at once.
+
+    Exit status: 0 done, 1 the data cannot answer, 2 unusable input, 130 stopped.
 
     Example: penode identify run.csv --validate other.csv --out result
     """
@@ -90,13 +100,26 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         angle_orders=_orders(angle_orders),
         hold=hold,
     )
-    recordings = [load(run) for run in runs]
-    unseen = [load(run) for run in validate or []]
-    with watched(out, _errors) as observer:
-        fit = identify(recordings, study=study, validation=unseen, observer=observer)
-    fit = _signed(fit, began)
-    write(fit, out)
+    checkpoint = _checkpoint(out, resume)
+    stopped = False
+    with watched(out, _errors, checkpoint) as observer:
+        try:
+            fit = identify(
+                [load(run) for run in runs],
+                study=study,
+                validation=[load(run) for run in validate or []],
+                observer=observer,
+                checkpoint=checkpoint,
+            )
+        except Stopped as stop:
+            fit, stopped = stop.fit, True
+        fit = _signed(fit, began)
+        write(fit, out)
     print_fit(_output, fit, out)
+    if stopped:
+        _say("Stopped; this is the best so far. Add --resume to go on.")
+        raise typer.Exit(130)
+    checkpoint.path.unlink(missing_ok=True)
     if not fit.horizon.answered:
         raise typer.Exit(1)
 
@@ -183,6 +206,13 @@ def _orders(text: str) -> tuple[int, ...]:
         ) from error
 
 
+def _checkpoint(out: Path, resume: bool) -> Checkpoint:
+    path = out / "fit" / "checkpoint.json"
+    if resume and not path.exists():
+        _say(f"note: {path} is not there, so nothing is resumed; beginning anew.")
+    return Checkpoint(path, resume and path.exists())
+
+
 def _signed(fit: Fit, began: float) -> Fit:
     """Add the command and its wall time to the provenance."""
     command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
@@ -199,7 +229,7 @@ def _use_compilation_cache() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         configure: Callable[[str, object], None] = jax.config.update
         configure("jax_compilation_cache_dir", str(folder))
-        configure("jax_persistent_cache_min_compile_time_secs", 0.2)
+        configure("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def _processor_flags() -> str:

@@ -1,7 +1,7 @@
 """Account: a climbed ladder and the choice made on it, told as a `Fit`."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any
 
@@ -123,22 +123,25 @@ class Account:
             selected=self.rungs[self.choice.index].horizon,
             verdict=verdict,
             reason=reason,
-            ladder=tuple(self._rung(rung) for rung in self.rungs),
+            ladder=self._ladder(),
             plateau=tuple(self.rungs[k].horizon for k in self.choice.agreeing),
         )
 
-    def _rung(self, rung: RungFit) -> Rung:
+    def _ladder(self) -> tuple[Rung, ...]:
         experiments = self.ascent.experiments
-        models = [self._model(rung, k) for k in range(len(experiments))]
-        free = free_run_rmse(self.ascent.objective.predictor, models, experiments)
-        return Rung(
-            horizon=rung.horizon,
-            parameters=dict(zip(self.names, rung.values.tolist(), strict=False)),
-            std=dict(zip(self.names, rung.deviation.tolist(), strict=False)),
-            rmse=float(np.sqrt(rung.solution.terms.loss)),
-            free_run_rmse=free if np.isfinite(free) else None,
-            iterations=rung.solution.evaluations,
-            outcome=rung.solution.outcome,
+        fits = [[self._model(r, k) for k in range(len(experiments))] for r in self.rungs]
+        errors = free_run_rmse(self.ascent.objective.predictor, fits, experiments)
+        return tuple(
+            Rung(
+                horizon=rung.horizon,
+                parameters=dict(zip(self.names, rung.values.tolist(), strict=False)),
+                std=dict(zip(self.names, rung.deviation.tolist(), strict=False)),
+                rmse=float(np.sqrt(rung.solution.terms.loss)),
+                free_run_rmse=float(error) if np.isfinite(error) else None,
+                iterations=rung.solution.evaluations,
+                outcome=rung.solution.outcome,
+            )
+            for rung, error in zip(self.rungs, errors, strict=True)
         )
 
     def _warnings(self, comparisons: Sequence[Comparison]) -> tuple[str, ...]:
@@ -148,14 +151,34 @@ class Account:
             if not np.isfinite(c.free_run_rmse)
         ]
         if len(self.rungs) < len(self.plan.stages):
-            horizon = self.plan.stages[len(self.rungs)].horizon
-            found.append(
-                f"The predictions diverge at horizon {horizon}; longer ones were not tried."
-            )
+            found.append(self._shortfall())
         hidden = self.start.indistinguishable
         if hidden:
             found.insert(0, f"{_hidden(self.start, hidden)} {self.start.repair}")
         return tuple(found)
+
+    def _shortfall(self) -> str:
+        reached, top = self.rungs[-1].horizon, self.plan.stages[-1].horizon
+        if self.choice.verdict == "stopped":
+            return f"Stopped after horizon {reached} of {top}; longer ones were not tried."
+        horizon = self.plan.stages[len(self.rungs)].horizon
+        return f"The predictions diverge at horizon {horizon}; longer ones were not tried."
+
+
+def stopped(choice: Choice, plan: Plan) -> Choice:
+    """Return the choice among the first rungs of a plan that a person stopped.
+
+    Parameters
+    ----------
+    choice : Choice
+        The selector's, among the finished rungs.
+    plan : Plan
+        What was to be climbed.
+    """
+    reason = f"The ladder was not climbed to its end. So far: {choice.reason}"
+    if choice.verdict == "fixed":
+        reason = f"The horizon asked for, {plan.stages[-1].horizon}, was not reached."
+    return replace(choice, verdict="stopped", reason=reason)
 
 
 def _hidden(start: Start, names: Sequence[str]) -> str:

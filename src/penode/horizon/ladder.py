@@ -8,9 +8,11 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
+from penode.data.quality import check_excitation
 from penode.data.windows import Jittered, Windows, cut
 from penode.errors import InputError
 from penode.models.base import Model
+from penode.predictors.base import Predictor
 from penode.training.covariance import (
     Reported,
     hang_on_few_windows,
@@ -18,8 +20,9 @@ from penode.training.covariance import (
     sandwich_deviation,
 )
 from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Solution, Stage
-from penode.training.residuals import Objective
+from penode.training.residuals import Objective, residual_scale
 from penode.training.second_order import LevenbergMarquardt
+from penode.validation.coverage import thin
 from penode.validation.free_run import with_unmeasured
 
 #: Told an event, such as one evaluation or a finished rung, as plain values.
@@ -88,6 +91,20 @@ class RungFit:
     windows: Windows
 
 
+class StoppedClimb(KeyboardInterrupt):
+    """Ctrl-C during a climb of which some rungs were finished.
+
+    Parameters
+    ----------
+    rungs : tuple of RungFit
+        Finished ones; at least one.
+    """
+
+    def __init__(self, rungs: tuple[RungFit, ...]):
+        super().__init__(f"stopped after horizon {rungs[-1].horizon}")
+        self.rungs = rungs
+
+
 @dataclass(frozen=True, eq=False)
 class Ascent:
     """What a climb needs: objective, reported quantities, recordings, and who is told."""
@@ -97,6 +114,29 @@ class Ascent:
     model: Model
     experiments: Sequence[Experiment]
     observer: Observer
+
+    @classmethod
+    def of(
+        cls, model: Model, experiments: Sequence[Experiment], plan: Plan, observer: Observer
+    ) -> "Ascent":
+        """Return what a plan's climb needs on recordings of one time step.
+
+        Raises
+        ------
+        InputError
+            If a channel is missing or a state never moves.
+        """
+        measured = tuple(name for name in model.states if name not in model.unmeasured)
+        for experiment in experiments:
+            if len(experiment) > 1:
+                check_excitation(experiment, measured)
+        whole = [with_unmeasured(e, model).stack(model.states) for e in experiments]
+        visited = np.concatenate(whole)
+        predictor = Predictor(experiments[0].time_step, plan.solver, plan.hold)
+        scale = residual_scale(model, visited, plan.loss)
+        objective = Objective(predictor, model, scale, plan.loss, len(experiments))
+        reported = Reported(objective.layout, thin(visited, most=100))
+        return cls(objective, reported, model, experiments, observer)
 
     def climb(self, plan: Plan, raw: FloatArray) -> tuple[RungFit, ...]:
         """Run the stages in order from raw (parameter,), ending early at a divergence.
@@ -110,16 +150,17 @@ class Ascent:
         ------
         InputError
             If already the first stage diverges.
+        StoppedClimb
+            On Ctrl-C after the first rung, with the rungs finished until then.
         """
         rungs: list[RungFit] = []
-        for number, stage in enumerate(plan.stages):
-            problem = self._problem(stage, plan)
-            share = (number, len(plan.stages))
-            solution = stage.optimiser.minimise(problem, raw, self._progress(stage.horizon, share))
-            if solution.outcome == DIVERGED:
-                break
-            raw = solution.raw
-            rungs.append(self._finish(stage, problem, solution))
+        try:
+            self._climb(plan, raw, rungs)
+        except KeyboardInterrupt as interrupt:
+            if not rungs:
+                raise
+            self.observer({"event": "stop", "horizon": rungs[-1].horizon})
+            raise StoppedClimb(tuple(rungs)) from interrupt
         if not rungs:
             raise InputError(
                 f"the predictions diverge already at horizon {plan.stages[0].horizon}; check the "
@@ -127,7 +168,20 @@ class Ascent:
             )
         return tuple(rungs)
 
-    def _problem(self, stage: Stage, plan: Plan) -> Problem:
+    def _climb(self, plan: Plan, raw: FloatArray, rungs: list[RungFit]) -> None:
+        """Append finished rungs until the plan ends or a stage diverges."""
+        for number, stage in enumerate(plan.stages):
+            problem = self.problem(stage, plan)
+            share = (number + 1, len(plan.stages))
+            solution = stage.optimiser.minimise(problem, raw, self._progress(stage.horizon, share))
+            if solution.outcome == DIVERGED:
+                break
+            raw = solution.raw
+            rungs.append(self._finish(stage.horizon, problem, solution))
+            self._tell(rungs[-1], share)
+
+    def problem(self, stage: Stage, plan: Plan) -> Problem:
+        """Return the problem of one stage: its windows, and which parameters move."""
         windows = cut(
             [with_unmeasured(e, self.model) for e in self.experiments],
             self.model.states,
@@ -139,25 +193,29 @@ class Ascent:
         moving = self.objective.layout.members(stage.groups)
         return Problem(self.objective, self.reported, windows, moving)
 
-    def _finish(self, stage: Stage, problem: Problem, solution: Solution) -> RungFit:
+    def _finish(self, horizon: int, problem: Problem, solution: Solution) -> RungFit:
         jacobian = problem.reported_jacobian(solution.raw)
         deviation = self._deviation(problem, solution, jacobian)
         values = self.reported.values(solution.raw)
+        share = influence(solution.terms, jacobian[: len(self.objective.layout.physical)])
+        return RungFit(horizon, solution, values, deviation, share, problem.windows)
+
+    def _tell(self, rung: RungFit, share: tuple[int, int]) -> None:
         names = self.objective.layout.physical
         self.observer(
             {
                 "event": "rung",
-                "horizon": stage.horizon,
-                "rmse": float(np.sqrt(solution.terms.loss)),
-                "parameters": dict(zip(names, values.tolist(), strict=False)),
-                "std": dict(zip(names, deviation.tolist(), strict=False)),
+                "horizon": rung.horizon,
+                "stage": share[0],
+                "stages": share[1],
+                "rmse": float(np.sqrt(rung.solution.terms.loss)),
+                "parameters": dict(zip(names, rung.values.tolist(), strict=False)),
+                "std": dict(zip(names, rung.deviation.tolist(), strict=False)),
                 "units": self.objective.layout.units,
-                "evaluations": solution.evaluations,
-                "outcome": solution.outcome,
+                "evaluations": rung.solution.evaluations,
+                "outcome": rung.solution.outcome,
             }
         )
-        share = influence(solution.terms, jacobian[: len(names)])
-        return RungFit(stage.horizon, solution, values, deviation, share, problem.windows)
 
     def _deviation(self, problem: Problem, solution: Solution, jacobian: FloatArray) -> FloatArray:
         """Return the deviations of reported quantities, infinite where nothing measures them."""
@@ -180,7 +238,7 @@ class Ascent:
                 {
                     "event": "evaluation",
                     "horizon": horizon,
-                    "stage": share[0] + 1,
+                    "stage": share[0],
                     "stages": share[1],
                     "loss": loss,
                     "parameters": dict(zip(names, values.tolist(), strict=True)),

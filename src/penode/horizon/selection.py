@@ -6,7 +6,7 @@ from itertools import combinations
 from typing import Protocol
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from penode.arrays import FloatArray
 from penode.horizon.ladder import RungFit
@@ -122,7 +122,7 @@ def _expected_errors(rungs: Sequence[RungFit]) -> FloatArray:
 def _agreement(rungs: Sequence[RungFit], level: float) -> set[tuple[int, int]]:
     pairs = list(combinations(range(len(rungs)), 2))
     physical = len(rungs[0].influence)
-    limit = norm.isf(0.5 * level / max(len(pairs) * physical, 1))
+    limit = -ndtri(0.5 * level / max(len(pairs) * physical, 1))
     agreeing = set()
     for a, b in pairs:
         change = np.abs(rungs[b].values - rungs[a].values)[:physical]

@@ -3,7 +3,8 @@
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Generic
+from functools import cached_property
+from typing import Any, Generic
 
 import jax
 import jax.numpy as jnp
@@ -114,10 +115,20 @@ class Layout(Generic[AnyModule]):
         experiment : int, optional
             Recording whose nuisances the model has; without it their mean.
         """
-        shares = None if experiment is None else jnp.eye(self.experiments)[:, [experiment]]
-        batched = self.model(self.values(jnp.asarray(raw))[:, None], shares)
-        model: AnyModule = jax.tree.map(lambda leaf: np.asarray(leaf[..., 0]), batched)
+        shares = np.full((self.experiments, 1), 1.0 / self.experiments)
+        if experiment is not None:
+            shares[:, 0] = np.arange(self.experiments) == experiment
+        model: AnyModule = jax.tree.map(np.asarray, self._plain(jnp.asarray(raw), shares))
         return model
+
+    @cached_property
+    def _plain(self) -> Any:
+        def of(raw: JaxArray, shares: JaxArray) -> AnyModule:
+            batched = self.model(self.values(raw)[:, None], shares)
+            model: AnyModule = jax.tree.map(lambda leaf: leaf[..., 0], batched)
+            return model
+
+        return jax.jit(of)
 
     def nuisances(self, raw: FloatArray) -> dict[str, FloatArray]:
         """Return the nuisances, each of shape (experiment, *shape), of a raw vector (size,)."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -146,11 +147,16 @@ def _solved(matrix: JaxArray, vector: JaxArray) -> JaxArray:
     return solution
 
 
+@jax.jit
+def _flux_and_inductance(machine: Machine, currents: JaxArray) -> tuple[JaxArray, JaxArray]:
+    return with_batch_axis(machine).flux.flux_and_inductance(currents)
+
+
 def _evaluate(machine: Machine, i_d: Any, i_q: Any) -> tuple[FloatArray, FloatArray]:
     """Return psi (2, *shape) in Vs and L (2, 2, *shape) in H for currents of any one shape."""
     currents = np.stack(np.broadcast_arrays(np.asarray(i_d, float), np.asarray(i_q, float)))
     shape = currents.shape[1:]
     with float64():
         flat = jnp.asarray(currents.reshape(2, -1))
-        psi, inductance = with_batch_axis(machine).flux.flux_and_inductance(flat)
+        psi, inductance = _flux_and_inductance(machine, flat)
         return np.asarray(psi).reshape(2, *shape), np.asarray(inductance).reshape(2, 2, *shape)

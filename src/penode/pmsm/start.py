@@ -9,12 +9,14 @@ from scipy.optimize import least_squares
 
 from penode.arrays import FloatArray, JaxArray, float64
 from penode.data.experiment import Experiment
+from penode.models.compositions import LinearSkip
 from penode.models.layout import Layout
+from penode.models.networks import TanhLayers
 from penode.pmsm.flux_maps import FLUX_MAPS, FluxMap, draw_flux_map
 from penode.pmsm.model import AngleMachine, DeadTimeMachine, Machine
 from penode.pmsm.weak_balance import BalanceForm, BalanceSolution, PolynomialMap, harmonic_window
 
-__all__ = ["PolynomialMap", "harmonic_window", "weak_start"]
+__all__ = ["PolynomialMap", "harmonic_window", "nominal_start", "weak_start"]
 
 _DRAWS = 2
 _POINTS = 300
@@ -22,6 +24,8 @@ _POINTS = 300
 #: all scaled to order 1.
 _SLOPE_WEIGHT = 0.1
 _ANGLE_WEIGHT = 0.05
+#: What a random network's last layer begins with, beside the linear map.
+_WEAK = 0.05
 #: First guess of the current below which dead time costs less, as a share of the largest current.
 _DEAD_TIME_CURRENT = 0.01
 
@@ -67,6 +71,34 @@ def weak_start(
     draws = [draw_flux_map(kind, seed + k, scales, angle_orders) for k in range(_DRAWS)]
     flux_map = _fit_networks(draws, balance, points, np.random.default_rng(seed))
     return _machine(flux_map, balance), balance.independence
+
+
+def nominal_start(experiments: Sequence[Experiment], seed: int) -> Machine:
+    """Put a weak random network beside the machine's linear map, with an R that knows nothing.
+
+    The start of the paper's recipe: without the linear part random weights make the differential
+    inductance singular, and every rollout overflows at once.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Recordings with i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s); they give the magnet's flux
+        linkage and the two inductances.
+    seed : int
+        Seed of the draw of the network, 2-6-4-2 with tanh, and of R, uniform in 0 to 20 mohm.
+    """
+    scale = max(float(np.abs(e.stack(Machine.states)).max()) for e in experiments)
+    balance = BalanceForm(PolynomialMap(True, scale, degree=2)).solve(experiments)
+    origin = np.zeros((1, 2))
+    psi, inductance, _ = (part[0] for part in balance.flux(origin, np.zeros(1)))
+    largest = float(np.abs(psi).max() + scale * np.abs(inductance).max())
+    drawn = TanhLayers.random((2, 6, 4, 2), seed)
+    *hidden, last = drawn.weights
+    *inner, bias = drawn.biases
+    network = TanhLayers((*hidden, _WEAK * last), (*inner, _WEAK * bias))
+    beside = LinearSkip(network, inductance * scale / largest, psi / largest)
+    resistance = np.random.default_rng(seed).uniform(0.0, 0.02)
+    return Machine(FluxMap(beside, scale, largest), R=resistance)
 
 
 def _machine(flux_map: FluxMap, balance: BalanceSolution) -> Machine:

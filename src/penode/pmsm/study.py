@@ -1,5 +1,6 @@
 """From drive recordings to a machine: the application's main path, and the files it writes."""
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,11 +10,12 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.data.quality import inspect
 from penode.errors import InputError
+from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HORIZONS, Observer, fitting_plan, ladder_plan
 from penode.horizon.selection import Longest, Plateau, Selector
+from penode.identify import Stopped, nobody
 from penode.identify import identify as identify_model
-from penode.identify import nobody
 from penode.pmsm.channels import drive_recording, require_angle
 from penode.pmsm.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.holds import HOLDS
@@ -118,6 +120,7 @@ def identify(
     study: Study = DEFAULT_STUDY,
     validation: Sequence[Experiment] = (),
     observer: Observer = nobody,
+    checkpoint: Checkpoint | None = None,
 ) -> Fit:
     """Find the resistance and the flux-linkage map of a machine from drive recordings.
 
@@ -134,6 +137,8 @@ def identify(
         Recordings that are predicted but not trained on.
     observer : callable
         Told of each evaluation and rung.
+    checkpoint : Checkpoint, optional
+        Keeps finished horizons in a file, from which a stopped fit goes on.
 
     Returns
     -------
@@ -144,20 +149,33 @@ def identify(
     ------
     InputError
         If a recording cannot be used; the message names it, the channel and the mend.
+    Stopped
+        On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """
     recordings = [drive_recording(e) for e in experiments]
     unseen = [drive_recording(e) for e in validation]
     study.check([*recordings, *unseen])
     observer({"event": "start", "recordings": [e.name for e in recordings]})
-    start = _start(recordings, study)
-    fit = identify_model(
-        start,
-        recordings,
-        plan=study.plan(recordings),
-        selector=study.selector(),
-        validation=unseen,
-        observer=observer,
-    )
+    plan = study.plan(recordings)
+    if checkpoint is not None:
+        plan = checkpoint.over(plan, observer)
+    study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
+    try:
+        fit = identify_model(
+            _start(recordings, study),
+            recordings,
+            plan=plan,
+            selector=study.selector(),
+            validation=unseen,
+            observer=observer,
+        )
+    except Stopped as stop:
+        raise Stopped(_with_facts(stop.fit, recordings, study)) from stop
+    return _with_facts(fit, recordings, study)
+
+
+def _with_facts(fit: Fit, recordings: Sequence[Experiment], study: Study) -> Fit:
+    """Add what was asked for, and what is odd in the recordings."""
     speed = float(np.median(np.abs(recordings[0].channels["omega_el"])))
     facts = {
         "flux_map": study.flux_map,
@@ -165,7 +183,7 @@ def identify(
         "angle_orders": list(study.angle_orders),
         "hold": study.hold,
         "seed": study.seed,
-        "pole_pairs": pole_pairs or study.pole_pairs,
+        "pole_pairs": study.pole_pairs,
         "electrical_frequency_hz": speed / (2 * np.pi),
     }
     known = {name: fact for name, fact in facts.items() if fact is not None}
@@ -198,15 +216,21 @@ def write(fit: Fit, folder: str | Path) -> None:
     fit : Fit
         Of a machine.
     folder : str or Path
-        Gets ``result.json``, ``flux_map.csv``, ``fit/`` and ``report.html``, each replaced in one
-        step.
+        Gets ``result.json``, ``flux_map.csv``, ``fit/`` and ``report.html``, moved there together
+        when all are written: what interrupts the writing leaves an earlier result as it was.
     """
     folder = Path(folder)
     report = machine_report(fit)
     table = flux_map_csv(fit)
-    fit.save(folder)
-    write_atomically(folder / "flux_map.csv", table)
-    write_atomically(folder / "report.html", report)
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".result.") as made:
+        staged = Path(made)
+        fit.save(staged)
+        write_atomically(staged / "flux_map.csv", table)
+        write_atomically(staged / "report.html", report)
+        (folder / "fit").mkdir(exist_ok=True)
+        for file in [path for path in staged.rglob("*") if path.is_file()]:
+            file.replace(folder / file.relative_to(staged))
 
 
 def flux_map_csv(fit: Fit) -> str:

@@ -28,15 +28,18 @@ class PolynomialMap:
         Gradient of a polynomial coenergy, or two free polynomials.
     current_scale : float
         A (peak).
+    degree : int or None
+        Of the coenergy, or of the free polynomials; 8 and 6 if not given.
     """
 
     reciprocal: bool
     current_scale: float
+    degree: int | None = None
 
     def basis(self, currents: FloatArray) -> FloatArray:
         """Return the map of each coefficient, shape (time, 2, coefficient), at (time, 2) in A."""
         x, y = (currents / self.current_scale).T
-        degree = _DEGREE[self.reciprocal]
+        degree = self.degree or _DEGREE[self.reciprocal]
         powers = [(m, n) for m in range(degree + 1) for n in range(degree + 1 - m)]
         if self.reciprocal:
             columns = [

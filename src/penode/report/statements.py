@@ -18,6 +18,8 @@ _MEANINGS = {
     "many, so the shortest horizon is enough.",
     "fixed": "The horizon was given, so nothing here tests whether the estimate depends on it. "
     "Identify with the horizon chosen automatically to find out.",
+    "stopped": "What the horizons finished until then say is below; longer ones may change it. Go "
+    "on with --resume to find out.",
     "no plateau": "The estimate keeps changing with how far ahead the model predicts. No horizon "
     "can be preferred, so the value below must not be used.",
     "not identifiable": "Different parameter values explain these recordings equally well, so "
@@ -83,6 +85,8 @@ def verdict_notice(choice: HorizonChoice) -> Notice:
         Red where the data cannot answer, amber where it was not tested, green otherwise.
     """
     meaning = _MEANINGS.get(choice.verdict, "")
+    if choice.verdict == "stopped":
+        return Notice("caution", "Stopped before the end", f"{choice.reason} {meaning}")
     if not choice.answered:
         label = f"The data cannot answer (verdict: {choice.verdict})"
         return Notice("refusal", label, f"{choice.reason} {meaning}".rstrip())

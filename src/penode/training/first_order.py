@@ -1,13 +1,18 @@
 """Adam and other first-order optimisers, through optax."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
 
-from penode.arrays import FloatArray, float64
+from penode.arrays import FloatArray, IntArray, JaxArray, float64
 from penode.training.plan import DIVERGED, Problem, Progress, Solution, silent
+from penode.training.prediction_error import Batch
+from penode.training.residuals import Objective, compiled_windows
 
 
 @dataclass(frozen=True)
@@ -43,34 +48,114 @@ class FirstOrder:
         Solution
             Ends early, with the parameters before it, when the loss is not finite.
         """
-        layout = problem.objective.layout
+        return self.minimise_together(problem, raw[None], progress)[0]
+
+    def minimise_together(
+        self, problem: Problem, raws: FloatArray, progress: Progress = silent
+    ) -> list[Solution]:
+        """Lower the loss from several starts at once, in one program.
+
+        Parameters
+        ----------
+        problem : Problem
+        raws : ndarray, shape (start, parameter)
+            Start k draws its batches with `seed` + k.
+        progress : callable
+            Told the first start's parameters and loss after each epoch.
+
+        Returns
+        -------
+        list of Solution
+            What `minimise` would return for each; one that diverges stands still.
+        """
+        layout, count = problem.objective.layout, len(problem.windows.starts)
         groups = ("physical",) if layout.physical else ()
         scale = np.where(layout.members(groups), self.physical_scale, 1.0)
-        random = np.random.default_rng(self.seed)
+        randoms = [np.random.default_rng(self.seed + k) for k in range(len(raws))]
+        recipe = (problem.objective, self.transformation, problem.windows.horizon)
         with float64():
-            state = self.transformation.init(jnp.asarray(raw / scale))
-        sound = raw
-        for epoch in range(self.epochs):
-            order = random.permutation(len(problem.windows.starts))
-            for batch in np.array_split(order, min(self.batches, len(order))):
-                loss, gradient = self._gradient(problem, raw, np.sort(batch))
-                if not np.isfinite(loss):
-                    return Solution(sound, problem.gauss_newton(sound), epoch, DIVERGED)
-                sound = raw
-                with float64():
-                    step, state = self.transformation.update(
-                        jnp.asarray(gradient * scale), state, jnp.asarray(raw / scale)
-                    )
-                raw = raw + np.asarray(step) * scale * problem.moving
-            progress(raw, loss)
-        terms = problem.gauss_newton(raw)
-        if not terms.finite:
-            return Solution(sound, problem.gauss_newton(sound), self.epochs, DIVERGED)
-        return Solution(raw, terms, self.epochs, "The epochs are used up.")
+            windows = compiled_windows(problem.windows, count)
+            state = jax.vmap(self.transformation.init)(jnp.asarray(raws / scale))
+            finite, loss = jnp.ones(len(raws), bool), jnp.zeros(len(raws))
+            at = _Descent(jnp.asarray(raws), state, jnp.asarray(raws), finite, loss)
+        finished = np.zeros(len(raws), dtype=np.int64)
+        for _ in range(self.epochs):
+            orders = [random.permutation(count) for random in randoms]
+            draws = [_batches(order, min(self.batches, count)) for order in orders]
+            with float64():
+                drawn = tuple(jnp.asarray(np.stack(parts)) for parts in zip(*draws, strict=True))
+                at = _epoch(*recipe, at, windows, (*drawn, scale, problem.moving))
+                running = np.asarray(at.finite)
+            finished += running
+            if not running.any():
+                break
+            progress(np.asarray(at.raw[0]), float(at.loss[0]))
+        return [
+            _solution(
+                problem, np.asarray(raw), np.asarray(sound), int(epochs), bool(epochs < self.epochs)
+            )
+            for raw, sound, epochs in zip(at.raw, at.sound, finished, strict=True)
+        ]
 
-    def _gradient(
-        self, problem: Problem, raw: FloatArray, batch: FloatArray
-    ) -> tuple[float, FloatArray]:
-        windows = problem.windows
-        part = replace(windows, starts=windows.starts[batch], recording=windows.recording[batch])
-        return problem.objective.loss_and_gradient(raw, part)
+
+def _solution(
+    problem: Problem, raw: FloatArray, sound: FloatArray, epochs: int, diverged: bool
+) -> Solution:
+    """Return the last parameters, or those before them if they diverge."""
+    terms = problem.gauss_newton(sound if diverged else raw)
+    if not diverged and terms.finite:
+        return Solution(raw, terms, epochs, "The epochs are used up.")
+    return Solution(sound, problem.gauss_newton(sound), epochs, DIVERGED)
+
+
+class _Descent(NamedTuple):
+    raw: JaxArray
+    state: Any
+    #: The last parameters whose loss was finite.
+    sound: JaxArray
+    finite: JaxArray
+    loss: JaxArray
+
+
+def _batches(order: IntArray, count: int) -> tuple[IntArray, FloatArray]:
+    """Return the windows of each batch (batch, size), padded to one size, and which are in use."""
+    parts = np.array_split(order, count)
+    size = max(len(part) for part in parts)
+    windows = np.stack([np.resize(np.sort(part), size) for part in parts])
+    used = np.stack([np.arange(size) < len(part) for part in parts]).astype(np.float64)
+    return windows, used
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _epoch(
+    objective: Objective,
+    transformation: optax.GradientTransformation,
+    horizon: int,
+    start: _Descent,
+    windows: Batch,
+    draw: tuple[JaxArray, ...],
+) -> _Descent:
+    """Go through the batches of every start once, in one program; the diverged stand still."""
+    order, used, scale, moving = draw
+
+    def descend(at: _Descent, batch: tuple[JaxArray, JaxArray]) -> tuple[_Descent, None]:
+        chosen, counts = batch
+        part = Batch(
+            windows.states,
+            windows.inputs,
+            windows.starts[chosen],
+            windows.recording[chosen],
+            counts,
+        )
+        loss, gradient = jax.value_and_grad(objective.loss_of)(at.raw, part, horizon)
+        step, state = transformation.update(gradient * scale, at.state, at.raw / scale)
+        finite = at.finite & jnp.isfinite(loss) & jnp.isfinite(gradient).all()
+        ahead = _Descent(at.raw + step * scale * moving, state, at.raw, finite, loss)
+        stay = at._replace(finite=finite)
+        return jax.tree.map(lambda new, old: jnp.where(finite, new, old), ahead, stay), None
+
+    def one(at: _Descent, order: JaxArray, used: JaxArray) -> _Descent:
+        return jax.lax.scan(descend, at, (order, used))[0]
+
+    ahead: _Descent = jax.vmap(one)(start, order, used)
+    return ahead

@@ -89,8 +89,9 @@ class HorizonChoice:
     selected : int
         Steps of one sample.
     verdict : str
-        ``"plateau"``, ``"H = 1 suffices"``, ``"fixed"``, ``"no plateau"`` or
-        ``"not identifiable"``; the last two mean that the data cannot answer.
+        ``"plateau"``, ``"H = 1 suffices"``, ``"fixed"``, ``"no plateau"``, ``"not identifiable"``
+        or ``"stopped"``. The data cannot answer under the fourth and the fifth; under ``"fixed"``
+        and ``"stopped"``, by a person before the ladder's end, that is not known.
     reason : str
         One or two sentences for a person.
     ladder : tuple of Rung
@@ -107,7 +108,7 @@ class HorizonChoice:
 
     @property
     def answered(self) -> bool:
-        """Whether the data could answer."""
+        """Whether the data could answer, as far as was tested."""
         return self.verdict not in ("no plateau", "not identifiable")
 
 

@@ -1,7 +1,10 @@
 """THE objective: one residual, from which loss, gradient, Gauss-Newton terms and scores derive."""
 
-from dataclasses import dataclass
-from functools import cached_property
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from typing import Any
 
 import jax
@@ -22,6 +25,10 @@ from penode.training.sensitivities import window_sums
 
 #: Windows a chunk: the sensitivities of one chunk stay in the first-level cache.
 CHUNK = 64
+
+#: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
+#: not depend on the number of cores.
+STRANDS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +126,7 @@ class Objective:
             One program is compiled for each horizon and number of windows.
         """
         with float64():
-            batch = _batch(windows, len(windows.starts))
+            batch = compiled_windows(windows, len(windows.starts))
             loss, gradient = self._value_and_grad(jnp.asarray(raw), batch, windows.horizon)
             return float(loss), np.asarray(gradient)
 
@@ -133,24 +140,41 @@ class Objective:
         windows : Windows
             One program serves every horizon and number of windows cut from the same recordings.
         """
-        count, capacity = len(windows.starts), CHUNK * -(-len(windows.states) // CHUNK)
+        count = len(windows.starts)
         with float64():
-            batch = _batch(windows, capacity)
-            sums = self._terms(jnp.asarray(raw), batch, count, windows.horizon)
-            squares, normal, scores = (np.asarray(part) for part in sums)
             penalties, slopes = (np.asarray(part) for part in self._penalties(jnp.asarray(raw)))
+        squares, normal, scores = self._sums(raw, windows)
         residuals = count * windows.horizon * len(self.error.compared)
         return GaussNewtonTerms(
             loss=float(squares) / residuals + float(penalties @ penalties),
             count=residuals,
             normal=normal + residuals * slopes.T @ slopes,
             descent=scores.sum(axis=1) - residuals * slopes.T @ penalties,
-            scores=scores[:, :count],
+            scores=scores,
         )
+
+    def _sums(self, raw: FloatArray, windows: Windows) -> tuple[FloatArray, ...]:
+        """Return summed squares, normal matrix and the windows' scores, by strands."""
+
+        def add_up(strand: Windows, used: bool = True) -> list[FloatArray]:
+            with float64():
+                batch = compiled_windows(strand, capacity)
+                size = len(strand.starts) if used else 0
+                sums = self._terms(jnp.asarray(raw), batch, size, windows.horizon)
+                return [np.asarray(part) for part in sums]
+
+        strands = list(_strands(windows))
+        capacity = CHUNK * -(-len(windows.states) // (CHUNK * STRANDS))
+        add_up(strands[0], used=False)  # compiles, where that is still to be done, once
+        sums = list(_workers().map(add_up, strands))
+        squares, normal = (np.sum([part[k] for part in sums], axis=0) for k in (0, 1))
+        filled = zip(sums, strands, strict=True)
+        scores = [part[2][:, : len(strand.starts)] for part, strand in filled]
+        return squares, normal, np.concatenate(scores, axis=1)
 
     @cached_property
     def _value_and_grad(self) -> Any:
-        return jax.jit(jax.value_and_grad(self._loss), static_argnums=2)
+        return jax.jit(jax.value_and_grad(self.loss_of), static_argnums=2)
 
     @cached_property
     def _terms(self) -> Any:
@@ -165,7 +189,17 @@ class Objective:
         parts = [penalty.residuals(self.layout, values) for penalty in self.loss.penalties]
         return jnp.concatenate([raw[:0], *parts])
 
-    def _loss(self, raw: JaxArray, batch: Batch, horizon: int) -> JaxArray:
+    def loss_of(self, raw: JaxArray, batch: Batch, horizon: int) -> JaxArray:
+        """Return the loss inside compiled code, to be differentiated in reverse mode.
+
+        Parameters
+        ----------
+        raw : array, shape (parameter,)
+        batch : Batch
+            Windows; those not in use do not count.
+        horizon : int
+            Known when compiled.
+        """
         error, values = self.error, self.layout.values(raw)[:, None]
         correction = self._correction(jax.lax.stop_gradient(values), horizon, batch)
         outputs, prefilter = len(error.compared), self.loss.prefilter
@@ -181,13 +215,14 @@ class Objective:
             memory, total = carry
             residual = error.residual(values, history[0], k + 1, jnp.asarray(horizon), batch)
             filtered, memory = prefilter.advance(memory, residual)
-            return memory, total + jnp.sum(filtered**2)
+            return memory, total + jnp.sum((filtered * batch.used) ** 2)
 
         memory = jnp.zeros((prefilter.order, outputs, len(batch.starts)), values.dtype)
         start = error.start(values, correction, batch)
-        held = jnp.sum(jnp.asarray(error.stiffness)[:, None] * correction**2)
+        held = jnp.sum(jnp.asarray(error.stiffness)[:, None] * (correction * batch.used) ** 2)
         total = rollout(step, start, horizon, visit, (memory, held))[1]
-        return total / (outputs * len(batch.starts) * horizon) + jnp.sum(self._penalty(raw) ** 2)
+        count = outputs * horizon * jnp.sum(batch.used)
+        return total / count + jnp.sum(self._penalty(raw) ** 2)
 
     def _correction(self, values: JaxArray, horizon: int, batch: Batch) -> JaxArray:
         """Return the windows' starts at their minimum, where they do not move the gradient."""
@@ -226,7 +261,21 @@ class Objective:
         return squares, transform.T @ normal @ transform, transform.T @ scores
 
 
-def _batch(windows: Windows, capacity: int) -> Batch:
+@cache
+def _workers() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(min(STRANDS, os.cpu_count() or 1), thread_name_prefix="penode")
+
+
+def _strands(windows: Windows) -> Iterator[Windows]:
+    """Give the windows in at most `STRANDS` parts of whole chunks."""
+    count = len(windows.starts)
+    size = CHUNK * -(-count // (CHUNK * STRANDS))
+    for first in range(0, count, size):
+        part = slice(first, first + size)
+        yield replace(windows, starts=windows.starts[part], recording=windows.recording[part])
+
+
+def compiled_windows(windows: Windows, capacity: int) -> Batch:
     """Return the windows for compiled code, padded to a length: one program for a whole ladder.
 
     The last window pads: a rollout from elsewhere could overflow, and zero times that is nan.

@@ -13,11 +13,17 @@ _LARGEST_DAMPING = 1e10
 #: Directions of the normal matrix weaker than this are left out of the remaining step: the loss
 #: creeps along them for many iterations without moving anything that is reported.
 _CREEP = 1e-4
+#: A share of the loss that the remaining step must not take away: while the model does not yet fit,
+#: the deviations are as large as the misfit and nothing seems to move.
+_MISFIT = 0.02
 
 
 @dataclass(frozen=True)
 class LevenbergMarquardt:
     """Damped Gauss-Newton with Marquardt's scaling, so that units do not matter.
+
+    The damping follows the ratio of achieved and promised decrease (R. Fletcher, A modified
+    Marquardt subroutine for non-linear least squares, AERE-R 6799, 1971).
 
     Attributes
     ----------
@@ -32,7 +38,7 @@ class LevenbergMarquardt:
 
     evaluations: int = 40
     tolerance: float = 0.1
-    damping: float = 1e-4
+    damping: float = 1e-3
 
     def minimise(self, problem: Problem, raw: FloatArray, progress: Progress = silent) -> Solution:
         """Lower the loss from `raw`.
@@ -59,14 +65,17 @@ class LevenbergMarquardt:
             progress(raw, terms.loss)
             if self._settled(problem, raw, terms):
                 return Solution(raw, terms, evaluation, "Reported quantities stand still.")
-            candidate = raw + problem.spread(_step(terms, damping))
+            step = _step(terms, damping)
+            candidate = raw + problem.spread(step)
             trial = problem.gauss_newton(candidate)
-            if trial.finite and trial.loss < terms.loss:
-                raw, terms, damping = candidate, trial, max(damping / 10, 1e-12)
+            gain = _gain(terms, trial, step)
+            if gain > 0:
+                raw, terms = candidate, trial
+                damping = max(damping * _after(gain), 1e-12)
             elif damping > _LARGEST_DAMPING:
                 return Solution(raw, terms, evaluation, "No step lowers the loss any more.")
             else:
-                damping *= 5
+                damping *= 4
         return Solution(raw, terms, self.evaluations, "The evaluations are used up.")
 
     def _settled(self, problem: Problem, raw: FloatArray, terms: GaussNewtonTerms) -> bool:
@@ -74,12 +83,36 @@ class LevenbergMarquardt:
         step = _step(terms, _CREEP)
         if not len(jacobian):  # nothing is reported: the loss decides
             return bool(terms.descent @ step <= 1e-10 * terms.loss * terms.count)
+        if _promised(terms, step) > _MISFIT * terms.loss:
+            return False
         left = jacobian @ step
         deviation = working_deviation(terms, jacobian, problem.windows)
         ratio = np.abs(left) / np.maximum(deviation, 1e-300)
         physical = len(problem.objective.layout.physical)
         learned = np.sqrt(np.mean(ratio[physical:] ** 2)) if len(ratio) > physical else 0.0
         return bool(max(*ratio[:physical], learned / 5, 0.0) < self.tolerance)
+
+
+def _gain(terms: GaussNewtonTerms, trial: GaussNewtonTerms, step: FloatArray) -> float:
+    """Return the decrease of the loss by a step, as a share of what the quadratic model promised.
+
+    Negative infinity for a trial that diverged.
+    """
+    if not trial.finite:
+        return -np.inf
+    return (terms.loss - trial.loss) / max(_promised(terms, step), 1e-300)
+
+
+def _promised(terms: GaussNewtonTerms, step: FloatArray) -> float:
+    """Return the decrease of the loss by a step in the quadratic model."""
+    return float(step @ (2 * terms.descent - terms.normal @ step)) / terms.count
+
+
+def _after(gain: float) -> float:
+    """Return what multiplies the damping after a step of some gain."""
+    if gain > 0.75:
+        return 1 / 3
+    return 2.0 if gain < 0.25 else 1.0
 
 
 def _step(terms: GaussNewtonTerms, damping: float) -> FloatArray:

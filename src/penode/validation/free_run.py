@@ -120,7 +120,7 @@ def compare(
     require_predictable(predictor, model, experiment)
     guessed = all(name in experiment.channels for name in model.unmeasured)
     experiment = with_unmeasured(experiment, model)
-    rows = [k for k, name in enumerate(model.states) if name not in model.unmeasured]
+    rows = _measured_rows(model)
     freed = [model.states.index(name) for name in (model.unmeasured if free is None else free)]
     with float64():
         recorded = (experiment.stack(names).T for names in (model.states, model.inputs))
@@ -147,15 +147,68 @@ def compare(
 
 
 def free_run_rmse(
-    predictor: Predictor, models: Sequence[Model], experiments: Sequence[Experiment]
-) -> float:
-    """Return the free-run error over recordings, one model each; infinite if one diverged."""
-    squares, count = 0.0, 0
-    for model, experiment in zip(models, experiments, strict=True):
-        comparison = compare(predictor, model, experiment, "train")
-        squares += comparison.free_run_rmse**2 * (len(experiment) - 1)
-        count += len(experiment) - 1
-    return float(np.sqrt(squares / count))
+    predictor: Predictor, fits: Sequence[Sequence[Model]], experiments: Sequence[Experiment]
+) -> FloatArray:
+    """Return the free-run error of each fit over all recordings, shape (fit,).
+
+    Parameters
+    ----------
+    predictor : Predictor
+    fits : sequence of sequence of Model
+        For each fit a model of every recording; of one structure.
+    experiments : sequence of Experiment
+
+    Returns
+    -------
+    ndarray, shape (fit,)
+        Infinite where a free run diverged.
+    """
+    squares, count = np.zeros(len(fits)), 0
+    for models, experiment in zip(zip(*fits, strict=True), experiments, strict=True):
+        squares += _free_run_squares(predictor, models, experiment)
+        count += (len(experiment) - predictor.past) * len(_measured_rows(models[0]))
+    with np.errstate(invalid="ignore"):
+        found = np.sqrt(squares / count)
+    return np.asarray(np.where(np.isfinite(found), found, np.inf))
+
+
+def _measured_rows(model: Model) -> list[int]:
+    return [k for k, name in enumerate(model.states) if name not in model.unmeasured]
+
+
+def _free_run_squares(
+    predictor: Predictor, models: Sequence[Model], experiment: Experiment
+) -> FloatArray:
+    """Return the sum of squared free-run errors of each model on a recording, shape (model,)."""
+    if models[0].unmeasured:  # each estimates its own start
+        runs = [compare(predictor, model, experiment) for model in models]
+        return np.array([np.sum((r.measured - r.free_run)[predictor.past :] ** 2) for r in runs])
+    with float64():
+        recorded = [experiment.stack(names).T for names in (models[0].states, models[0].inputs)]
+        together: Model = jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *models)
+        return np.asarray(_squares(predictor, together, *recorded))
+
+
+@partial(jax.jit, static_argnums=0)
+def _squares(predictor: Predictor, models: Model, measured: JaxArray, inputs: JaxArray) -> JaxArray:
+    """Let models with a batch axis run side by side from the first samples of (state, time)."""
+    batch, past = jax.tree.leaves(models)[0].shape[-1], predictor.past
+
+    def at(record: JaxArray, k: JaxArray) -> JaxArray:
+        column = jax.lax.dynamic_slice_in_dim(record, k, 1, axis=1)
+        return jnp.broadcast_to(column, (len(record), batch))
+
+    def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
+        now = k + past - 1
+        return predictor.step(models, history, lambda offset: at(inputs, now + offset)), None
+
+    def visit(k: JaxArray, history: JaxArray, _: None, total: JaxArray) -> JaxArray:
+        gap = models.corrected(at(measured, k + past)) - history[0]
+        return total + jnp.sum(gap**2, axis=0)
+
+    first = [models.corrected(at(measured, jnp.asarray(past - 1 - j))) for j in range(past)]
+    samples = measured.shape[1] - past
+    return rollout(step, jnp.stack(first), samples, visit, jnp.zeros(batch, measured.dtype))
 
 
 @partial(jax.jit, static_argnums=0)

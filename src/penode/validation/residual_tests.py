@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import windows as tapers
 
 from penode.arrays import FloatArray
 from penode.validation.free_run import Comparison
@@ -37,7 +36,7 @@ def residual_spectrum(comparison: Comparison) -> Spectrum:
         Its first row, which has no prediction, is left out.
     """
     residual = (comparison.measured - comparison.one_step)[1:]
-    taper = tapers.hann(len(residual), sym=False)
+    taper = np.hanning(len(residual) + 1)[:-1]
     lines = np.fft.rfft(residual * taper[:, None], axis=0)
     frequency = np.asarray(np.fft.rfftfreq(len(residual), comparison.time_step), dtype=np.float64)
     harmonic = np.arange(len(frequency))

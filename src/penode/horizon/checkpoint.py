@@ -1,0 +1,247 @@
+"""Checkpoint: the finished rungs of a climb in one small file, from which a stopped fit goes on."""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from penode.arrays import FloatArray, float64
+from penode.errors import InputError
+from penode.horizon.ladder import Observer
+from penode.training.archive import to_json, write_atomically
+from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Progress, Solution, silent
+
+SCHEMA = "penode-checkpoint/1"
+
+#: Starts that differ by less, relative to the largest entry, are one start: another processor
+#: rounds otherwise, and only the first rung, which is finished, began there.
+_SAME_START = 1e-6
+
+#: Longer descriptions are not put into a sentence.
+_LEGIBLE = 60
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A file that keeps the finished rungs of a climb.
+
+    Attributes
+    ----------
+    path : Path
+        A JSON file; replaced in one step after every rung.
+    resume : bool
+        Whether finished rungs in the file are taken over. Otherwise the climb begins at its first
+        rung, and the file of an earlier one stays until that rung is finished.
+    """
+
+    path: Path
+    resume: bool = False
+
+    def over(self, plan: Plan, observer: Observer) -> Plan:
+        """Return the plan with every rung kept as it is finished, and kept rungs taken over.
+
+        A rung taken over costs one evaluation and comes out as it was, to the last digit. What a
+        function without a readable name does cannot be compared, such as the learning rate inside
+        an optax transformation.
+
+        Parameters
+        ----------
+        plan : Plan
+        observer : callable
+            Told of the horizons taken over.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, is damaged, or belongs to another plan; while training, if
+            it belongs to other recordings, another model or another start.
+        """
+        path, given = Path(self.path), _given_by_plan(plan)
+        record = _Record(given, np.zeros(0))
+        if self.resume:
+            record = _read(path) or record
+            _require_same(path, record.given, given)
+            observer({"event": "resume", "horizons": [rung.horizon for rung in record.rungs]})
+        journal = _Journal(path, record)
+        stages = [
+            replace(stage, optimiser=_Kept(stage.optimiser, stage.horizon, number, journal))
+            for number, stage in enumerate(plan.stages)
+        ]
+        return replace(plan, stages=tuple(stages))
+
+
+@dataclass(frozen=True, eq=False)
+class _Rung:
+    """Where a finished rung ended, and why; everything else follows from it by one evaluation."""
+
+    horizon: int
+    raw: FloatArray
+    evaluations: int
+    outcome: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Record:
+    """Content of the file: what the climb was given, where it began, and its finished rungs."""
+
+    given: Mapping[str, str]
+    start: FloatArray
+    rungs: tuple[_Rung, ...] = ()
+
+
+class _Journal:
+    """The record of one climb as it goes."""
+
+    def __init__(self, path: Path, record: _Record):
+        self._path = path
+        self._record = record
+
+    def recognise(self, problem: Problem, raw: FloatArray) -> None:
+        """Begin the record, or refuse the file's if it belongs to another climb."""
+        given = {**self._record.given, **_given_by_problem(problem, raw)}
+        if not self._record.rungs:
+            self._record = _Record(given, raw)
+            return
+        _require_same(self._path, self._record.given, given)
+        gap = np.abs(self._record.start - raw).max(initial=0.0)
+        if gap > _SAME_START * np.abs(raw).max(initial=1.0):
+            raise _refusal(self._path, "start")
+
+    def rung(self, number: int) -> _Rung | None:
+        """Return a finished rung, or None if it is still to be climbed."""
+        rungs = self._record.rungs
+        return rungs[number] if number < len(rungs) else None
+
+    def keep(self, rung: _Rung) -> None:
+        """Write the record with one more rung.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        self._record = replace(self._record, rungs=(*self._record.rungs, rung))
+        try:
+            write_atomically(self._path, _text(self._record))
+        except OSError as error:
+            raise InputError(
+                f"{self._path}: the checkpoint cannot be written ({error.strerror or error}); "
+                "make room there, or give another folder."
+            ) from error
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """An optimiser whose solution is kept, or taken over where it was kept before."""
+
+    optimiser: Optimiser
+    horizon: int
+    number: int
+    journal: _Journal
+
+    def minimise(self, problem: Problem, raw: FloatArray, progress: Progress = silent) -> Solution:
+        """Return the kept solution, or the optimiser's."""
+        if self.number == 0:
+            self.journal.recognise(problem, raw)
+        kept = self.journal.rung(self.number)
+        if kept is not None:
+            terms = problem.gauss_newton(kept.raw)
+            return Solution(kept.raw, terms, kept.evaluations, kept.outcome)
+        found = self.optimiser.minimise(problem, raw, progress)
+        if found.outcome != DIVERGED:
+            self.journal.keep(_Rung(self.horizon, found.raw, found.evaluations, found.outcome))
+        return found
+
+
+def _given_by_plan(plan: Plan) -> dict[str, str]:
+    return {
+        "penode version": version("penode"),
+        "horizons": ", ".join(str(stage.horizon) for stage in plan.stages),
+        "moving groups": _readable([stage.groups for stage in plan.stages]),
+        "optimisers": _readable([stage.optimiser for stage in plan.stages]),
+        "window placement": _readable(plan.placement),
+        "solver": _readable(plan.solver),
+        "hold": _readable(plan.hold),
+        "loss": _readable(plan.loss),
+    }
+
+
+def _given_by_problem(problem: Problem, raw: FloatArray) -> dict[str, str]:
+    windows, layout = problem.windows, problem.objective.layout
+    digest = hashlib.sha256(f"{windows.time_step!r} {windows.states.shape}".encode())
+    for array in (windows.states, windows.inputs, windows.starts, windows.recording):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    with float64():
+        leaves, structure = jax.tree.flatten(layout.plain_model(raw))
+    shapes = [leaf.shape for leaf in leaves]
+    return {
+        "recordings": digest.hexdigest(),
+        "model": f"{_readable(structure)} {layout.names} {shapes} {layout.experiments}",
+    }
+
+
+def _readable(thing: object) -> str:
+    """Return the representation without addresses, numbers rounded as another processor would."""
+    text = re.sub(r" at 0x[0-9a-f]+", "", repr(thing))
+    return re.sub(r"\d+\.\d+(e[-+]?\d+)?", lambda found: f"{float(found[0]):.9g}", text)
+
+
+def _require_same(path: Path, saved: Mapping[str, str], came: Mapping[str, str]) -> None:
+    for name, now in came.items():
+        before = saved.get(name, "")
+        if before == now:
+            continue
+        if max(len(before), len(now)) <= _LEGIBLE:
+            raise _refusal(path, f"{name} ({before} there, {now} here)")
+        raise _refusal(path, name)
+
+
+def _refusal(path: Path, difference: str) -> InputError:
+    return InputError(
+        f"{path}: the stopped fit differs in its {difference}; give what it was given, or begin "
+        "again without resuming."
+    )
+
+
+def _text(record: _Record) -> str:
+    document = _listed({"schema": SCHEMA, **asdict(record)})
+    return to_json({**document, "sha256": _digest(document)})
+
+
+def _listed(value: Any) -> Any:
+    """Return the value with arrays as lists; each number in as many digits as give it back."""
+    if isinstance(value, dict):
+        return {key: _listed(item) for key, item in value.items()}
+    if isinstance(value, tuple):
+        return [_listed(item) for item in value]
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _digest(document: Any) -> str:
+    return hashlib.sha256(to_json(document).encode()).hexdigest()
+
+
+def _read(path: Path) -> _Record | None:
+    """Return the record in the file, or None where there is no file."""
+    try:
+        document = json.loads(path.read_text())
+        if not isinstance(document, dict) or document.pop("sha256", None) != _digest(document):
+            raise ValueError("it is not as it was written")
+        if document["schema"] != SCHEMA:
+            raise ValueError(f"its schema is {document['schema']}, not {SCHEMA}")
+        rungs = [_Rung(**{**rung, "raw": np.array(rung["raw"])}) for rung in document["rungs"]]
+        return _Record(document["given"], np.array(document["start"]), tuple(rungs))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(
+            f"{path}: the checkpoint cannot be read ({reason}); begin again without resuming."
+        ) from error
