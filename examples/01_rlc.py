@@ -21,7 +21,7 @@ from penode.training.loss import Loss
 from penode.training.second_order import LevenbergMarquardt
 
 CURRENT, INDUCTANCE = 10.0, 50e-6  # scales inside the network: A, H
-HORIZONS = (10, 30, 100)
+HORIZONS = (30, 100, 300)
 
 
 class Circuit(penode.Model):

@@ -4,11 +4,14 @@ Weights carry a trailing batch axis inside compiled code (see `penode.models.bas
 products are written as broadcast sums, which compile to one fused loop over the batch.
 """
 
+import functools
+import operator
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -18,9 +21,21 @@ from penode.models.parameters import Positive, PositiveDefinite, parameter
 
 def dense(weights: JaxArray, x: JaxArray) -> JaxArray:
     """Multiply weights (m, n, batch or 1) with columns x (n, batch) or matrices x (n, k, batch)."""
+    if weights.shape[-1] == 1:
+        return _sum_of_products(weights, x)
     if x.ndim == 2:
         return jnp.sum(weights * x[None], axis=1)
     return jnp.sum(weights[:, :, None] * x[None], axis=1)
+
+
+def _sum_of_products(weights: JaxArray, x: JaxArray) -> JaxArray:
+    """Multiply weights that all columns share: products added one by one fuse in reverse mode."""
+    apart = [1] * len(x)
+    columns = jax.lax.split(weights, apart, axis=1)
+    rows = jax.lax.split(x, apart, axis=0)
+    shape = (len(weights), *(1,) * (x.ndim - 1))
+    products = [c.reshape(shape) * row for c, row in zip(columns, rows, strict=True)]
+    return functools.reduce(operator.add, products)
 
 
 class TanhLayers(eqx.Module):

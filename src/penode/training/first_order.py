@@ -11,8 +11,8 @@ import optax
 
 from penode.arrays import FloatArray, IntArray, JaxArray, float64
 from penode.training.plan import DIVERGED, Problem, Progress, Solution, silent
-from penode.training.prediction_error import Batch
-from penode.training.residuals import Objective, compiled_windows
+from penode.training.prediction_error import Batch, compiled_windows
+from penode.training.residuals import Objective
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ def _epoch(
             windows.recording[chosen],
             counts,
         )
-        loss, gradient = jax.value_and_grad(objective.loss_of)(at.raw, part, horizon)
+        loss, gradient = objective.loss_and_gradient_of(at.raw, part, horizon)
         step, state = transformation.update(gradient * scale, at.state, at.raw / scale)
         finite = at.finite & jnp.isfinite(loss) & jnp.isfinite(gradient).all()
         ahead = _Descent(at.raw + step * scale * moving, state, at.raw, finite, loss)

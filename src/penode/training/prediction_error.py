@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray, IntArray, JaxArray
+from penode.data.windows import Windows
 from penode.errors import InputError
 from penode.models.base import Model
 from penode.models.layout import Layout
@@ -45,9 +47,45 @@ class Batch(eqx.Module):
         at = self.starts + step
         return lambda offset: self.inputs[:, at + offset]
 
+    def part(self, first: JaxArray, size: int) -> "Batch":
+        """Return `size` windows from the window `first` on."""
+        arrays = (self.starts, self.recording, self.used)
+        chosen = (jax.lax.dynamic_slice(a, (first,), (size,)) for a in arrays)
+        return Batch(self.states, self.inputs, *chosen)
+
+    def parts(self, most: int) -> tuple[JaxArray, ...]:
+        """Return starts, recording and used in parts of at most `most` windows, (part, size).
+
+        The parts are of one size; the last window pads, unused.
+        """
+        count = len(self.starts)
+        number = -(-count // most)
+        size = -(-count // number)
+        padding = (0, number * size - count)
+        starts, recording = (
+            jnp.pad(a, padding, mode="edge").reshape(number, size)
+            for a in (self.starts, self.recording)
+        )
+        return starts, recording, jnp.pad(self.used, padding).reshape(number, size)
+
     def measured(self, step: JaxArray) -> JaxArray:
         """Return the measured states (state, batch) at sample `step` of each window."""
         return self.states[:, self.starts + step]
+
+
+def compiled_windows(windows: Windows, capacity: int) -> Batch:
+    """Return the windows for compiled code, padded to a length: one program for a whole ladder.
+
+    The last window pads: a rollout from elsewhere could overflow, and zero times that is nan.
+    """
+    order = np.minimum(np.arange(capacity), len(windows.starts) - 1)
+    return Batch(
+        states=jnp.asarray(windows.states.T),
+        inputs=jnp.asarray(windows.inputs.T),
+        starts=jnp.asarray(windows.starts[order]),
+        recording=jnp.asarray(windows.recording[order]),
+        used=jnp.asarray((np.arange(capacity) < len(windows.starts)).astype(float)),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,11 +20,14 @@ from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
 from penode.training.free_starts import eliminated, estimated_starts
 from penode.training.loss import DEFAULT_LOSS, Loss, channel_deviation
-from penode.training.prediction_error import Batch, PredictionError
+from penode.training.prediction_error import Batch, PredictionError, compiled_windows
 from penode.training.sensitivities import window_sums
 
 #: Windows a chunk: the sensitivities of one chunk stay in the first-level cache.
 CHUNK = 64
+
+#: Windows that one pass of reverse mode takes: their rollouts stay in the second-level cache.
+GRADIENT_CHUNK = 256
 
 #: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
 #: not depend on the number of cores.
@@ -174,7 +177,7 @@ class Objective:
 
     @cached_property
     def _value_and_grad(self) -> Any:
-        return jax.jit(jax.value_and_grad(self.loss_of), static_argnums=2)
+        return jax.jit(self.loss_and_gradient_of, static_argnums=2)
 
     @cached_property
     def _terms(self) -> Any:
@@ -189,8 +192,10 @@ class Objective:
         parts = [penalty.residuals(self.layout, values) for penalty in self.loss.penalties]
         return jnp.concatenate([raw[:0], *parts])
 
-    def loss_of(self, raw: JaxArray, batch: Batch, horizon: int) -> JaxArray:
-        """Return the loss inside compiled code, to be differentiated in reverse mode.
+    def loss_and_gradient_of(
+        self, raw: JaxArray, batch: Batch, horizon: int
+    ) -> tuple[JaxArray, JaxArray]:
+        """Return loss and gradient (parameter,) inside compiled code, by reverse mode.
 
         Parameters
         ----------
@@ -200,6 +205,23 @@ class Objective:
         horizon : int
             Known when compiled.
         """
+        differentiated = jax.value_and_grad(self._squares)
+
+        def add(
+            sums: tuple[JaxArray, JaxArray], part: tuple[JaxArray, ...]
+        ) -> tuple[tuple[JaxArray, JaxArray], None]:
+            here = Batch(batch.states, batch.inputs, *part)
+            square, slope = differentiated(raw, here, horizon)
+            return (sums[0] + square, sums[1] + slope), None
+
+        nothing = (jnp.zeros((), raw.dtype), jnp.zeros_like(raw))
+        (squares, slopes), _ = jax.lax.scan(add, nothing, batch.parts(GRADIENT_CHUNK))
+        count = len(self.error.compared) * horizon * jnp.sum(batch.used)
+        penalty, bent = jax.value_and_grad(lambda raw: jnp.sum(self._penalty(raw) ** 2))(raw)
+        return squares / count + penalty, slopes / count + bent
+
+    def _squares(self, raw: JaxArray, batch: Batch, horizon: int) -> JaxArray:
+        """Return the sum of squared residuals, to be differentiated in reverse mode."""
         error, values = self.error, self.layout.values(raw)[:, None]
         correction = self._correction(jax.lax.stop_gradient(values), horizon, batch)
         outputs, prefilter = len(error.compared), self.loss.prefilter
@@ -220,9 +242,8 @@ class Objective:
         memory = jnp.zeros((prefilter.order, outputs, len(batch.starts)), values.dtype)
         start = error.start(values, correction, batch)
         held = jnp.sum(jnp.asarray(error.stiffness)[:, None] * (correction * batch.used) ** 2)
-        total = rollout(step, start, horizon, visit, (memory, held))[1]
-        count = outputs * horizon * jnp.sum(batch.used)
-        return total / count + jnp.sum(self._penalty(raw) ** 2)
+        total: JaxArray = rollout(step, start, horizon, visit, (memory, held))[1]
+        return total
 
     def _correction(self, values: JaxArray, horizon: int, batch: Batch) -> JaxArray:
         """Return the windows' starts at their minimum, where they do not move the gradient."""
@@ -240,7 +261,7 @@ class Objective:
         each = jnp.broadcast_to(values[:, None], (size, CHUNK))
 
         def body(chunk: JaxArray, sums: tuple[JaxArray, ...]) -> tuple[JaxArray, ...]:
-            batch = _chunk(windows, chunk * CHUNK)
+            batch = windows.part(chunk * CHUNK, CHUNK)
             correction = estimated_starts(self.error, each, horizon, batch)
             joint = window_sums(self.error, each, correction, horizon, batch)
             squares, scores, normal = eliminated(self.error, joint, correction, batch.used)
@@ -273,25 +294,3 @@ def _strands(windows: Windows) -> Iterator[Windows]:
     for first in range(0, count, size):
         part = slice(first, first + size)
         yield replace(windows, starts=windows.starts[part], recording=windows.recording[part])
-
-
-def compiled_windows(windows: Windows, capacity: int) -> Batch:
-    """Return the windows for compiled code, padded to a length: one program for a whole ladder.
-
-    The last window pads: a rollout from elsewhere could overflow, and zero times that is nan.
-    """
-    order = np.minimum(np.arange(capacity), len(windows.starts) - 1)
-    return Batch(
-        states=jnp.asarray(windows.states.T),
-        inputs=jnp.asarray(windows.inputs.T),
-        starts=jnp.asarray(windows.starts[order]),
-        recording=jnp.asarray(windows.recording[order]),
-        used=jnp.asarray((np.arange(capacity) < len(windows.starts)).astype(float)),
-    )
-
-
-def _chunk(windows: Batch, first: JaxArray) -> Batch:
-    """Return the windows `first` .. `first` + CHUNK - 1."""
-    parts = (windows.starts, windows.recording, windows.used)
-    starts, recording, used = (jax.lax.dynamic_slice(a, (first,), (CHUNK,)) for a in parts)
-    return Batch(windows.states, windows.inputs, starts, recording, used)
