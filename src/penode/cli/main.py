@@ -25,7 +25,6 @@ from penode.pmsm.bench.config import load_config
 from penode.pmsm.demo import run_demo
 from penode.pmsm.flux_maps import FLUX_MAPS
 from penode.pmsm.holds import HOLDS
-from penode.pmsm.recording_picture import recording_picture
 from penode.pmsm.report import machine_report
 from penode.pmsm.simulated_files import write_recording
 from penode.pmsm.study import Study, identify, write
@@ -157,6 +156,9 @@ def simulate(
     recording = simulation.record()
     story, table = write_recording(recording, out)
     if picture is not None:
+        # Imported here: the plotting library takes a third of a second, and nothing else uses it.
+        from penode.pmsm.recording_picture import recording_picture
+
         write_atomically(picture, recording_picture(recording))
     seconds = len(recording.experiment) * recording.experiment.time_step
     took = time.monotonic() - began

@@ -1,9 +1,8 @@
 """THE objective: one residual, from which loss, gradient, Gauss-Newton terms and scores derive."""
 
 import os
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
 
@@ -158,21 +157,23 @@ class Objective:
 
     def _sums(self, raw: FloatArray, windows: Windows) -> tuple[FloatArray, ...]:
         """Return summed squares, normal matrix and the windows' scores, by strands."""
+        capacity = STRANDS * CHUNK * -(-len(windows.states) // (STRANDS * CHUNK))
+        with float64():
+            shared = jnp.asarray(raw), compiled_windows(windows, capacity)
 
-        def add_up(strand: Windows, used: bool = True) -> list[FloatArray]:
+        def add_up(first: int, count: int) -> list[FloatArray]:
             with float64():
-                batch = compiled_windows(strand, capacity)
-                size = len(strand.starts) if used else 0
-                sums = self._terms(jnp.asarray(raw), batch, size, windows.horizon)
+                sums = self._terms(*shared, first, count, windows.horizon)
                 return [np.asarray(part) for part in sums]
 
-        strands = list(_strands(windows))
-        capacity = CHUNK * -(-len(windows.states) // (CHUNK * STRANDS))
-        add_up(strands[0], used=False)  # compiles, where that is still to be done, once
-        sums = list(_workers().map(add_up, strands))
+        count = len(windows.starts)
+        length = CHUNK * -(-count // (STRANDS * CHUNK))
+        firsts = range(0, count, length)
+        counts = [min(length, count - first) for first in firsts]
+        add_up(0, 0)  # compiles, where that is still to be done, once
+        sums = list(_workers().map(add_up, firsts, counts))
         squares, normal = (np.sum([part[k] for part in sums], axis=0) for k in (0, 1))
-        filled = zip(sums, strands, strict=True)
-        scores = [part[2][:, : len(strand.starts)] for part, strand in filled]
+        scores = [part[2][:, :used] for part, used in zip(sums, counts, strict=True)]
         return squares, normal, np.concatenate(scores, axis=1)
 
     @cached_property
@@ -253,15 +254,16 @@ class Objective:
         )
 
     def _sum_over_chunks(
-        self, raw: JaxArray, windows: Batch, count: JaxArray, horizon: JaxArray
+        self, raw: JaxArray, windows: Batch, first: JaxArray, count: JaxArray, horizon: JaxArray
     ) -> tuple[JaxArray, ...]:
+        """Sum over `count` windows from the window `first` on."""
         values = self.layout.values(raw)
         transform = jax.jacfwd(self.layout.values)(raw)
-        size, capacity = values.shape[0], windows.starts.shape[0]
+        size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS
         each = jnp.broadcast_to(values[:, None], (size, CHUNK))
 
         def body(chunk: JaxArray, sums: tuple[JaxArray, ...]) -> tuple[JaxArray, ...]:
-            batch = windows.part(chunk * CHUNK, CHUNK)
+            batch = windows.part(first + chunk * CHUNK, CHUNK)
             correction = estimated_starts(self.error, each, horizon, batch)
             joint = window_sums(self.error, each, correction, horizon, batch)
             squares, scores, normal = eliminated(self.error, joint, correction, batch.used)
@@ -285,12 +287,3 @@ class Objective:
 @cache
 def _workers() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(min(STRANDS, os.cpu_count() or 1), thread_name_prefix="penode")
-
-
-def _strands(windows: Windows) -> Iterator[Windows]:
-    """Give the windows in at most `STRANDS` parts of whole chunks."""
-    count = len(windows.starts)
-    size = CHUNK * -(-count // (CHUNK * STRANDS))
-    for first in range(0, count, size):
-        part = slice(first, first + size)
-        yield replace(windows, starts=windows.starts[part], recording=windows.recording[part])
