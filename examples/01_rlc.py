@@ -2,9 +2,8 @@
 
     python examples/01_rlc.py IDENTIFICATION.csv TEST.csv [FIGURE.png]
 
-The files are those of github.com/forgi86/sysid-neural-continuous; noise of 10 V and 1 A is added
-here. It is on the windows' starts too, and spoils the estimates unless windows are long or, as
-here, each corrects its own start.
+The files are those of github.com/forgi86/sysid-neural-continuous; 10 V and 1 A of noise are added,
+which spoils the estimates unless windows are long or, as here, each corrects its own start.
 """
 
 import sys
@@ -18,10 +17,11 @@ from penode.horizon.selection import Longest
 from penode.models.networks import TanhLayers
 from penode.models.parameters import Positive, with_batch_axis
 from penode.training.loss import Loss
+from penode.training.multi_start import BestOf
+from penode.training.penalties import WeightDecay
 from penode.training.second_order import LevenbergMarquardt
 
-CURRENT, INDUCTANCE = 10.0, 50e-6  # scales inside the network: A, H
-HORIZONS = (30, 100, 300)
+CURRENT, INDUCTANCE = 5.0, 50e-6  # scales inside the network: A, H
 
 
 class Circuit(penode.Model):
@@ -37,7 +37,8 @@ class Circuit(penode.Model):
 
     def learned(self, x):
         """Return L (1, batch) in H, an even function of the current."""
-        return INDUCTANCE * jnp.exp(self.inductance.value_and_jacobian((x[1:] / CURRENT) ** 2)[0])
+        even = jnp.sqrt(1 + (x[1:] / CURRENT) ** 2) - 2
+        return INDUCTANCE * jnp.exp(self.inductance.value_and_jacobian(even)[0])
 
     def derivative(self, x, u):
         """Return (dv/dt, di/dt) from v in V, i in A and the source u in V."""
@@ -59,7 +60,7 @@ def load(path, noise=(10.0, 1.0), seed=0):
 
 def true_inductance(current):
     """Return the simulated L(i) in H."""
-    return 50e-6 * (0.9 * (np.arctan(-5 * (np.abs(current) - 5)) / np.pi + 0.5) + 0.1)
+    return INDUCTANCE * (0.9 * (np.arctan(-5 * (np.abs(current) - 5)) / np.pi + 0.5) + 0.1)
 
 
 def inductance_error(fit, run):
@@ -69,11 +70,13 @@ def inductance_error(fit, run):
     return float(np.sqrt(np.mean(error**2)) / true_inductance(0.0))
 
 
-def identify(run, unseen=(), horizons=HORIZONS):
-    """Return the fit at the longest horizon, both states free at every window's start."""
-    start = Circuit(TanhLayers.random((1, 8, 1), seed=0), R=2.0, C=300e-9)
-    stages = tuple(penode.Stage(h, LevenbergMarquardt(100, tolerance=0.01)) for h in horizons)
-    plan = penode.Plan(stages, loss=Loss(free_starts={"v": np.inf, "i": np.inf}))
+def identify(run, unseen=(), horizons=(30, 100, 300)):
+    """Return the fit at the longest horizon, both states free at each window's start."""
+    start, *others = (Circuit(TanhLayers.random((1, 6, 1), k), R=2.0, C=300e-9) for k in range(3))
+    climb = LevenbergMarquardt(100, tolerance=0.01)
+    optimisers = [BestOf(climb, tuple(others)), *[climb] * (len(horizons) - 1)]
+    loss = Loss(free_starts={"v": np.inf, "i": np.inf}, penalties=(WeightDecay(3e-6),))
+    plan = penode.Plan(tuple(map(penode.Stage, horizons, optimisers)), loss=loss)
     return penode.identify(start, [run], plan=plan, selector=Longest(), validation=unseen)
 
 
@@ -83,8 +86,7 @@ def main(data, test, out="rlc.png"):
     fit = identify(run, [load(test, noise=(0.0, 0.0))])
     for name, found in fit.parameters.items():
         print(f"{name} = {found.value:.4g} {found.unit}, deviation {found.std:.2g}")
-    error = 100 * inductance_error(fit, run)
-    print(f"L(i) to {error:.1f} % of L(0), root mean square over the excited range")
+    print(f"L(i) to {inductance_error(fit, run):.1%} of L(0), rms over the excited range")
     current = np.linspace(-20.0, 20.0, 400)
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
     axes.plot(current, 1e6 * fit.inductance_at(current), label="identified")

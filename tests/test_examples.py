@@ -41,9 +41,7 @@ def test_rlc_circuit():
     fit = rlc.identify(run, horizons=(30, 100))
     assert fit.parameters["R"].value == pytest.approx(3.0, rel=0.03)
     assert fit.parameters["C"].value == pytest.approx(270e-9, rel=0.03)
-    # The file was simulated with a coarse integrator: without noise too, the curve that predicts it
-    # best is 5 to 6 % away from the one it was made with.
-    assert rlc.inductance_error(fit, run) < 0.07
+    assert rlc.inductance_error(fit, run) < 0.05
 
 
 def test_positioner_mass_is_right_at_short_horizons_and_drifts_at_long_ones():

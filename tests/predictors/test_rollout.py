@@ -59,12 +59,13 @@ def test_rollout_is_the_plain_loop(case):
     assert float(count) == STEPS
 
 
-def test_static_and_traced_horizons_are_identical(case):
+def test_static_and_traced_horizons_agree(case):
+    """But for rounding: the compiler fuses the two programs differently."""
     with float64():
         traced = jax.jit(partial(by_rollout, case))
         for horizon in (0, 1, 17):
             fixed = jax.jit(partial(by_rollout, case, horizon))()
             for a, b in zip(fixed, traced(horizon), strict=True):
-                np.testing.assert_array_equal(a, b)
+                np.testing.assert_allclose(a, b, rtol=1e-14, atol=1e-14)
             assert float(fixed[2]) == horizon
             assert not np.any(fixed[0][horizon:])

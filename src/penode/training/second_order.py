@@ -22,8 +22,9 @@ _MISFIT = 0.02
 class LevenbergMarquardt:
     """Damped Gauss-Newton with Marquardt's scaling, so that units do not matter.
 
-    The damping follows the ratio of achieved and promised decrease (R. Fletcher, A modified
-    Marquardt subroutine for non-linear least squares, AERE-R 6799, 1971).
+    The damping follows the ratio of achieved and promised decrease smoothly, and grows faster
+    with every rejection in a row (H. B. Nielsen, Damping parameter in Marquardt's method,
+    IMM-REP-1999-05, DTU, 1999).
 
     Attributes
     ----------
@@ -58,7 +59,7 @@ class LevenbergMarquardt:
             The lowest loss seen; a start whose rollouts diverge is given back as it came.
         """
         terms = problem.gauss_newton(raw)
-        damping = self.damping
+        damping, growth = self.damping, 2.0
         if not terms.finite:
             return Solution(raw, terms, 1, DIVERGED)
         for evaluation in range(1, self.evaluations):
@@ -71,11 +72,11 @@ class LevenbergMarquardt:
             gain = _gain(terms, trial, step)
             if gain > 0:
                 raw, terms = candidate, trial
-                damping = max(damping * _after(gain), 1e-12)
+                damping, growth = max(damping * _after(gain), 1e-12), 2.0
             elif damping > _LARGEST_DAMPING:
                 return Solution(raw, terms, evaluation, "No step lowers the loss any more.")
             else:
-                damping *= 4
+                damping, growth = damping * growth, growth * 2
         return Solution(raw, terms, self.evaluations, "The evaluations are used up.")
 
     def _settled(self, problem: Problem, raw: FloatArray, terms: GaussNewtonTerms) -> bool:
@@ -109,10 +110,8 @@ def _promised(terms: GaussNewtonTerms, step: FloatArray) -> float:
 
 
 def _after(gain: float) -> float:
-    """Return what multiplies the damping after a step of some gain."""
-    if gain > 0.75:
-        return 1 / 3
-    return 2.0 if gain < 0.25 else 1.0
+    """Return what multiplies the damping after a step of some gain: 1/3 to 2, 1 for one half."""
+    return max(1 / 3, 1 - (2 * gain - 1) ** 3)
 
 
 def _step(terms: GaussNewtonTerms, damping: float) -> FloatArray:
