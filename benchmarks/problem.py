@@ -47,9 +47,10 @@ def problem_of(run: Experiment, machine: Machine, solver: Solver = DEFAULT_SOLVE
     return Problem(run, machine, objective, objective.layout.raw(machine))
 
 
-def paper_recording() -> Experiment:
+def paper_recording(duration: float = 2.0) -> Experiment:
     """Simulate the paper's recording: 2 s at 10 kHz, 1500 rpm."""
-    return simulate(TRACTION_300A, Lissajous(240.0, 14.0, 15.0), speed_rpm=1500.0, duration=2.0)
+    reference = Lissajous(240.0, 14.0, 15.0)
+    return simulate(TRACTION_300A, reference, speed_rpm=1500.0, duration=duration)
 
 
 def paper_problem(solver: Solver = DEFAULT_SOLVER) -> Problem:

@@ -10,9 +10,10 @@ from benchmarks import (
     identification,
     memory,
     roofline,
+    sweep,
 )
 
-HERE = (roofline, gauss_newton, diffrax_gradient, memory, identification, bench_speed)
+HERE = (roofline, gauss_newton, diffrax_gradient, memory, identification, bench_speed, sweep)
 
 ELSEWHERE = """\
 Not run here:

@@ -10,6 +10,8 @@ from penode import Plan, Stage, identify
 from penode.errors import InputError
 from penode.horizon.selection import Longest
 from penode.horizon.sweep import sweep
+from penode.predictors.one_step import RungeKutta
+from penode.predictors.tableaus import EULER
 from penode.training.first_order import FirstOrder
 from penode.training.second_order import LevenbergMarquardt
 
@@ -47,3 +49,10 @@ def test_another_optimiser_is_refused(systems):
     plan = Plan((Stage(1, LevenbergMarquardt()),))
     with pytest.raises(InputError, match="LevenbergMarquardt"):
         sweep([system.model], system.experiments, [plan])
+
+
+def test_plans_of_two_solvers_are_refused(systems):
+    system = systems["linear machine"]
+    other = replace(plan_of(5), solver=RungeKutta(EULER))
+    with pytest.raises(InputError, match="several solvers"):
+        sweep([system.model], system.experiments, [plan_of(5), other])

@@ -10,7 +10,6 @@ from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.horizon.ladder import Ascent
 from penode.models.base import Model
-from penode.models.layout import Layout
 from penode.training.first_order import FirstOrder
 from penode.training.plan import DIVERGED, Plan
 
@@ -49,23 +48,25 @@ def sweep(
     experiments : sequence of Experiment
         Of one time step.
     plans : sequence of Plan
-        All their stages use `FirstOrder`.
+        Of one solver, hold and loss; all their stages use `FirstOrder`.
 
     Raises
     ------
     InputError
-        If a channel is missing, a state never moves, or a stage has another optimiser.
+        If a channel is missing, a state never moves, plans differ in more than their stages and
+        placements, or a stage has another optimiser.
     """
-    ends = [_ends(starts, experiments, plan) for plan in plans]
-    names = Layout(starts[0], len(experiments)).physical
+    kinds = [(plan.solver, plan.hold, plan.loss) for plan in plans]
+    if any(kind != kinds[0] for kind in kinds):
+        raise InputError("plans of several solvers, holds or losses came; sweep each on its own.")
+    ascent = Ascent.of(starts[0], experiments, plans[0], lambda event: None)
+    ends = [_ends(starts, ascent, plan) for plan in plans]
+    names = ascent.objective.layout.physical
     return Sweep(names, np.stack([values for values, _ in ends]), np.stack([e for _, e in ends]))
 
 
-def _ends(
-    starts: Sequence[Model], experiments: Sequence[Experiment], plan: Plan
-) -> tuple[FloatArray, FloatArray]:
+def _ends(starts: Sequence[Model], ascent: Ascent, plan: Plan) -> tuple[FloatArray, FloatArray]:
     """Return the physical parameters (start, physical) and the losses (start,) after a plan."""
-    ascent = Ascent.of(starts[0], experiments, plan, lambda event: None)
     layout = ascent.objective.layout
     raws = np.stack([layout.raw(start) for start in starts])
     for stage in plan.stages:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import groupby
 
 import optax
@@ -19,6 +20,9 @@ from penode.training.plan import Plan, Stage
 
 #: Horizon of an epoch, counted from 0.
 Schedule = Callable[[int], int]
+
+#: One object a rate: two of them, though equal, would compile twice.
+_adam = lru_cache(optax.adam)
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,7 @@ class PaperRecipe:
     def plan(self) -> Plan:
         """Return a stage for each run of epochs with one horizon; Adam's moments start anew."""
         runs = groupby(map(self.schedule, range(self.epochs)))
-        adam = optax.adam(self.rate)
+        adam = _adam(self.rate)
         scale = self.resistance_rate / self.rate
         stages = tuple(
             Stage(horizon, FirstOrder(adam, len(list(run)), self.batches, self.seed, scale))
