@@ -64,7 +64,8 @@ class LevenbergMarquardt:
             return Solution(raw, terms, 1, DIVERGED)
         for evaluation in range(1, self.evaluations):
             progress(raw, terms.loss)
-            if self._settled(problem, raw, terms):
+            # One step at least: horizons are compared by differences far below one deviation.
+            if evaluation > 1 and self._settled(problem, raw, terms):
                 return Solution(raw, terms, evaluation, "Reported quantities stand still.")
             step = _step(terms, damping)
             candidate = raw + problem.spread(step)
