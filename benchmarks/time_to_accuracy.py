@@ -8,12 +8,12 @@ losses, and is timed; its time is the sum over horizons of epochs times seconds 
 
 The error is the root mean square over 1 to 100 steps ahead: on a recording that nobody trained on,
 at another speed and along another trajectory, for the default; on the training recording where
-Levenberg-Marquardt trains the recipe's own network from its own start. penode's times are cold,
-with compilation.
+Levenberg-Marquardt trains the recipe's own network, from the best of three starts: from one it may
+end in a poor minimum, which Adam's noise leaves. penode's times are cold, with compilation.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -40,6 +40,7 @@ from penode.training import plan
 from penode.training.covariance import Reported
 from penode.training.first_order import FirstOrder
 from penode.training.fit import Fit
+from penode.training.multi_start import BestOf
 
 HORIZON = 100
 EPOCHS_TIMED = 2
@@ -144,9 +145,13 @@ def by_default(run: Experiment) -> Fit:
 
 
 def by_second_order(run: Experiment) -> Fit:
-    """Return the recipe's network, from its start, trained by Levenberg-Marquardt."""
-    start = nominal_start([run], PaperRecipe.seed)
-    return identify_model(start, [run], plan=ladder_plan(LADDER), selector=Longest())
+    """Return the recipe's network trained by Levenberg-Marquardt, the best of three starts."""
+    start, *others = (nominal_start([run], PaperRecipe.seed + k) for k in range(3))
+    climb = ladder_plan(LADDER)
+    first, *later = climb.stages
+    several = replace(first, optimiser=BestOf(first.optimiser, tuple(others)))
+    whole = replace(climb, stages=(several, *later))
+    return identify_model(start, [run], plan=whole, selector=Longest())
 
 
 def print_machine(name: str, seconds: float, machine: Machine, runs: Sequence[Experiment]) -> None:
