@@ -3,34 +3,39 @@
 import hashlib
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
 from penode.data.experiment import Experiment, Source
-from penode.data.readers import csv, parquet
-from penode.data.table import Table, list_names
-from penode.data.time_axis import uniform_step
+from penode.data.mapping import Origin, map_channels, own_names
+from penode.data.readers import csv, mat, mdf, parquet, tdms
+from penode.data.table import TIME, Table, list_names
 from penode.errors import InputError
 
 #: Reader of each file suffix. A reader takes a path and returns the file's columns.
 READERS: Mapping[str, Callable[[Path], Table]] = MappingProxyType(
-    {".csv": csv.read, ".parquet": parquet.read}
+    {
+        ".csv": csv.read,
+        ".parquet": parquet.read,
+        ".mat": mat.read,
+        ".mf4": mdf.read,
+        ".tdms": tdms.read,
+    }
 )
-
-#: Column that holds the time in s.
-TIME = "t"
 
 
 def load(path: str | os.PathLike[str], name: str | None = None) -> Experiment:
     """Load a recording; the suffix of the file chooses the reader.
 
-    Column ``t`` (s) gives the time step, every other column becomes a channel in the units of the
-    file. Nothing is repaired: what is missing, not finite or not uniform is refused.
+    Column ``t`` gives the time step, every other column becomes a channel. A unit that the file
+    tells and `penode.data.units` knows is converted to SI; all other values are left as they are.
+    Nothing is repaired: what is missing, not finite or not uniform is refused.
 
     Parameters
     ----------
     path : str or path-like
-        A ``.csv`` or ``.parquet`` file.
+        A ``.csv``, ``.parquet``, ``.mat``, ``.mf4`` or ``.tdms`` file.
     name : str, optional
         Label of the experiment in messages and reports; the file's name if not given.
 
@@ -43,8 +48,34 @@ def load(path: str | os.PathLike[str], name: str | None = None) -> Experiment:
     ------
     InputError
         If the file is not found, is of an unknown kind, damaged or empty, has no column ``t`` or
-        no other one, holds a cell that is not a finite number, has fewer than 8 samples, or is
-        not sampled uniformly within 1 %.
+        no other one, holds a cell that is not a finite number, has fewer than 8 samples, is not
+        sampled uniformly within 1 %, or has channels of different sampling times.
+    """
+    table, source = read(path)
+    experiment = experiment_of(table, source, own_names(table))
+    return experiment if name is None else replace(experiment, name=name)
+
+
+def read(path: str | os.PathLike[str]) -> tuple[Table, Source]:
+    """Read the columns of a file as they are.
+
+    Parameters
+    ----------
+    path : str or path-like
+        As in `load`.
+
+    Returns
+    -------
+    Table
+        Columns in the units of the file.
+    Source
+        The file's path and SHA-256.
+
+    Raises
+    ------
+    InputError
+        If the file is not found, is of an unknown kind, damaged or empty, or a library that reads
+        its kind is not installed.
     """
     file = str(path)
     location = Path(path)
@@ -55,13 +86,48 @@ def load(path: str | os.PathLike[str], name: str | None = None) -> Experiment:
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise InputError(f"{file}: the file cannot be read ({reason}); check it.") from error
-    time_step = _take_time_step(file, table)
-    return Experiment(
-        name=location.name if name is None else name,
-        time_step=time_step,
-        channels=table,
-        source=Source(path=file, sha256=digest),
-    )
+    return table, Source(path=file, sha256=digest)
+
+
+def experiment_of(
+    table: Table, source: Source, origins: Mapping[str, Origin], resample: bool = False
+) -> Experiment:
+    """Make a recording of the columns of a file.
+
+    Parameters
+    ----------
+    table, source : Table, Source
+        What `read` gave.
+    origins : mapping of str to Origin
+        Channel -> where it comes from; see `penode.data.mapping.map_channels`.
+    resample : bool
+        Put channels of different sampling times onto one clock.
+
+    Returns
+    -------
+    Experiment
+        Named after the file.
+
+    Raises
+    ------
+    InputError
+        If there is no time or no channel, no data row, or as `map_channels` says.
+    """
+    file = source.path
+    time = origins.get(TIME, Origin(TIME, "s")).column
+    channels = [origin.column for name, origin in origins.items() if name != TIME]
+    if time not in table.columns and not all(column in table.clocks for column in channels):
+        raise InputError(
+            f"{file}: no column {time} (time in s); the columns are {list_names(table.columns)}; "
+            f"rename the time column to {time}, or name it in a mapping."
+        )
+    if not channels:
+        raise InputError(f"{file}: no column besides {time}; add the measured channels.")
+    used = [table.columns[column] for column in channels if column in table.columns]
+    if used and not any(map(len, used)):
+        raise InputError(f"{file}: a header but no data rows; record or export the data again.")
+    time_step, values = map_channels(file, table, origins, resample)
+    return Experiment(Path(file).name, time_step, values, source)
 
 
 def _reader_for(location: Path, file: str) -> Callable[[Path], Table]:
@@ -76,18 +142,3 @@ def _reader_for(location: Path, file: str) -> Callable[[Path], Table]:
         came = f"suffix {location.suffix!r}" if location.suffix else "no suffix"
         raise InputError(f"{file}: {came} where {wanted} was wanted; export it as one of these.")
     return reader
-
-
-def _take_time_step(file: str, table: Table) -> float:
-    """Take the time column out of the table and return its step in s."""
-    if TIME not in table:
-        raise InputError(
-            f"{file}: no column {TIME} (time in s); the columns are {list_names(table)}; "
-            f"rename the time column to {TIME}."
-        )
-    t = table.pop(TIME)
-    if not table:
-        raise InputError(f"{file}: no column besides {TIME}; add the measured channels.")
-    if not len(t):
-        raise InputError(f"{file}: a header but no data rows; record or export the data again.")
-    return uniform_step(file, t)

@@ -1,17 +1,57 @@
-"""Table: the named numeric columns of one file, and the refusals every reader shares."""
+"""Table: the named numeric columns of one file, and what every reader shares."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from typing import TypeAlias
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from penode.arrays import FloatArray
 from penode.errors import InputError
 
-#: Columns by name, all float64, finite and of one length: what a reader returns.
-Table: TypeAlias = dict[str, FloatArray]
+#: Column that holds the time in s.
+TIME = "t"
+# What a column of times is called in a group of columns that it belongs to.
+_CLOCK_NAMES = ("t", "time", "zeit")
 
 _NAMES_SHOWN = 20
 _TEXT_SHOWN = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """What a reader returns.
+
+    Attributes
+    ----------
+    columns : dict of str to ndarray, each of shape (time,)
+        Float64, in the order and the units of the file.
+    units : dict of str to str
+        Unit as the file spells it, of the columns for which it tells one.
+    clocks : dict of str to str
+        Column that holds the sampling times, where the file ties a column to one. All other
+        columns have the time column of the file.
+    """
+
+    columns: dict[str, FloatArray]
+    units: dict[str, str] = field(default_factory=dict)
+    clocks: dict[str, str] = field(default_factory=dict)
+
+
+def clocks_within(members: Mapping[str, str]) -> dict[str, str]:
+    """Tie the columns of a group to its column of times.
+
+    Parameters
+    ----------
+    members : mapping of str to str
+        Name within the group -> name of the column.
+
+    Returns
+    -------
+    dict of str to str
+        Column -> column of the member that is called t, time or Zeit; empty where there is none.
+    """
+    called = {name.lower(): column for name, column in members.items()}
+    clock = next((called[name] for name in _CLOCK_NAMES if name in called), None)
+    return {} if clock is None else dict.fromkeys(members.values(), clock)
 
 
 def clean_names(file: str, names: Sequence[str]) -> list[str]:

@@ -1,5 +1,6 @@
 """Canonical channels of a drive recording, and what can be checked of them before any fit."""
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,9 @@ from penode.pmsm.frames import dq_from_abc
 #: Channel -> SI unit. Currents and voltages are peak values in the amplitude-invariant dq frame.
 CANONICAL = {"u_d": "V", "u_q": "V", "i_d": "A", "i_q": "A", "omega_el": "rad/s", "theta_el": "rad"}
 
-_PHASES = ("u_a", "u_b", "u_c", "i_a", "i_b", "i_c")
+#: The same for phase quantities, which may stand instead of those in dq.
+PHASES = {"u_a": "V", "u_b": "V", "u_c": "V", "i_a": "A", "i_b": "A", "i_c": "A"}
+
 #: Electrical angle turned in one sample beyond which the recording cannot be what it says.
 _LARGEST_TURN = np.pi / 2
 
@@ -23,7 +26,8 @@ def drive_recording(experiment: Experiment) -> Experiment:
     Parameters
     ----------
     experiment : Experiment
-        Has the dq channels and omega_el, or the phase channels u_a .. i_c with theta_el.
+        Has the dq channels and omega_el; voltages, currents or both may be in phase channels
+        (u_a, u_b, u_c and i_a, i_b, i_c) instead, with theta_el.
 
     Returns
     -------
@@ -37,8 +41,9 @@ def drive_recording(experiment: Experiment) -> Experiment:
         If a channel is missing, a current never moves, or the machine turns more than a quarter
         electrical turn a sample (a time column in ms, or a speed in rpm).
     """
-    if "i_d" not in experiment.channels and set(_PHASES) & set(experiment.channels):
-        experiment = _from_phases(experiment)
+    kinds = _kinds_in_phases(experiment.channels)
+    if kinds:
+        experiment = _from_phases(experiment, kinds)
     experiment.stack(("i_d", "i_q", "u_d", "u_q", "omega_el"))
     check_excitation(experiment, ("i_d", "i_q", "u_d", "u_q"))
     speed = np.abs(experiment.channels["omega_el"])
@@ -50,6 +55,25 @@ def drive_recording(experiment: Experiment) -> Experiment:
             f"{_LARGEST_TURN:.2g} was wanted; give t in seconds and omega_el in electrical rad/s."
         )
     return experiment
+
+
+def missing_channels(present: Collection[str]) -> list[str]:
+    """Return what a drive recording with these channels lacks.
+
+    Parameters
+    ----------
+    present : collection of str
+        Names of channels.
+
+    Returns
+    -------
+    list of str
+        Canonical names; empty where `drive_recording` finds all that it needs.
+    """
+    kinds = _kinds_in_phases(present)
+    wanted = [f"{kind}_{axis}" for kind in "ui" for axis in ("abc" if kind in kinds else "dq")]
+    wanted.append("theta_el" if kinds else "omega_el")
+    return [name for name in wanted if name not in present]
 
 
 def require_angle(experiment: Experiment, purpose: str) -> None:
@@ -73,13 +97,22 @@ def require_angle(experiment: Experiment, purpose: str) -> None:
         )
 
 
-def _from_phases(experiment: Experiment) -> Experiment:
-    experiment.stack((*_PHASES, "theta_el"))
+def _kinds_in_phases(present: Collection[str]) -> str:
+    """Return which of u and i are there in phase quantities alone."""
+    return "".join(
+        kind
+        for kind in "ui"
+        if f"{kind}_d" not in present and any(f"{kind}_{phase}" in present for phase in "abc")
+    )
+
+
+def _from_phases(experiment: Experiment, kinds: str) -> Experiment:
+    names = [[f"{kind}_{phase}" for phase in "abc"] for kind in kinds]
+    experiment.stack([*(name for three in names for name in three), "theta_el"])
     theta = experiment.channels["theta_el"]
     channels = dict(experiment.channels)
-    for kind in ("u", "i"):
-        phases = experiment.stack([f"{kind}_{phase}" for phase in "abc"])
-        channels[f"{kind}_d"], channels[f"{kind}_q"] = dq_from_abc(phases, theta).T
+    for kind, three in zip(kinds, names, strict=True):
+        channels[f"{kind}_d"], channels[f"{kind}_q"] = dq_from_abc(experiment.stack(three), theta).T
     if "omega_el" not in channels:
         channels["omega_el"] = np.gradient(np.unwrap(theta), experiment.time_step)
     return replace(experiment, channels=channels)

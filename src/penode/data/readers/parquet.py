@@ -23,7 +23,7 @@ def read(path: Path) -> Table:
 
     Returns
     -------
-    dict of str to ndarray, each of shape (time,)
+    Table
         Columns in the order of the file, float64 and finite, in the units of the file.
 
     Raises
@@ -38,7 +38,7 @@ def read(path: Path) -> Table:
     file = str(path)
     frame = _frame(file, path.read_bytes())
     names = clean_names(file, frame.columns)
-    return {name: _column(file, name, frame.to_series(i)) for i, name in enumerate(names)}
+    return Table({name: _column(file, name, frame.to_series(i)) for i, name in enumerate(names)})
 
 
 def _frame(file: str, raw: bytes) -> pl.DataFrame:

@@ -1,0 +1,58 @@
+"""`penode init`: begin a study file with what a recording tells about itself."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from penode.data.load import read
+from penode.errors import InputError
+from penode.pmsm.guess import StudyGuess, guess_study
+from penode.pmsm.study_text import study_text
+from penode.training.archive import write_atomically
+
+_output = Console()
+
+
+def init_command(
+    recording: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Recording: csv, parquet, mat, mf4, tdms.")
+    ],
+    out: Annotated[Path, typer.Option(help="Study file to write; never overwritten.")] = Path(
+        "study.toml"
+    ),
+) -> None:
+    """Write a study file with the best guesses from a recording, each with its reason.
+
+    Then: penode identify FILE --config study.toml --out result
+
+    Example: penode init bench.mf4 --out bench.toml
+    """
+    if out.exists():
+        raise InputError(f"{out}: this file exists; remove it, or give another name with --out.")
+    table, _ = read(recording)
+    guess = guess_study(table)
+    write_atomically(out, study_text(guess, str(recording), str(out)))
+    lines = [f"study  {out}", *_channel_lines(guess), *_open_questions(guess)]
+    _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
+
+
+def _channel_lines(guess: StudyGuess) -> list[str]:
+    return [
+        f"  {name:<9} {'-' if channel.sign < 0 else ''}{channel.column} in {channel.unit}"
+        + (", mechanical" if channel.mechanical else "")
+        for name, channel in guess.channels.items()
+    ]
+
+
+def _open_questions(guess: StudyGuess) -> list[str]:
+    """Say what a person has to fill in, or only to look at."""
+    open_questions = [f"column of {name}" for name in guess.missing]
+    if guess.lacks_pole_pairs:
+        open_questions.append("pole_pairs")
+    if open_questions:
+        return [f"Fill in before you use it: {', '.join(open_questions)}."]
+    return [
+        "All of this is guessed; the file says from what. Look at it before you trust a result."
+    ]

@@ -1,0 +1,252 @@
+"""From the columns of a file to channels: names, units, scales, signs, delays, one clock.
+
+In this order: a column becomes SI values at its own sampling times, channels of several rates are
+put onto one clock if that is asked for, and delays shift whole rows. Rows at the ends that a
+channel does not reach are cut off; nothing is filled in or repeated.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.data.table import TIME, Table, cell_error, list_names
+from penode.data.time_axis import uniform_step
+from penode.data.units import UNITS, Unit, did_you_mean, find_unit, unit_name
+from penode.errors import InputError
+
+# Largest turn in rad between two samples of an angle that can still be interpolated.
+_LARGEST_TURN = np.pi / 2
+# Samples this close to the end of another clock, in time steps, are within it.
+_CLOCK_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a channel comes from.
+
+    Attributes
+    ----------
+    column : str
+        Column of the file.
+    si : str
+        SI unit of the channel, such as ``"A"``; empty where any unit will do.
+    unit : str
+        Unit of the column; empty for the one that the file tells, and SI where it tells none.
+    scale : float
+        What one count of the column is in that unit.
+    sign : {1, -1}
+    delay : int
+        Samples by which the column lags behind what it stands for: row k of the channel is row
+        ``k + delay`` of the column, on the common clock. Negative where the column leads.
+    times : str
+        Another column that the column is a share of, such as the DC-link voltage of a duty; it
+        then is the one that has the unit. Empty for none.
+    """
+
+    column: str
+    si: str = ""
+    unit: str = ""
+    scale: float = 1.0
+    sign: int = 1
+    delay: int = 0
+    times: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampled:
+    """SI values of one channel and their times in s, both of shape (time,)."""
+
+    times: FloatArray
+    values: FloatArray
+    is_angle: bool
+
+
+def own_names(table: Table) -> dict[str, Origin]:
+    """Return the mapping that takes every column under its own name, `TIME` in s.
+
+    Parameters
+    ----------
+    table : Table
+
+    Returns
+    -------
+    dict of str to Origin
+        Without the clocks of the file, which are no channels.
+    """
+    clocks = set(table.clocks.values()) | {TIME}
+    return {name: Origin(name) for name in table.columns if name not in clocks}
+
+
+def map_channels(
+    file: str, table: Table, origins: Mapping[str, Origin], resample: bool = False
+) -> tuple[float, dict[str, FloatArray]]:
+    """Make channels of one uniform clock from the columns of a file.
+
+    Parameters
+    ----------
+    file : str
+        File, for the messages.
+    table : Table
+        Its columns.
+    origins : mapping of str to Origin
+        Channel -> where it comes from. Entry ``t`` is the time in s, column ``t`` without one; a
+        column with a clock of its own keeps that.
+    resample : bool
+        Put channels of different clocks onto the fastest of them by linear interpolation, angles
+        without their jumps, over the time that all channels cover.
+
+    Returns
+    -------
+    time_step : float
+        s.
+    channels : dict of str to ndarray, each of shape (time,)
+        SI values, in the order of the origins.
+
+    Raises
+    ------
+    InputError
+        If a column is missing, not finite or not as long as its times, a unit is unknown or of
+        another quantity, clocks differ and resampling is not asked for, an angle turns too far in
+        a sample to be interpolated, or the times are not uniform (see `uniform_step`).
+    """
+    time = origins.get(TIME, Origin(TIME, "s"))
+    sampled = {
+        name: _sample(file, table, name, origin, time)
+        for name, origin in origins.items()
+        if name != TIME
+    }
+    times, channels = _on_one_clock(file, sampled, resample)
+    times, channels = _without_delays(times, channels, origins)
+    return uniform_step(file, times), channels
+
+
+def _sample(file: str, table: Table, name: str, origin: Origin, time: Origin) -> _Sampled:
+    """Take one channel out of the table, with its times."""
+    clock = table.clocks.get(origin.column)
+    if clock is not None and clock != table.clocks.get(time.column):
+        time = Origin(clock, "s")
+    values, si = _si_values(file, table, name, origin)
+    times, _ = _si_values(file, table, TIME, time)
+    if len(values) != len(times):
+        raise InputError(
+            f"{file}: channel {name}: column {origin.column} has {len(values)} values where its "
+            f"times in column {time.column} are {len(times)}; name the time column that "
+            "belongs to it, or export them together."
+        )
+    return _Sampled(times, values, si == "rad")
+
+
+def _si_values(file: str, table: Table, name: str, origin: Origin) -> tuple[FloatArray, str]:
+    """Return the values of a channel in SI units, and the unit."""
+    factor = origin.scale * origin.sign
+    if not origin.times:
+        unit = _unit(file, table, name, origin)
+        return unit.to_si(_column(file, table, name, origin.column), factor), unit.si
+    share = Origin(origin.column, "1", scale=factor)
+    whole = Origin(origin.times, origin.si, origin.unit)
+    shares, _ = _si_values(file, table, name, share)
+    wholes, si = _si_values(file, table, name, whole)
+    together = table.clocks.get(origin.column) == table.clocks.get(origin.times)
+    if not together or len(shares) != len(wholes):
+        raise InputError(
+            f"{file}: channel {name}: column {origin.column} has {len(shares)} values and column "
+            f"{origin.times} {len(wholes)} of its own times; multiply columns that were sampled "
+            "together."
+        )
+    return shares * wholes, si
+
+
+def _column(file: str, table: Table, name: str, column: str) -> FloatArray:
+    """Return a column that is there and finite."""
+    values = table.columns.get(column)
+    if values is None:
+        raise InputError(
+            f"{file}: no column {column} for channel {name}{did_you_mean(column, table.columns)}; "
+            f"the columns are {list_names(table.columns)}."
+        )
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise cell_error(file, f"data row {bad[0] + 1}", column, str(values[bad[0]]))
+    return values
+
+
+def _unit(file: str, table: Table, name: str, origin: Origin) -> Unit:
+    """Return the unit of a column as it was given, else as the file tells it, else SI."""
+    told = table.units.get(origin.column, "")
+    text = origin.unit or told or origin.si
+    if not origin.si and unit_name(text) is None:
+        return Unit("")
+    where = f"{file}: channel {name}"
+    unit = find_unit(where, text)
+    if origin.si not in ("", unit.si):
+        fitting = [known for known, other in UNITS.items() if other.si == origin.si]
+        raise InputError(
+            f"{where}: unit {text!r} came for column {origin.column} where one of "
+            f"{', '.join(fitting)} was wanted; give the unit of the column."
+        )
+    return unit
+
+
+# --- one clock ----------------------------------------------------------------------------------
+
+
+def _on_one_clock(
+    file: str, sampled: Mapping[str, _Sampled], resample: bool
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return the common times in s and the channels at them."""
+    first, *others = sampled
+    times = sampled[first].times
+    odd = [name for name in others if not np.array_equal(sampled[name].times, times)]
+    if not odd:
+        return times, {name: channel.values for name, channel in sampled.items()}
+    if not resample:
+        raise InputError(
+            f"{file}: channel {first} has {_pace(times)} and channel {odd[0]} "
+            f'{_pace(sampled[odd[0]].times)}; ask for resample = "linear", which interpolates '
+            "all channels at the times of the fastest."
+        )
+    steps = {name: uniform_step(file, channel.times) for name, channel in sampled.items()}
+    fastest = min(steps, key=lambda name: steps[name])
+    times, slack = sampled[fastest].times, _CLOCK_ROUNDING * steps[fastest]
+    begin = max(channel.times[0] for channel in sampled.values()) - slack
+    end = min(channel.times[-1] for channel in sampled.values()) + slack
+    times = times[(times >= begin) & (times <= end)]
+    return times, {name: _at(file, name, times, channel) for name, channel in sampled.items()}
+
+
+def _pace(times: FloatArray) -> str:
+    step = (times[-1] - times[0]) / max(len(times) - 1, 1)
+    return f"{len(times)} samples, one every {step:.6g} s from {times[0]:.6g} s"
+
+
+def _at(file: str, name: str, times: FloatArray, channel: _Sampled) -> FloatArray:
+    """Interpolate a channel linearly; an angle is unwrapped first where it has to be."""
+    values = channel.values
+    inside = np.isin(times, channel.times)
+    if inside.all():
+        return values[np.isin(channel.times, times)]
+    if channel.is_angle:
+        values = np.unwrap(values)
+        turn = float(np.abs(np.diff(values)).max())
+        if turn > _LARGEST_TURN:
+            raise InputError(
+                f"{file}: channel {name} turns {turn:.3g} rad between two of its samples where "
+                f"less than {_LARGEST_TURN:.3g} was wanted to interpolate it; record it faster."
+            )
+    return np.asarray(np.interp(times, channel.times, values))
+
+
+# --- delays -------------------------------------------------------------------------------------
+
+
+def _without_delays(
+    times: FloatArray, channels: Mapping[str, FloatArray], origins: Mapping[str, Origin]
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Shift rows so that each channel stands at the time it belongs to; cut what is not whole."""
+    delays = {name: origins[name].delay for name in channels}
+    begin = max(0, -min(delays.values()))
+    end = len(times) - max(0, *delays.values())
+    rows = np.arange(begin, max(begin, end))
+    return times[rows], {name: values[rows + delays[name]] for name, values in channels.items()}

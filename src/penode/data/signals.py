@@ -1,0 +1,83 @@
+"""Signals: channels as file formats with groups and several sampling rates hold them."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.data.table import TIME, Table, clean_names, clocks_within
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """One channel of a group.
+
+    Attributes
+    ----------
+    group, name, unit : str
+        As the file has them; the unit is empty where the file tells none.
+    values : ndarray, shape (time,)
+        In that unit.
+    times : ndarray of shape (time,), or None
+        Sampling times in s; None where the file knows none but those in a column.
+    """
+
+    group: str
+    name: str
+    unit: str
+    values: FloatArray
+    times: FloatArray | None
+
+
+def table_of(file: str, signals: Sequence[Signal]) -> Table:
+    """Put the channels of all groups into one table.
+
+    Parameters
+    ----------
+    file : str
+        File, for the messages.
+    signals : sequence of Signal
+        Channels; one whose name comes twice is called ``group/name``.
+
+    Returns
+    -------
+    Table
+        Times in s become columns, shared by the channels that were sampled together: the first
+        is called ``t``, the next ``t_2``. Channels without times have the column of their group
+        that is called t, time or Zeit for a clock.
+
+    Raises
+    ------
+    InputError
+        If a group has two channels of one name.
+    """
+    clocks: dict[str, FloatArray] = {}
+    ticks = [None if signal.times is None else _clock(clocks, signal.times) for signal in signals]
+    often = Counter([*clocks, *(signal.name for signal in signals)])
+    names = [f"{s.group}/{s.name}" if often[s.name] > 1 else s.name for s in signals]
+    clean_names(file, [*clocks, *names])
+    table = Table(dict(clocks), dict.fromkeys(clocks, "s"), {name: name for name in clocks})
+    groups: dict[str, dict[str, str]] = {}
+    for name, signal, tick in zip(names, signals, ticks, strict=True):
+        table.columns[name] = signal.values
+        if signal.unit:
+            table.units[name] = signal.unit
+        if tick is not None:
+            table.clocks[name] = tick
+        else:
+            groups.setdefault(signal.group, {})[signal.name] = name
+    for members in groups.values():
+        table.clocks.update(clocks_within(members))
+    return table
+
+
+def _clock(clocks: dict[str, FloatArray], times: FloatArray) -> str:
+    """Return the name of these times, which are added where they are new."""
+    for name, known in clocks.items():
+        if np.array_equal(times, known):
+            return name
+    name = f"{TIME}_{len(clocks) + 1}" if clocks else TIME
+    clocks[name] = times
+    return name

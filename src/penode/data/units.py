@@ -1,0 +1,160 @@
+"""Units: what files call them, and what one is in SI."""
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from penode.arrays import FloatArray
+from penode.errors import InputError
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One unit: ``SI value = value * numerator / denominator``.
+
+    Two numbers, because a division by 1000 is rounded once, and a product with 1e-3 twice.
+
+    Attributes
+    ----------
+    si : str
+        SI unit of the same quantity.
+    numerator, denominator : float
+    """
+
+    si: str
+    numerator: float = 1.0
+    denominator: float = 1.0
+
+    def to_si(self, values: FloatArray, factor: float = 1.0) -> FloatArray:
+        """Return values in SI units.
+
+        Parameters
+        ----------
+        values : ndarray
+            In this unit, once multiplied by the factor.
+        factor : float
+            What one count of the values is in this unit.
+        """
+        return values * (factor * self.numerator) / self.denominator
+
+
+#: Name -> unit. Files may put brackets around a name and spell it as `_ALIASES` lists.
+UNITS: Mapping[str, Unit] = MappingProxyType(
+    {
+        "s": Unit("s"),
+        "ms": Unit("s", denominator=1e3),
+        "us": Unit("s", denominator=1e6),
+        "ns": Unit("s", denominator=1e9),
+        "V": Unit("V"),
+        "mV": Unit("V", denominator=1e3),
+        "kV": Unit("V", numerator=1e3),
+        "A": Unit("A"),
+        "mA": Unit("A", denominator=1e3),
+        "kA": Unit("A", numerator=1e3),
+        "rad": Unit("rad"),
+        "deg": Unit("rad", math.pi, 180.0),
+        "turn": Unit("rad", 2.0 * math.pi),
+        "rad/s": Unit("rad/s"),
+        "deg/s": Unit("rad/s", math.pi, 180.0),
+        "rpm": Unit("rad/s", 2.0 * math.pi, 60.0),
+        "Hz": Unit("rad/s", 2.0 * math.pi),
+        "1": Unit("1"),
+        "%": Unit("1", denominator=100.0),
+    }
+)
+_ALIASES = {
+    "-": "1",
+    "sec": "s",
+    "second": "s",
+    "seconds": "s",
+    "Sekunden": "s",
+    "µs": "us",
+    "μs": "us",  # the Greek letter, not the micro sign
+    "Volt": "V",
+    "volt": "V",
+    "Amp": "A",
+    "Ampere": "A",
+    "°": "deg",
+    "Grad": "deg",
+    "degree": "deg",
+    "degrees": "deg",
+    "rev": "turn",
+    "U": "turn",
+    "1/s": "Hz",
+    "rev/s": "Hz",
+    "RPM": "rpm",
+    "1/min": "rpm",
+    "min-1": "rpm",
+    "min^-1": "rpm",
+    "U/min": "rpm",
+    "rev/min": "rpm",
+    "r/min": "rpm",
+    "rads/s": "rad/s",
+    "rad*s^-1": "rad/s",
+    "°/s": "deg/s",
+}
+
+
+def unit_name(text: str) -> str | None:
+    """Return the name in `UNITS` of a unit as a file or a person spells it.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``"[1/min]"``; case matters, as in mV and MV.
+
+    Returns
+    -------
+    str or None
+        A key of `UNITS`, None where the text is no unit known here.
+    """
+    bare = text.strip().strip("[](){}").strip()
+    name = _ALIASES.get(bare, bare)
+    return name if name in UNITS else None
+
+
+def find_unit(where: str, text: str) -> Unit:
+    """Return the unit of that name.
+
+    Parameters
+    ----------
+    where : str
+        What the unit belongs to, for the message.
+    text : str
+        Unit as it is spelt there.
+
+    Raises
+    ------
+    InputError
+        If no such unit is known; the message suggests the nearest one.
+    """
+    name = unit_name(text)
+    if name is None:
+        known = [*_ALIASES, *UNITS]
+        raise InputError(
+            f"{where}: unit {text!r} came{did_you_mean(text, known)}; give one of "
+            f"{', '.join(UNITS)}, and scale for what is left."
+        )
+    return UNITS[name]
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return the nearest known word as a part of a sentence, nothing where none is near.
+
+    Parameters
+    ----------
+    word : str
+        What came.
+    known : iterable of str
+        What could have come.
+
+    Returns
+    -------
+    str
+        Such as ``" (did you mean unit?)"``, or an empty string.
+    """
+    spelt = {name.lower(): name for name in known}
+    near = difflib.get_close_matches(word.lower(), spelt, n=1, cutoff=0.5)
+    return f" (did you mean {spelt[near[0]]}?)" if near else ""

@@ -1,0 +1,186 @@
+"""Mapping: what a row becomes, one clock, delays, and every refusal."""
+
+import numpy as np
+import pytest
+
+from penode.data.mapping import Origin, map_channels
+from penode.data.table import Table
+from penode.errors import InputError
+
+STEP = 1e-3
+
+
+def table(samples=40, **changes):
+    time = np.arange(samples) * STEP
+    columns = {"t": time, "x": np.sin(30 * time), "duty": np.linspace(0, 100, samples)}
+    return Table({**columns, **changes}, {"x": "mA", "duty": "%"})
+
+
+def mapped(origins, content=None, resample=False):
+    return map_channels("run.csv", content or table(), origins, resample)
+
+
+def refusal(origins, content=None, resample=False):
+    with pytest.raises(InputError) as caught:
+        mapped(origins, content, resample)
+    sentence = str(caught.value)
+    assert sentence.startswith("run.csv: ")
+    assert "\n" not in sentence
+    assert sentence.endswith(".")
+    return sentence
+
+
+# --- values -----------------------------------------------------------------------------------
+
+
+def test_scale_sign_and_unit_multiply():
+    _, channels = mapped({"i": Origin("x", "A", scale=2.5, sign=-1)})
+    np.testing.assert_allclose(channels["i"], -2.5e-3 * table().columns["x"], rtol=1e-15)
+
+
+def test_a_unit_that_is_given_wins_over_the_files():
+    _, channels = mapped({"i": Origin("x", "A", "A")})
+    np.testing.assert_array_equal(channels["i"], table().columns["x"])
+
+
+def test_a_share_is_of_the_other_column():
+    dc = np.linspace(300, 400, 40)
+    _, channels = mapped({"u": Origin("duty", "V", times="dc")}, table(dc=dc))
+    np.testing.assert_allclose(channels["u"], np.linspace(0, 1, 40) * dc, rtol=1e-14)
+
+
+def test_a_unit_unknown_here_is_left_alone_where_no_quantity_is_asked_for():
+    content = Table(table().columns, {"x": "furlong"})
+    _, channels = mapped({"x": Origin("x")}, content)
+    np.testing.assert_array_equal(channels["x"], content.columns["x"])
+
+
+# --- delays -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("delay", [-3, 0, 2])
+def test_a_delayed_column_is_put_back_in_time(delay):
+    rows = np.arange(40.0)
+    late = np.roll(rows, delay)  # row k holds what was true at row k - delay
+    step, channels = mapped(
+        {"late": Origin("late", delay=delay), "x": Origin("row")}, table(late=late, row=rows)
+    )
+    assert step == pytest.approx(STEP, rel=1e-12)
+    assert len(channels["x"]) == 40 - abs(delay)
+    np.testing.assert_array_equal(channels["late"], channels["x"])
+
+
+def test_delays_longer_than_the_recording_leave_nothing():
+    assert "only 0 samples" in refusal({"x": Origin("x", delay=50)})
+
+
+# --- several clocks ---------------------------------------------------------------------------
+
+
+def two_rates(slow_times=None, angle=None):
+    """Column fast every 1 ms, slow and angle every 10 ms."""
+    fast_times = np.arange(200) * STEP
+    slow_times = np.arange(20) * 10 * STEP if slow_times is None else slow_times
+    columns = {
+        "t": fast_times,
+        "fast": np.cos(50 * fast_times),
+        "t_2": slow_times,
+        "slow": 3.0 + 2.0 * slow_times,
+        "angle": np.mod(8.0 * slow_times, 2 * np.pi) if angle is None else angle,
+    }
+    clocks = {"t": "t", "fast": "t", "t_2": "t_2", "slow": "t_2", "angle": "t_2"}
+    return Table(columns, {"t_2": "s"}, clocks)
+
+
+ORIGINS = {"fast": Origin("fast"), "slow": Origin("slow"), "angle": Origin("angle", "rad")}
+
+
+def test_resampling_is_linear_on_the_fastest_clock_over_the_common_time():
+    step, channels = mapped(ORIGINS, two_rates(), resample=True)
+    time = np.arange(191) * STEP  # the slow clock ends at 190 ms
+    assert step == pytest.approx(STEP, rel=1e-12)
+    np.testing.assert_array_equal(channels["fast"], np.cos(50 * time))
+    np.testing.assert_allclose(channels["slow"], 3.0 + 2.0 * time, rtol=1e-13)
+
+
+def test_an_angle_is_interpolated_without_its_jumps():
+    content = two_rates(angle=np.mod(100.0 * np.arange(20) * 10 * STEP, 2 * np.pi))
+    _, channels = mapped(ORIGINS, content, resample=True)
+    turned = channels["angle"] - 100.0 * np.arange(191) * STEP
+    np.testing.assert_allclose(np.exp(1j * turned), 1.0, atol=1e-12)
+
+
+def test_resampling_changes_nothing_where_the_clocks_are_the_same():
+    content = two_rates(slow_times=np.arange(200) * STEP)
+    plain, resampled = mapped(ORIGINS, content), mapped(ORIGINS, content, resample=True)
+    for name in ORIGINS:
+        np.testing.assert_array_equal(plain[1][name], resampled[1][name])
+
+
+def test_several_rates_are_refused_where_resampling_is_not_asked_for():
+    sentence = refusal(ORIGINS, two_rates())
+    for word in (
+        "channel fast",
+        "200 samples",
+        "channel slow",
+        "every 0.01 s",
+        'resample = "linear"',
+    ):
+        assert word in sentence
+
+
+def test_a_gap_is_not_interpolated():
+    times = np.delete(np.arange(21) * 10 * STEP, 7)
+    assert "gap" in refusal(ORIGINS, two_rates(slow_times=times), resample=True)
+
+
+def test_an_angle_that_turns_too_far_is_not_interpolated():
+    angle = np.mod(300.0 * np.arange(20) * 10 * STEP, 2 * np.pi)
+    sentence = refusal(ORIGINS, two_rates(angle=angle), resample=True)
+    assert "channel angle turns" in sentence
+
+
+def test_a_time_column_of_ones_own_in_the_group_is_taken():
+    """The group's other times are in ms, and the mapping says so."""
+    content = two_rates()
+    content.columns["mine"] = content.columns["t_2"] * 1e3
+    content.clocks["mine"] = "t_2"
+    origins = {"t": Origin("mine", "s", "ms"), "slow": Origin("slow")}
+    step, _ = mapped(origins, content)
+    assert step == pytest.approx(10 * STEP, rel=1e-12)
+
+
+# --- refusals ---------------------------------------------------------------------------------
+
+
+def test_missing_column_suggests_the_nearest():
+    sentence = refusal({"u": Origin("dutty", "V")})
+    for word in ("no column dutty", "channel u", "did you mean duty?", "t, x, duty"):
+        assert word in sentence
+
+
+def test_unit_of_another_quantity():
+    sentence = refusal({"u": Origin("x", "V", "rpm")})
+    for word in ("channel u", "'rpm'", "column x", "V, mV, kV"):
+        assert word in sentence
+
+
+def test_unit_of_the_file_of_another_quantity():
+    assert "'mA' came for column x" in refusal({"u": Origin("x", "V")})
+
+
+def test_columns_of_other_lengths():
+    sentence = refusal({"x": Origin("short")}, table(short=np.zeros(7)))
+    for word in ("column short has 7 values", "column t are 40"):
+        assert word in sentence
+    sentence = refusal({"u": Origin("duty", "V", times="dc")}, table(dc=np.ones(3)))
+    for word in ("column duty has 40 values", "column dc 3 "):
+        assert word in sentence
+
+
+def test_a_value_that_is_not_finite_is_refused_in_used_columns_only():
+    content = table(bad=np.r_[np.ones(20), np.nan, np.ones(19)])
+    mapped({"x": Origin("x")}, content)
+    sentence = refusal({"x": Origin("bad")}, content)
+    for word in ("data row 21", "channel bad", "nan"):
+        assert word in sentence

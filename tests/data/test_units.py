@@ -1,0 +1,59 @@
+"""Units: factors against their definitions, spellings, and the refusal of others."""
+
+import numpy as np
+import pytest
+
+from penode.data.units import UNITS, did_you_mean, find_unit, unit_name
+from penode.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("unit", "value", "si"),
+    [
+        ("ms", 3.0, 3e-3),
+        ("us", 250.0, 250e-6),
+        ("kV", 0.4, 400.0),
+        ("mA", 1500.0, 1.5),
+        ("deg", 180.0, np.pi),
+        ("turn", 0.25, np.pi / 2),
+        ("rpm", 60.0, 2 * np.pi),
+        ("Hz", 50.0, 100 * np.pi),
+        ("deg/s", 360.0, 2 * np.pi),
+        ("%", 12.0, 0.12),
+    ],
+)
+def test_factors(unit, value, si):
+    np.testing.assert_allclose(UNITS[unit].to_si(np.array([value])), [si], rtol=1e-15)
+
+
+def test_whole_microseconds_become_the_nearest_number():
+    """3 us is 0.000003 s to the last digit, which a product with 1e-6 would miss."""
+    expected = [float(f"{k}e-6") for k in range(1000)]
+    np.testing.assert_array_equal(UNITS["us"].to_si(np.arange(1000.0)), expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        (" [1/min] ", "rpm"),
+        ("U/min", "rpm"),
+        ("(µs)", "us"),
+        ("°", "deg"),
+        ("RPM", "rpm"),
+        ("-", "1"),
+        ("MV", None),
+        ("Nm", None),
+        ("", None),
+    ],
+)
+def test_spellings(text, name):
+    assert unit_name(text) == name
+
+
+def test_unknown_unit_suggests_the_nearest():
+    with pytest.raises(InputError, match=r"run.csv: channel n: unit 'rmp' .*did you mean rpm\?"):
+        find_unit("run.csv: channel n", "rmp")
+
+
+def test_nothing_is_suggested_where_nothing_is_near():
+    assert did_you_mean("zzzz", ["column", "unit"]) == ""
