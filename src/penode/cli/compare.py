@@ -1,0 +1,42 @@
+"""The command ``penode compare``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from penode.cli.machine_fit import load_machine
+from penode.errors import InputError
+from penode.pmsm.comparison import compare_maps, compare_resistances
+from penode.pmsm.flux_grid import read_grid
+from penode.training.archive import write_atomically
+
+_output = Console()
+
+
+def compare_command(
+    first: Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")],
+    second: Annotated[Path, typer.Argument(help="Another one, or a map such as flux_map.csv.")],
+    out: Annotated[Path, typer.Option(help="PNG to write.")],
+) -> None:
+    """Hold a saved fit against another one, or against a map in a CSV file.
+
+    Differences are the second less the first, where both are supported.
+
+    Example: penode compare cold warm --out difference.png
+    """
+    if out.suffix.lower() != ".png":
+        raise InputError(f"{out}: suffix {out.suffix!r} came; use .png.")
+    fit = load_machine(first)
+    if second.suffix.lower() == ".csv":
+        maps, lines = compare_maps(fit, read_grid(second)), []
+    else:
+        other = load_machine(second)
+        maps, lines = compare_maps(fit, other), [f"R        {compare_resistances(fit, other)}"]
+    # Imported here: the plotting library takes a third of a second, and few commands draw.
+    from penode.pmsm.comparison_picture import comparison_picture
+
+    write_atomically(out, comparison_picture(maps, f"{second}\nless {first}"))
+    lines = [f"map      {maps.sentence}", *lines, f"picture  {out}"]
+    _output.print("\n".join(lines), soft_wrap=True, highlight=False)

@@ -1,0 +1,75 @@
+"""The command ``penode loci``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+
+from penode.cli.machine_fit import doubt, load_machine
+from penode.errors import InputError
+from penode.pmsm.control_loci import ControlLoci, control_loci, loci_csv
+from penode.pmsm.controlled_machine import ControlledMachine
+from penode.report.quantities import number
+from penode.training.archive import write_atomically
+
+_output, _errors = Console(), Console(stderr=True)
+
+
+def loci_command(
+    folder: Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")],
+    i_max: Annotated[float, typer.Option(help="Current limit in A, peak value of a phase.")],
+    out: Annotated[Path, typer.Option(help="PNG to write.")],
+    u_max: Annotated[
+        float | None, typer.Option(help="Voltage limit in V, peak of a phase: u_dc / sqrt(3).")
+    ] = None,
+    pole_pairs: Annotated[int | None, typer.Option(help="Of the machine.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="CSV of the loci to write as well.")] = None,
+) -> None:
+    """Compute what a controller needs: MTPA, MTPV, and most torque over speed with --u-max.
+
+    Example: penode loci result --i-max 240 --u-max 230 --pole-pairs 5 --out loci.png
+    """
+    for path, suffix in ((out, ".png"), (csv, ".csv")):
+        if path is not None and path.suffix.lower() != suffix:
+            raise InputError(f"{path}: suffix {path.suffix!r} came; use {suffix}.")
+    fit = load_machine(folder)
+    machine = ControlledMachine.of(fit, pole_pairs)
+    loci = control_loci(machine, i_max, u_max)
+    # Imported here: the plotting library takes a third of a second, and few commands draw.
+    from penode.pmsm.loci_picture import loci_picture
+
+    write_atomically(out, loci_picture(machine, loci, str(folder)))
+    if csv is not None:
+        write_atomically(csv, loci_csv(loci))
+    lines = [*_told(loci), f"picture         {out}"]
+    lines += [f"loci            {csv}"] if csv is not None else []
+    _output.print("\n".join(lines), soft_wrap=True, highlight=False)
+    if warning := doubt(fit):
+        _errors.print(warning, soft_wrap=True, highlight=False, markup=False)
+
+
+def _told(loci: ControlLoci) -> list[str]:
+    """Return the main figures, one a line; extrapolations are said."""
+    full, short = loci.mtpa, loci.characteristic
+    i_d, i_q = full.current[:, -1]
+    beyond = "" if full.supported[-1] else ", beyond the recordings"
+    lines = [
+        f"MTPA            {number(full.torque[-1])} Nm at i_d {number(i_d)} A, i_q {number(i_q)} A"
+        f"{beyond}",
+        f"characteristic  {number(float(np.hypot(*short.current)[0]))} A"
+        + ("" if short.supported[0] else ", beyond the recordings"),
+    ]
+    if not loci.mtpv.torque.size:
+        lines.append("MTPV            not within the current limit")
+    if loci.base_speed is not None and loci.over_speed is not None:
+        lines.append(f"base speed      {number(loci.base_speed * 30 / np.pi, 4)} rpm")
+    every = [loci.mtpa, loci.mtpv, *([loci.over_speed] if loci.over_speed else [])]
+    supported = np.concatenate([one.supported for one in every])
+    if not supported.all():
+        lines.append(
+            f"note            {np.count_nonzero(~supported)} of {len(supported)} points lie where "
+            "no recording has been (dashed)"
+        )
+    return lines

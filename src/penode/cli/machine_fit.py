@@ -1,0 +1,43 @@
+"""Reading of a saved fit that has to be one of a machine."""
+
+from pathlib import Path
+
+from penode.errors import InputError
+from penode.training.fit import Fit
+
+
+def load_machine(folder: Path) -> Fit:
+    """Return the fit of a machine from the folder that identify or demo wrote.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder with ``fit/`` in it.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    InputError
+        If there is no fit, or it is that of another model.
+    """
+    fit = Fit.load(folder)
+    maps = sorted(fit.model.maps())
+    if "flux_map" not in maps:
+        raise InputError(
+            f"{folder}: a fit with the maps {', '.join(maps) or 'none'} came, and one of a machine "
+            "was wanted; give a folder that penode identify wrote."
+        )
+    return fit
+
+
+def doubt(fit: Fit) -> str | None:
+    """Return a warning where the recordings could not answer, else None."""
+    if fit.horizon.answered:
+        return None
+    return (
+        f"warning: the verdict of this fit is {fit.horizon.verdict!r}; R is left out, and the map "
+        "is as doubtful as R."
+    )

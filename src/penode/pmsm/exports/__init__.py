@@ -1,0 +1,1 @@
+"""Writers of flux maps for other programs, one format a module: a table in, content out."""

@@ -1,0 +1,88 @@
+"""The formats a flux map can be exported to."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from penode.errors import InputError
+from penode.pmsm.exports import c_header, mat, npz, onnx, syre
+from penode.pmsm.flux_grid import FluxGrid, tabulate
+from penode.pmsm.study import flux_map_csv
+from penode.training.archive import write_atomically
+from penode.training.fit import Fit
+
+
+@dataclass(frozen=True)
+class Format:
+    """One way to write a flux map.
+
+    Attributes
+    ----------
+    suffix : str
+        Of the file.
+    encode : callable
+        ``encode(fit, grid, name)`` gives the file's content; name is that of the file.
+    points : int
+        Points a side of the grid where nobody asks for another number.
+    """
+
+    suffix: str
+    encode: Callable[[Fit, FluxGrid, str], str | bytes]
+    points: int = 41
+
+
+#: To add a format, add one entry. CSV keeps the grid of ``flux_map.csv``.
+FORMATS: dict[str, Format] = {
+    "csv": Format(".csv", lambda fit, grid, name: flux_map_csv(fit)),
+    "npz": Format(".npz", lambda fit, grid, name: npz.encode(grid)),
+    "mat": Format(".mat", lambda fit, grid, name: mat.encode(fit, grid)),
+    "syre": Format(".mat", lambda fit, grid, name: syre.encode(grid), points=256),
+    "c": Format(".h", lambda fit, grid, name: c_header.encode(grid, name)),
+    "onnx": Format(".onnx", lambda fit, grid, name: onnx.encode(fit, grid)),
+}
+
+
+def export(
+    fit: Fit,
+    to: str,
+    path: str | Path,
+    *,
+    points: int | None = None,
+    pole_pairs: int | None = None,
+) -> FluxGrid:
+    """Write a machine's flux map for another program.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of a machine.
+    to : str
+        A key of `FORMATS`.
+    path : str or Path
+        Replaced in one step; its suffix is that of the format.
+    points : int, optional
+        Points a side of the grid.
+    pole_pairs : int, optional
+        For the torque; overrides what the fit says.
+
+    Returns
+    -------
+    FluxGrid
+        The table written: even, over the excited range, zero exactly among its currents.
+
+    Raises
+    ------
+    InputError
+        If the format or the suffix is not known, or the format cannot hold this map.
+    """
+    path = Path(path)
+    if to not in FORMATS:
+        raise InputError(f"format {to!r} came; choose one of {', '.join(FORMATS)}.")
+    known = FORMATS[to]
+    if path.suffix.lower() != known.suffix:
+        raise InputError(
+            f"{path}: suffix {path.suffix!r} came for the format {to}; use {known.suffix}."
+        )
+    grid = tabulate(fit, known.points if points is None else points, pole_pairs)
+    write_atomically(path, known.encode(fit, grid, path.stem))
+    return grid

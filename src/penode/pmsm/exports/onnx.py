@@ -1,0 +1,132 @@
+"""ONNX graph of psi(i), built from the network's own weights; the package onnx is an extra."""
+
+from typing import Any
+
+import numpy as np
+
+from penode.arrays import BoolArray, FloatArray
+from penode.errors import InputError
+from penode.models.networks import ConvexGradient, TanhLayers
+from penode.pmsm.flux_grid import FluxGrid
+from penode.pmsm.flux_maps import FluxMap
+from penode.training.fit import Fit
+
+#: Old enough for the run times in use; the graph needs nothing newer.
+_OPSET, _IR_VERSION = 17, 8
+
+
+class _Graph:
+    """Nodes and constants as they are added; every method returns a name."""
+
+    def __init__(self, onnx: Any) -> None:
+        self.onnx = onnx
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+
+    def node(self, operator: str, *inputs: str, output: str = "", **settings: Any) -> str:
+        name = output or f"{operator.lower()}_{len(self.nodes)}"
+        self.nodes.append(self.onnx.helper.make_node(operator, inputs, [name], **settings))
+        return name
+
+    def constant(self, values: FloatArray | BoolArray) -> str:
+        name = f"constant_{len(self.constants)}"
+        kept = values if values.dtype == np.bool_ else values.astype(np.float32)
+        self.constants.append(self.onnx.numpy_helper.from_array(kept, name))
+        return name
+
+    def affine(self, x: str, weights: FloatArray, bias: FloatArray) -> str:
+        """Return weights x + bias for rows x."""
+        return self.node("Gemm", x, self.constant(weights.T), self.constant(bias))
+
+
+def encode(fit: Fit, grid: FluxGrid) -> bytes:
+    """Return the model.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of a machine with the flux map ``coenergy`` or ``mlp``.
+    grid : FluxGrid
+        Its map, for where recordings have been.
+
+    Returns
+    -------
+    bytes
+        Input ``currents`` (batch, 2): i_d, i_q in A. Outputs ``flux_linkage`` (batch, 2): psi_d,
+        psi_q in Vs, and ``supported`` (batch,): that of the nearest point of the grid. All in
+        float32, but ``supported`` a bool.
+
+    Raises
+    ------
+    InputError
+        If onnx is not installed, or the map has other operations or harmonics of the angle.
+    """
+    try:
+        import onnx
+    except ImportError as error:
+        raise InputError(
+            "the format onnx came, and it needs a package that is not installed; run pip install "
+            "'penode[onnx]'."
+        ) from error
+    graph = _Graph(onnx)
+    # Every Fit of a machine has the field; the engine's Model does not know it.
+    _add_flux(graph, fit.model.flux)  # type: ignore[attr-defined]
+    _add_support(graph, grid)
+    helper, number = onnx.helper, onnx.TensorProto
+    model = helper.make_model(
+        helper.make_graph(
+            graph.nodes,
+            "flux_linkage",
+            [helper.make_tensor_value_info("currents", number.FLOAT, ["batch", 2])],
+            [
+                helper.make_tensor_value_info("flux_linkage", number.FLOAT, ["batch", 2]),
+                helper.make_tensor_value_info("supported", number.BOOL, ["batch"]),
+            ],
+            graph.constants,
+        ),
+        opset_imports=[helper.make_opsetid("", _OPSET)],
+        ir_version=_IR_VERSION,
+        producer_name="penode",
+    )
+    onnx.checker.check_model(model)
+    content: bytes = model.SerializeToString()
+    return content
+
+
+def _add_flux(graph: _Graph, flux: FluxMap) -> None:
+    network, into, out = flux.network, flux.current_scale, flux.flux_scale
+    if isinstance(network, ConvexGradient) and not flux.angle_orders:
+        hidden = graph.node(
+            "Tanh", graph.affine("currents", network.directions / into, network.bias)
+        )
+        pull = out * (network.gain[:, None] * network.directions).T
+        curved = graph.affine(hidden, pull, out * network.offset)
+        linear = graph.node("MatMul", "currents", graph.constant(out / into * network.stiffness))
+        graph.node("Add", curved, linear, output="flux_linkage")
+    elif isinstance(network, TanhLayers):
+        layers = [*zip(network.weights, network.biases, strict=True)]
+        x, scale = "currents", into
+        for weights, bias in layers[:-1]:
+            x, scale = graph.node("Tanh", graph.affine(x, weights / scale, bias)), 1.0
+        weights, bias = layers[-1]
+        last = graph.affine(x, out * weights, out * bias)
+        graph.node("Identity", last, output="flux_linkage")
+    else:
+        harmonics = " with harmonics of the angle" if flux.angle_orders else ""
+        raise InputError(
+            f"a flux map of {type(network).__name__}{harmonics} came, and ONNX export knows those "
+            "of --flux-map coenergy and mlp without harmonics; export npz, mat or c instead."
+        )
+
+
+def _add_support(graph: _Graph, grid: FluxGrid) -> None:
+    """Add the look-up of the nearest point in the mask, a rim of False around it."""
+    first = np.array([grid.i_d[0], grid.i_q[0]])
+    step = np.array([np.diff(grid.i_d).mean(), np.diff(grid.i_q).mean()])
+    mask = np.pad(grid.supported, 1)
+    position = graph.affine("currents", np.diag(1 / step), 1 - first / step)
+    rounded = graph.node("Round", position)
+    limited = graph.node("Max", rounded, graph.constant(np.zeros(2)))
+    limited = graph.node("Min", limited, graph.constant(np.array(mask.shape) - 1.0))
+    indices = graph.node("Cast", limited, to=graph.onnx.TensorProto.INT64)
+    graph.node("GatherND", graph.constant(mask), indices, output="supported")

@@ -1,0 +1,57 @@
+"""Currents from flux linkages or voltages: Newton's method at many points at once."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from penode.arrays import BoolArray, FloatArray
+
+_ITERATIONS = 16
+#: A point counts as found when its last step is below this share of its size, or of 1.
+_TOLERANCE = 1e-10
+
+
+def inverse(
+    function: Callable[[FloatArray], FloatArray],
+    slope: Callable[[FloatArray], FloatArray],
+    targets: FloatArray,
+    start: FloatArray,
+) -> FloatArray:
+    """Return where a function of two variables takes given values.
+
+    Parameters
+    ----------
+    function : callable
+        (2, point) to (2, point), such as currents in A to flux linkages in Vs.
+    slope : callable
+        Its Jacobian, (2, point) to (2, 2, point).
+    targets : ndarray, shape (2, point)
+        Values to take.
+    start : ndarray, shape (2, point)
+        First guesses, close ones: full Newton steps are taken.
+
+    Returns
+    -------
+    ndarray, shape (2, point)
+        NaN where the steps did not die out.
+    """
+    found = start.copy()
+    settled: BoolArray = np.zeros(found.shape[1], dtype=np.bool_)
+    for _ in range(_ITERATIONS):
+        step = solved(slope(found), targets - function(found))
+        found = found + step
+        settled = np.all(np.abs(step) <= _TOLERANCE * (1 + np.abs(found)), axis=0)
+        if (settled | np.isnan(step).any(axis=0)).all():
+            break
+    found[:, ~settled] = np.nan
+    return found
+
+
+def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """Return the solutions (2, point) of systems (2, 2, point) x = (2, point); NaN if singular."""
+    (a, b), (c, d) = matrix
+    with np.errstate(all="ignore"):
+        raised = np.stack([d * vector[0] - b * vector[1], a * vector[1] - c * vector[0]])
+        solution: FloatArray = raised / (a * d - b * c)
+    solution[~np.isfinite(solution)] = np.nan
+    return solution
