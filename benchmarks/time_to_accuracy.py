@@ -33,7 +33,7 @@ from penode.pmsm.bench.run import simulate
 from penode.pmsm.model import Machine
 from penode.pmsm.paper_recipe import PaperRecipe
 from penode.pmsm.start import nominal_start
-from penode.pmsm.study import identify
+from penode.pmsm.study import Study, identify
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import RK4_38
 from penode.training import plan
@@ -140,8 +140,8 @@ def first_epoch(errors: list[float], wanted: float) -> int | None:
 
 
 def by_default(run: Experiment) -> Fit:
-    """Return what a user gets who asks for nothing."""
-    return identify([run])
+    """Return what a user gets with a map of the currents alone, as the recipe's is."""
+    return identify([run], study=Study(inverter=False, angle_orders=()))
 
 
 def by_second_order(run: Experiment) -> Fit:

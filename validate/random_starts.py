@@ -73,7 +73,7 @@ def outcome_of(drawn: Drawn, seed: int) -> Outcome:
     """Identify one recording and judge the loss."""
     began = time.perf_counter()
     try:
-        fit = identify_machine([drawn.run], study=Study(seed=seed))
+        fit = identify_machine([drawn.run], study=Study(seed=seed, inverter=False, angle_orders=()))
     except InputError as error:
         return Outcome(np.inf, np.inf, "", str(error))
     took = time.perf_counter() - began

@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.horizon.account import Account, stopped
+from penode.horizon.cross_checks import beside_anchor, beside_direct
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import (
     Ascent,
@@ -93,19 +94,26 @@ def identify(
     for unseen in validation:
         require_predictable(ascent.objective.predictor, start.model, unseen)
 
-    def account(rungs: Sequence[RungFit], choice: Choice) -> Fit:
+    first = ascent.objective.layout.raw(start.model)
+
+    def account(rungs: Sequence[RungFit], choice: Choice, found: tuple[str, ...] = ()) -> Fit:
         provenance = {
             "training_time_s": time.monotonic() - began,
             "placement": str(plan.placement),
             "solver": str(plan.solver),
         }
-        return Account(ascent, start, plan, rungs, choice).fit(validation, provenance)
+        return Account(ascent, start, plan, rungs, choice, found).fit(validation, provenance)
 
     try:
         # Matrices are small, and threads that wait for each other cost more than they bring.
         with threadpool_limits(1, "blas"):
-            rungs = ascent.climb(plan, ascent.objective.layout.raw(start.model))
+            rungs = ascent.climb(plan, first)
+            choice = selector.select(rungs)
+            chosen = rungs[choice.index]
+            found = beside_anchor(chosen, ascent.objective.layout.physical, start.anchor)
+            if choice.index:
+                found += beside_direct(ascent, plan, chosen, first)
     except StoppedClimb as stop:
         best = account(stop.rungs, stopped(selector.select(stop.rungs), plan))
         raise Stopped(best) from stop
-    return account(rungs, selector.select(rungs))
+    return account(rungs, choice, found)

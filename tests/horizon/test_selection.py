@@ -29,7 +29,8 @@ def rung(horizon, values, deviation, influence=None):
         noise = np.random.default_rng(horizon).normal(size=(1, count))
         influence = noise * deviation[0] / np.sqrt(count)
     solution = Solution(np.zeros(1), None, 1, "Made by hand.")
-    return RungFit(horizon, solution, values, deviation, influence, windows)
+    nothing = (None, None)  # neither is looked at
+    return RungFit(horizon, solution, values, deviation, deviation, influence, windows, *nothing)
 
 
 def ladder(horizons, values, deviations):
@@ -126,6 +127,24 @@ def test_of_two_plateaus_the_one_longer_in_log_h_is_taken(horizons, split, expec
     assert choice.agreeing == expected
     assert choice.index == expected[0]
     assert choice.verdict == ("plateau" if expected[0] else "H = 1 suffices")
+
+
+@pytest.mark.parametrize(("deviation", "expected"), [(0.01, (3, 4, 5, 6)), (0.02, (0, 1, 2))])
+def test_a_surer_plateau_is_taken_before_a_longer_one(deviation, expected):
+    """Two-sided: where long horizons scatter more, the short ones are believed."""
+    horizons = [1, 2, 4, 8, 16, 32, 64]
+    values = [0.1] * 3 + [0.5] * 4
+    choice = Plateau().select(ladder(horizons, values, [0.01] * 3 + [deviation] * 4))
+    assert choice.agreeing == expected
+
+
+def test_rungs_apart_by_less_than_a_deviation_agree(rng):
+    """Though the difference itself is known far better."""
+    noise = rng.normal(size=SAMPLES)
+    made = [rung(h, 0.4 * k, 1.0, shares(noise, h, 1.0)) for k, h in enumerate((1, 2, 4))]
+    assert Plateau().select(made).agreeing == (0, 1, 2)
+    made[2] = rung(4, 1.2, 1.0, shares(noise, 4, 1.0))
+    assert Plateau().select(made).verdict == "no plateau"
 
 
 @pytest.mark.parametrize("horizons", [[1, 2, 3], [1, 4], [7]])

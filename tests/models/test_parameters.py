@@ -284,3 +284,14 @@ def test_model_without_physical_parameters_has_none(systems):
     assert layout.physical == ()
     with float64():
         assert layout.physical_values(jnp.ones(layout.size)).shape == (0,)
+
+
+def test_a_definite_matrix_survives_the_rounding_of_its_product():
+    """An entry of exp(-30) in the factor vanishes beside 1: the product is singular to rounding."""
+    raw = np.array([-0.6, 0.11, -30.0])
+    with float64():
+        value = np.asarray(PositiveDefinite().forward(jnp.asarray(raw), (2, 2)))
+        again = PositiveDefinite().forward(jnp.asarray(PositiveDefinite().inverse(value)), (2, 2))
+    np.testing.assert_allclose(again, value, rtol=0, atol=1e-14)
+    with pytest.raises(np.linalg.LinAlgError):
+        PositiveDefinite().inverse(np.array([[1.0, 2.0], [2.0, 1.0]]))

@@ -20,12 +20,16 @@ class Start:
     identifiability : mapping of str to float
         Share of each physical parameter's low-passed regressor that no regressor of the learned
         map explains; a parameter without an entry was not examined.
+    anchor : mapping of str to (float, float)
+        What a method without a horizon finds of a physical parameter, and its deviation, in SI
+        units: the weak form, for instance.
     repair : str
         The cheapest change of the recording or the model that would help, as a sentence.
     """
 
     model: Model
     identifiability: Mapping[str, float] = field(default_factory=dict)
+    anchor: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     repair: str = "Record another regime, or use a learned map with more structure."
 
     @property

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from penode.arrays import FloatArray
+from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
 from penode.data.quality import check_excitation
 from penode.data.windows import Jittered, Windows, cut
@@ -18,6 +18,7 @@ from penode.training.covariance import (
     hang_on_few_windows,
     influence,
     sandwich_deviation,
+    working_deviation,
 )
 from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Solution, Stage
 from penode.training.residuals import Objective, residual_scale
@@ -56,7 +57,7 @@ def ladder_plan(
     first = optimiser or LevenbergMarquardt(evaluations=60)
     later = optimiser or LevenbergMarquardt(evaluations=25)
     stages = (Stage(horizons[0], first), *(Stage(h, later) for h in horizons[1:]))
-    return Plan(stages, Jittered(seed))
+    return Plan(stages, Jittered(seed), detour=LevenbergMarquardt(evaluations=15))
 
 
 def fitting_plan(plan: Plan, experiments: Sequence[Experiment]) -> Plan:
@@ -77,18 +78,27 @@ class RungFit:
     solution : Solution
         Raw parameters, terms and outcome.
     values, deviation : ndarray, shape (reported,)
-        Reported quantities, physical parameters first, and their HAC deviations; SI units.
+        Reported quantities, physical parameters first, and their HAC deviations, infinite where
+        the recordings cannot show them; SI units.
+    working : ndarray, shape (reported,)
+        The same deviations however short the recordings: good enough to compare horizons by.
     influence : ndarray, shape (physical, window)
         What each window contributed to each physical parameter, SI units.
     windows : Windows
+    predictor : Predictor
+    model : Model
+        With the rung's parameters.
     """
 
     horizon: int
     solution: Solution
     values: FloatArray
     deviation: FloatArray
+    working: FloatArray
     influence: FloatArray
     windows: Windows
+    predictor: Predictor
+    model: Model
 
 
 class StoppedClimb(KeyboardInterrupt):
@@ -198,7 +208,20 @@ class Ascent:
         deviation = self._deviation(problem, solution, jacobian)
         values = self.reported.values(solution.raw)
         share = influence(solution.terms, jacobian[: len(self.objective.layout.physical)])
-        return RungFit(horizon, solution, values, deviation, share, problem.windows)
+        working = working_deviation(solution.terms, jacobian, problem.windows)
+        with float64():
+            model = self.objective.layout.plain_model(solution.raw)
+        return RungFit(
+            horizon=horizon,
+            solution=solution,
+            values=values,
+            deviation=deviation,
+            working=working,
+            influence=share,
+            windows=problem.windows,
+            predictor=self.objective.predictor,
+            model=model,
+        )
 
     def _tell(self, rung: RungFit, share: tuple[int, int]) -> None:
         names = self.objective.layout.physical

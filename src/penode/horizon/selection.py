@@ -12,6 +12,10 @@ from penode.arrays import FloatArray
 from penode.horizon.ladder import RungFit
 from penode.training.covariance import bartlett, correlation_length
 
+#: Runs whose least errors are within this factor are equally sure. Runs disagree, so that one of
+#: them is wrong: less of a tie than between rungs that agree.
+_AS_SURE = 1.05
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -54,13 +58,17 @@ class Longest:
 
 @dataclass(frozen=True)
 class Plateau:
-    """The surest rung of the longest run of horizons whose estimates agree (after Lepski).
+    """The surest rung of the surest run of horizons whose estimates agree (after Lepski).
 
     Two rungs agree when their physical parameters differ by no more than the deviation of the
     difference allows; that deviation comes from the paired influences of their windows, so that
-    what both horizons share cancels. Within the run each rung's mean squared error is estimated as
-    its variance plus its squared distance from the run's precision-weighted mean, for physical
-    parameters and for the learned map.
+    what both horizons share cancels. They agree too when they differ by no more than the smaller of
+    their own deviations: then it does not matter which is taken.
+
+    Within a run each rung's mean squared error is estimated as its variance plus its squared
+    distance from the run's precision-weighted mean, for physical parameters and for the learned
+    map. Of several runs the one with the least such error is taken, or the longest of those that
+    tie with it: an estimate may be right at short horizons as well as at long ones.
 
     Attributes
     ----------
@@ -80,7 +88,7 @@ class Plateau:
 
     def select(self, rungs: Sequence[RungFit]) -> Choice:
         """Return the choice among rungs, shortest horizon first."""
-        run = _longest_run(_agreement(rungs, self.level), [rung.horizon for rung in rungs])
+        run = self._run(rungs)
         error = _expected_errors([rungs[k] for k in run])
         index = run[int(np.argmax(error <= self.tie * error.min()))]
         low, high, chosen = rungs[run[0]].horizon, rungs[run[-1]].horizon, rungs[index].horizon
@@ -101,6 +109,17 @@ class Plateau:
         )
         return Choice(index, "plateau", reason, run)
 
+    def _run(self, rungs: Sequence[RungFit]) -> tuple[int, ...]:
+        """Return the run to choose in: a plateau if there is one, else the longest."""
+        runs = _runs(_agreement(rungs, self.level), len(rungs))
+        span = {run: rungs[run[-1]].horizon / rungs[run[0]].horizon for run in runs}
+        wide = [run for run in runs if len(run) >= self.rungs and span[run] >= self.factor]
+        if not wide:
+            return max(runs, key=lambda run: (span[run], run[0]))
+        least = {run: float(_expected_errors([rungs[k] for k in run]).min()) for run in wide}
+        sure = [run for run in wide if least[run] <= _AS_SURE * min(least.values())]
+        return max(sure, key=lambda run: (span[run], run[0]))
+
 
 def _expected_errors(rungs: Sequence[RungFit]) -> FloatArray:
     """Return the expected root mean squared error of each rung, shape (rung,), up to a factor.
@@ -109,8 +128,8 @@ def _expected_errors(rungs: Sequence[RungFit]) -> FloatArray:
     """
     physical = len(rungs[0].influence)
     values = np.stack([rung.values for rung in rungs])
-    variance = np.maximum(np.stack([rung.deviation for rung in rungs]) ** 2, 1e-300)
-    weights = np.where(np.isfinite(variance).any(axis=0), 1 / variance, 1.0)
+    variance = np.maximum(np.stack([rung.working for rung in rungs]) ** 2, 1e-300)
+    weights = 1 / variance
     consensus = np.sum(values * weights, axis=0) / np.sum(weights, axis=0)
     squares = variance + (values - consensus) ** 2
     votes = [np.log(squares[:, :physical]).mean(axis=1)] if physical else []
@@ -126,7 +145,8 @@ def _agreement(rungs: Sequence[RungFit], level: float) -> set[tuple[int, int]]:
     agreeing = set()
     for a, b in pairs:
         change = np.abs(rungs[b].values - rungs[a].values)[:physical]
-        if (change <= limit * paired_deviation(rungs[a], rungs[b])).all():
+        own = np.minimum(rungs[a].working, rungs[b].working)[:physical]
+        if (change <= np.maximum(limit * paired_deviation(rungs[a], rungs[b]), own)).all():
             agreeing.add((a, b))
     return agreeing
 
@@ -151,14 +171,13 @@ def _binned(rung: RungFit, width: int) -> FloatArray:
     return np.reshape(sums, (len(rung.influence), bins))
 
 
-def _longest_run(agreeing: set[tuple[int, int]], horizons: Sequence[int]) -> tuple[int, ...]:
-    """Longest run, in log H, of rungs that agree pair by pair; the later one where runs tie."""
-    best: tuple[int, ...] = (0,)
-    for first in range(len(horizons)):
-        for last in range(first, len(horizons)):
-            run = tuple(range(first, last + 1))
-            span = horizons[last] / horizons[first]
-            known = horizons[best[-1]] / horizons[best[0]]
-            if span >= known and all(pair in agreeing for pair in combinations(run, 2)):
-                best = run
-    return best
+def _runs(agreeing: set[tuple[int, int]], count: int) -> list[tuple[int, ...]]:
+    """Return the runs of rungs that agree pair by pair and cannot be made longer."""
+    runs: list[tuple[int, ...]] = []
+    for first in range(count):
+        last = first
+        while last + 1 < count and all((k, last + 1) in agreeing for k in range(first, last + 1)):
+            last += 1
+        if not runs or last > runs[-1][-1]:
+            runs.append(tuple(range(first, last + 1)))
+    return runs

@@ -108,7 +108,14 @@ class PositiveDefinite:
         return factor @ factor.T
 
     def inverse(self, value: FloatArray) -> FloatArray:
-        """Return the lower triangle of the Cholesky factor, its diagonal as logarithms."""
+        """Return the lower triangle of the Cholesky factor, its diagonal as logarithms.
+
+        A matrix that is singular to rounding, as `forward` may return one, counts as definite.
+        """
+        eigenvalues = np.linalg.eigvalsh(value)
+        rounding = 4 * len(value) * np.finfo(np.float64).eps * eigenvalues[-1]
+        if abs(eigenvalues[0]) < rounding:
+            value = value + 2 * rounding * np.eye(len(value))
         factor = np.linalg.cholesky(value)
         np.fill_diagonal(factor, np.log(np.diag(factor)))
         return np.asarray(factor[np.tril_indices(len(factor))])

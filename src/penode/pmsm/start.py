@@ -14,6 +14,7 @@ from penode.models.layout import Layout
 from penode.models.networks import TanhLayers
 from penode.pmsm.flux_maps import FLUX_MAPS, FluxMap, draw_flux_map
 from penode.pmsm.model import AngleMachine, DeadTimeMachine, Machine
+from penode.pmsm.structure import DEAD_TIME_CURRENT
 from penode.pmsm.weak_balance import BalanceForm, BalanceSolution, PolynomialMap, harmonic_window
 
 __all__ = ["PolynomialMap", "harmonic_window", "nominal_start", "weak_start"]
@@ -26,8 +27,6 @@ _SLOPE_WEIGHT = 0.1
 _ANGLE_WEIGHT = 0.05
 #: What a random network's last layer begins with, beside the linear map.
 _WEAK = 0.05
-#: First guess of the current below which dead time costs less, as a share of the largest current.
-_DEAD_TIME_CURRENT = 0.01
 
 
 def weak_start(
@@ -37,7 +36,7 @@ def weak_start(
     *,
     angle_orders: tuple[int, ...] = (),
     inverter: bool = False,
-) -> tuple[Machine, float]:
+) -> tuple[Machine, BalanceSolution]:
     """Find resistance and flux map by convex steps.
 
     Parameters
@@ -57,12 +56,12 @@ def weak_start(
     -------
     Machine
         Resistance, fitted network and dead time; with theta_el among the inputs where needed.
-    float
-        Share of the resistance's low-passed regressor that the map's regressors do not explain.
+    BalanceSolution
+        The voltage balance behind it: what it finds without training, and how surely.
     """
     currents = np.concatenate([e.stack(Machine.states) for e in experiments])
     scale = float(np.abs(currents).max())
-    guess = _DEAD_TIME_CURRENT * scale if inverter else None
+    guess = DEAD_TIME_CURRENT * scale if inverter else None
     polynomial = PolynomialMap(FLUX_MAPS[kind].reciprocal, scale)
     balance = BalanceForm(polynomial, angle_orders, guess).solve(experiments)
     points = currents[:: max(len(currents) // _POINTS, 1)]
@@ -70,7 +69,7 @@ def weak_start(
     scales = (scale, largest)
     draws = [draw_flux_map(kind, seed + k, scales, angle_orders) for k in range(_DRAWS)]
     flux_map = _fit_networks(draws, balance, points, np.random.default_rng(seed))
-    return _machine(flux_map, balance), balance.independence
+    return _machine(flux_map, balance), balance
 
 
 def nominal_start(experiments: Sequence[Experiment], seed: int) -> Machine:

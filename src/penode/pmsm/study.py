@@ -11,6 +11,7 @@ from penode.data.experiment import Experiment
 from penode.data.quality import inspect
 from penode.errors import InputError
 from penode.horizon.checkpoint import Checkpoint
+from penode.horizon.held_out import LOOK_AHEADS, HeldOut
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HORIZONS, Observer, fitting_plan, ladder_plan
 from penode.horizon.selection import Longest, Plateau, Selector
@@ -21,11 +22,14 @@ from penode.pmsm.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.holds import HOLDS
 from penode.pmsm.report import machine_report
 from penode.pmsm.start import weak_start
+from penode.pmsm.structure import structure_of
 from penode.training.archive import write_atomically
 from penode.training.fit import Fit
 from penode.training.plan import Plan
 from penode.training.second_order import LevenbergMarquardt
 
+#: What the horizon may be chosen for.
+PURPOSES = ("parameters", *LOOK_AHEADS)
 #: Points a side of the grid in ``flux_map.csv``.
 GRID = 41
 
@@ -44,10 +48,16 @@ class Study:
         For the torque; None where it is not needed.
     seed : int
         Seed of network draws and window placement.
-    inverter : bool
-        Identify the inverter's dead-time voltage too; the recordings need theta_el.
-    angle_orders : tuple of int
+    inverter : bool or None
+        Identify the inverter's dead-time voltage too; the recordings need theta_el. None decides
+        from the data.
+    angle_orders : tuple of int or None
         Harmonics of the electrical angle in the flux map, such as (6, 12); they need theta_el.
+        None decides from the data.
+    purpose : str
+        ``"parameters"`` picks the horizon by the agreement of the physical parameters,
+        ``"simulation"`` and ``"one_step"`` by the errors of free runs and of single steps, on the
+        validation recordings where there are any.
     hold : str
         Frame in which the voltage of a row stands still until the next: ``"dq"``, or
         ``"stationary"`` for an inverter without correction of the turn.
@@ -62,9 +72,10 @@ class Study:
     horizon: int | None = None
     pole_pairs: int | None = None
     seed: int = 0
-    inverter: bool = False
-    angle_orders: tuple[int, ...] = ()
+    inverter: bool | None = None
+    angle_orders: tuple[int, ...] | None = None
     hold: str = "dq"
+    purpose: str = "parameters"
 
     def __post_init__(self) -> None:
         if self.flux_map not in FLUX_MAPS:
@@ -73,9 +84,11 @@ class Study:
             )
         if self.horizon is not None and self.horizon < 1:
             raise InputError(f"horizon {self.horizon} came; give a whole number from 1, or auto.")
+        if self.purpose not in PURPOSES:
+            raise InputError(f"purpose {self.purpose!r} came; choose one of {', '.join(PURPOSES)}.")
         if self.hold not in HOLDS:
             raise InputError(f"hold {self.hold!r} came; choose one of {', '.join(HOLDS)}.")
-        check_angle_orders(self.flux_map, self.angle_orders)
+        check_angle_orders(self.flux_map, self.angle_orders or ())
 
     def plan(self, experiments: Sequence[Experiment]) -> Plan:
         """Return the ladder: up to the horizon asked for, or as far as the recordings reach."""
@@ -105,9 +118,27 @@ class Study:
             for experiment in experiments:
                 require_angle(experiment, purpose)
 
-    def selector(self) -> Selector:
-        """Return the rule that picks the horizon."""
-        return Plateau() if self.horizon is None else Longest()
+    def settled(self, experiments: Sequence[Experiment]) -> tuple["Study", tuple[str, ...]]:
+        """Return the study with what was left to the data decided, and why, a sentence a term."""
+        if self.inverter is not None and self.angle_orders is not None:
+            return self, ()
+        found = structure_of(experiments, self.flux_map)
+        study, reasons = self, list[str]()
+        if self.inverter is None:
+            study = replace(study, inverter=found.inverter)
+            reasons += found.inverter_reasons
+        if self.angle_orders is None:
+            study = replace(study, angle_orders=found.angle_orders)
+            reasons += found.angle_reasons
+        return study, tuple(reasons)
+
+    def selector(self, experiments: Sequence[Experiment]) -> Selector:
+        """Return the rule that picks the horizon, given what it may predict."""
+        if self.horizon is not None:
+            return Longest()
+        if self.purpose == "parameters":
+            return Plateau()
+        return HeldOut(experiments, LOOK_AHEADS[self.purpose])
 
 
 DEFAULT_STUDY = Study()
@@ -154,34 +185,39 @@ def identify(
     """
     recordings = [drive_recording(e) for e in experiments]
     unseen = [drive_recording(e) for e in validation]
+    study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
+    study, reasons = study.settled(recordings)
     study.check([*recordings, *unseen])
     observer({"event": "start", "recordings": [e.name for e in recordings]})
     plan = study.plan(recordings)
     if checkpoint is not None:
         plan = checkpoint.over(plan, observer)
-    study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
     try:
         fit = identify_model(
             _start(recordings, study),
             recordings,
             plan=plan,
-            selector=study.selector(),
+            selector=study.selector(unseen or recordings),
             validation=unseen,
             observer=observer,
         )
     except Stopped as stop:
-        raise Stopped(_with_facts(stop.fit, recordings, study)) from stop
-    return _with_facts(fit, recordings, study)
+        raise Stopped(_with_facts(stop.fit, recordings, study, reasons)) from stop
+    return _with_facts(fit, recordings, study, reasons)
 
 
-def _with_facts(fit: Fit, recordings: Sequence[Experiment], study: Study) -> Fit:
+def _with_facts(
+    fit: Fit, recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]
+) -> Fit:
     """Add what was asked for, and what is odd in the recordings."""
     speed = float(np.median(np.abs(recordings[0].channels["omega_el"])))
     facts = {
         "flux_map": study.flux_map,
         "inverter": study.inverter,
-        "angle_orders": list(study.angle_orders),
+        "angle_orders": list(study.angle_orders or ()),
+        "structure": list(reasons),
         "hold": study.hold,
+        "purpose": study.purpose,
         "seed": study.seed,
         "pole_pairs": study.pole_pairs,
         "electrical_frequency_hz": speed / (2 * np.pi),
@@ -193,19 +229,19 @@ def _with_facts(fit: Fit, recordings: Sequence[Experiment], study: Study) -> Fit
 
 
 def _start(recordings: Sequence[Experiment], study: Study) -> Start:
-    machine, independence = weak_start(
+    machine, balance = weak_start(
         recordings,
         study.flux_map,
         study.seed,
-        angle_orders=study.angle_orders,
-        inverter=study.inverter,
+        angle_orders=study.angle_orders or (),
+        inverter=bool(study.inverter),
     )
     repair = "Add a recording at another speed, or reverse the speed."
     if not FLUX_MAPS[study.flux_map].reciprocal:
         repair = (
             f"Use the reciprocal map (--flux-map coenergy). Or: {repair[0].lower()}{repair[1:]}"
         )
-    return Start(machine, {"R": independence}, repair)
+    return Start(machine, balance.independence, balance.physical, repair)
 
 
 def write(fit: Fit, folder: str | Path) -> None:

@@ -1,7 +1,7 @@
 """The voltage balance in weak form: resistance, polynomial map and dead time by linear steps."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,8 +88,10 @@ class BalanceSolution:
         Coefficients of the map averaged over the angle, in Vs.
     harmonics : ndarray, shape (2 order, coefficient)
         Coefficients of cos and sin of each order, in Vs.
-    independence : float
-        Share of the resistance's low-passed regressor that the others do not explain.
+    deviation : mapping of str to float
+        HAC deviation of R in ohm, and of dead_time_voltage in V where it was asked for.
+    independence : mapping of str to float
+        Share of each one's low-passed regressor that the others do not explain.
     """
 
     form: "BalanceForm"
@@ -97,7 +99,14 @@ class BalanceSolution:
     dead_time_voltage: float
     mean: FloatArray
     harmonics: FloatArray
-    independence: float
+    deviation: Mapping[str, float]
+    independence: Mapping[str, float]
+
+    @property
+    def physical(self) -> dict[str, tuple[float, float]]:
+        """Value and HAC deviation of each physical parameter, SI units."""
+        values = {"R": self.resistance, "dead_time_voltage": self.dead_time_voltage}
+        return {name: (values[name], deviation) for name, deviation in self.deviation.items()}
 
     def flux(self, currents: FloatArray, theta_el: FloatArray) -> tuple[FloatArray, ...]:
         """Return the map found at currents (point, 2) in A and angles (point,) in rad.
@@ -153,7 +162,8 @@ class BalanceForm:
         """
         slow = join([self._mean_equations(e, harmonic_window(e)) for e in experiments])
         found = slow.solve()
-        dropped = 1 if self.dead_time_current is None else 2
+        names = ("R",) if self.dead_time_current is None else ("R", "dead_time_voltage")
+        dropped = len(names)
         harmonics = np.zeros((0, len(found) - dropped))
         if self.angle_orders:
             fast = join([self._harmonic_equations(e, found) for e in experiments])
@@ -164,7 +174,8 @@ class BalanceForm:
             dead_time_voltage=float(found[1]) if dropped == 2 else 0.0,
             mean=found[dropped:],
             harmonics=harmonics,
-            independence=slow.independence(0),
+            deviation={name: slow.deviation(k) for k, name in enumerate(names)},
+            independence={name: slow.independence(k) for k, name in enumerate(names)},
         )
 
     def _mean_equations(self, experiment: Experiment, length: int) -> WeakRegression:

@@ -139,6 +139,9 @@ class Plan:
         The input between samples; constant by default.
     loss : Loss
         What is squared and summed; the paper's training loss by default.
+    detour : Optimiser or None
+        Trains once more at the chosen horizon from the start alone, to see whether the answer
+        depends on the path; left out by default.
 
     Raises
     ------
@@ -151,6 +154,7 @@ class Plan:
     solver: Solver = DEFAULT_SOLVER
     hold: Hold = DEFAULT_HOLD
     loss: Loss = DEFAULT_LOSS
+    detour: Optimiser | None = None
 
     def __post_init__(self) -> None:
         if not self.stages:

@@ -16,9 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.training.covariance import bartlett
 
 #: Singular values below this share of the largest are noise of the arithmetic.
 _RANK_TOLERANCE = 1e-10
+#: Equations that share samples with one: two states, windows overlapping by three quarters.
+_OVERLAPPING = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,28 @@ class WeakRegression:
         size = np.where(size > 0, size, 1.0)
         solution = np.linalg.lstsq(self.matrix / size, self.target, rcond=_RANK_TOLERANCE)[0]
         return np.asarray(solution / size)
+
+    def deviation(self, column: int) -> float:
+        """Return the HAC standard deviation of a least-squares coefficient.
+
+        Parameters
+        ----------
+        column : int
+            Index of the coefficient.
+
+        Returns
+        -------
+        float
+            From what the equations leave over, in their order (overlapping windows, recording by
+            recording), correlated over rows^0.6 of them (Newey and West 1987,
+            doi:10.2307/1913610).
+        """
+        size = np.linalg.norm(self.matrix, axis=0)
+        size = np.where(size > 0, size, 1.0)
+        gain = np.linalg.pinv(self.matrix / size, rcond=_RANK_TOLERANCE)[column] / size[column]
+        share = gain * (self.target - self.matrix @ self.solve())
+        lags = max(2 * int((len(share) / 2) ** 0.6), _OVERLAPPING)
+        return float(np.sqrt(bartlett(share[None], lags)[0, 0]))
 
     def independence(self, column: int) -> float:
         """Return the share of a column's energy that no other column explains.

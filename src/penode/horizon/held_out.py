@@ -1,0 +1,105 @@
+"""Selection by prediction: the shortest horizon whose errors are as low as any."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import FloatArray, float64
+from penode.data.experiment import Experiment
+from penode.horizon.ladder import RungFit
+from penode.horizon.selection import Choice
+from penode.models.parameters import with_batch_axis
+from penode.validation.free_run import compare, look_ahead
+
+#: The look-ahead of a simulation of the whole recording.
+FREE_RUN = 0
+#: Logarithm of the factor between errors that does not matter.
+_NEGLIGIBLE = 0.01
+#: Stretches of time a single recording is judged by.
+_STRETCHES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """The shortest horizon that predicts as well as the best, within one standard error or 1 %.
+
+    A rung's score is its logarithmic root mean squared error, averaged over look-aheads and
+    regimes: the recordings, or eight stretches of a single one. Never random samples, which would
+    be predicted by their neighbours. The one-standard-error rule is that of Breiman et al.,
+    Classification and Regression Trees, 1984.
+
+    Attributes
+    ----------
+    experiments : sequence of Experiment
+        Predicted; with recordings that nobody trained on this measures what generalises.
+    look_aheads : tuple of int
+        Steps; `FREE_RUN` simulates the whole recording from its first sample.
+    """
+
+    experiments: Sequence[Experiment]
+    look_aheads: tuple[int, ...] = (1, 10, 100)
+
+    def select(self, rungs: Sequence[RungFit]) -> Choice:
+        """Return the choice among rungs, shortest horizon first."""
+        scores = np.stack([self.scores(rung) for rung in rungs])
+        mean = scores.mean(axis=1)
+        if not np.isfinite(mean).any():
+            reason = "Every horizon's prediction diverges somewhere; check the model's map."
+            return Choice(len(rungs) - 1, "no plateau", reason, tuple(range(len(rungs))))
+        best = int(np.argmin(mean))
+        excess = scores - scores[best]
+        chance = excess.std(axis=1, ddof=1) / np.sqrt(scores.shape[1])
+        within = excess.mean(axis=1) <= np.maximum(chance, _NEGLIGIBLE)
+        index = int(np.argmax(within | (np.arange(len(rungs)) == best)))
+        agreeing = tuple(int(k) for k in np.flatnonzero(within | (mean == mean[best])))
+        chosen, lowest = rungs[index].horizon, rungs[best].horizon
+        what = " and ".join(_named(steps) for steps in self.look_aheads)
+        reason = (
+            f"H = {chosen} is the shortest whose error in {what} is not above the lowest (H = "
+            f"{lowest}) by more than chance or 1 %."
+        )
+        return Choice(index, "predicts best", reason, agreeing)
+
+    def scores(self, rung: RungFit) -> FloatArray:
+        """Return the mean logarithmic error of a rung in each regime, shape (regime,)."""
+        each = [
+            np.stack([self._squares(rung, experiment, steps) for steps in self.look_aheads])
+            for experiment in self.experiments
+        ]
+        if len(each) == 1:
+            each = np.array_split(each[0], _STRETCHES, axis=1)
+        with np.errstate(divide="ignore", over="ignore"):
+            logs = [0.5 * np.log(squares.mean(axis=1)).mean() for squares in each]
+        return np.asarray(np.nan_to_num(logs, nan=np.inf))
+
+    def _squares(self, rung: RungFit, experiment: Experiment, steps: int) -> FloatArray:
+        """Return the squared error of each sample (time,), states over their deviations."""
+        model, predictor = rung.model, rung.predictor
+        if steps == FREE_RUN or model.unmeasured:
+            told = compare(predictor, model, experiment)
+            measured = told.measured[predictor.past :]
+            ahead = (told.one_step if steps == 1 else told.free_run)[predictor.past :]
+        else:
+            with float64():
+                batched = with_batch_axis(model)
+                states, inputs = (
+                    jnp.asarray(experiment.stack(names).T) for names in (model.states, model.inputs)
+                )
+                states = batched.corrected(states)
+                found = look_ahead(predictor, batched, states, inputs, steps)
+                measured, ahead = np.asarray(states).T[predictor.past :], np.asarray(found).T
+        with np.errstate(invalid="ignore", over="ignore"):
+            gap = (measured - ahead) / measured.std(axis=0)
+            return np.asarray(np.sum(gap**2, axis=1))
+
+
+def _named(steps: int) -> str:
+    if steps == FREE_RUN:
+        return "free run"
+    return "one step" if steps == 1 else f"{steps} steps"
+
+
+#: Look-aheads that count for a purpose other than the physical parameters.
+LOOK_AHEADS = {"simulation": (FREE_RUN,), "one_step": (1,)}
