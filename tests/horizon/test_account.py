@@ -10,7 +10,9 @@ from penode.horizon.account import Account
 from penode.horizon.ladder import Ascent
 from penode.horizon.selection import Choice
 from penode.training.covariance import Reported
+from penode.training.loss import Loss, equation, last_step
 from penode.training.plan import Solution
+from penode.training.residuals import Objective
 
 
 class Still:
@@ -65,6 +67,17 @@ def test_what_agreeing_rungs_differ_by_widens_the_interval(climbed):
     assert fit.parameters["psi"].std == pytest.approx(deviation[3])
     alone = fit_of(climbed, values=[away, there], choice=Choice(1, "fixed", "Asked for.", (1,)))
     assert alone.parameters["R"].std == pytest.approx(deviation[2])
+
+
+def test_one_step_matrices_are_kept_where_k_step_errors_are_filtered_one_step_errors(climbed):
+    kept = fit_of(climbed).transitions
+    assert kept.shape == (64, 2, 2)
+    assert np.abs(np.linalg.eigvals(kept)).max() < 1.0
+    ascent, rungs = climbed
+    for loss in (Loss(free_starts={"i_d": 1.0}), Loss(weight=last_step), Loss(domain=equation)):
+        objective = Objective(ascent.objective.predictor, ascent.model, np.ones(2), loss)
+        other = replace(ascent, objective=objective)
+        assert not fit_of((other, rungs)).transitions.size
 
 
 def test_the_ladder_is_told_rung_by_rung(climbed):

@@ -132,6 +132,7 @@ def machine_fit(choice=None, comparisons=None, warnings=(), **provenance):
         excited=trajectory(4000, 2e-4)[1],
         comparisons=comparisons,
         spectrum=spectrum_of(comparisons[0]),
+        transitions=np.array([[[0.99, 0.09], [-0.07, 0.99]]]),
         warnings=tuple(warnings),
         provenance={
             "electrical_frequency_hz": ELECTRICAL_FREQUENCY,
@@ -215,6 +216,7 @@ def test_every_question_has_its_section(page):
         "Differential inductances",
         "Prediction against measurement",
         "What the model does not explain",
+        "What each horizon listens to",
         "All horizons",
         "Provenance",
     ]
@@ -222,7 +224,7 @@ def test_every_question_has_its_section(page):
 
 def test_every_figure_has_its_data_title_and_caption(page):
     plots = [a for tag, a in page.attributes if tag == "div" and "data-plot" in a]
-    assert len(plots) == page.tags.count("figure") == page.tags.count("figcaption") == 8
+    assert len(plots) == page.tags.count("figure") == page.tags.count("figcaption") == 9
     assert all(plot["data-plot"] in page.data for plot in plots)
     identifiers = {a["id"] for _, a in page.attributes if "id" in a}
     for plot in plots:
@@ -299,6 +301,28 @@ def test_largest_line_is_named(text):
     assert "lies at 750\N{NO-BREAK SPACE}Hz, 6× the electrical frequency" in text
 
 
+def test_the_lines_are_named_with_their_causes(text):
+    assert "At H = 1 the fit listens mostly to the line at" in text
+    for words in (
+        "−6×",
+        "+12×",
+        "−5× in the phases: slots",
+        "125\N{NO-BREAK SPACE}Hz, as the rotor",
+    ):
+        assert words in text
+
+
+def test_without_a_speed_lines_go_by_their_frequency():
+    fit = machine_fit(electrical_frequency_hz=None)
+    assert "to the line at 750\N{NO-BREAK SPACE}Hz" in machine_report(fit)
+
+
+def test_a_fit_without_one_step_matrices_has_no_such_section():
+    fit = machine_fit()
+    fit.transitions = np.empty((0, 0, 0))
+    assert "What each horizon listens to" not in machine_report(fit)
+
+
 def test_report_without_comparisons_or_frequency():
     fit = machine_fit(electrical_frequency_hz=None)
     fit.comparisons = ()
@@ -362,6 +386,6 @@ def test_a_browser_draws_every_figure_without_complaint(text, tmp_path, width):
     ]
     assert complaints == []
     drawn = re.findall(r'id="figure-\d+-title">.*?</figure>', done.stdout, flags=re.DOTALL)
-    assert len(drawn) == 8
+    assert len(drawn) == 9
     for figure in drawn:
         assert "main-svg" in figure or "unavailable" in figure

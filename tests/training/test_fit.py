@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from penode import Fit, InputError
+from penode.training.archive import read_archive, write_archive
 from penode.training.fit import Estimate, HorizonChoice
 from penode.validation.coverage import supported
 
@@ -54,8 +55,18 @@ def test_comparisons_and_spectrum_round_trip(fit, loaded):
             np.testing.assert_array_equal(getattr(found, name), value)
         assert isinstance(found.states, tuple)
     np.testing.assert_array_equal(loaded.spectrum.amplitude, fit.spectrum.amplitude)
+    np.testing.assert_array_equal(loaded.transitions, fit.transitions)
+    assert fit.transitions.shape == (64, 2, 2)
     np.testing.assert_array_equal(loaded.spectrum.frequency, fit.spectrum.frequency)
     assert loaded.spectrum.recording == "train.csv"
+
+
+def test_a_fit_saved_before_one_step_matrices_were_kept_is_read(fit, tmp_path):
+    fit.save(tmp_path)
+    document, arrays = read_archive(tmp_path / "fit")
+    del arrays["transitions"]
+    write_archive(tmp_path / "fit", document, arrays)
+    assert Fit.load(tmp_path).transitions.shape == (0, 0, 0)
 
 
 def test_result_is_the_saved_document(fit, tmp_path):

@@ -11,6 +11,7 @@ from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import Ascent, RungFit
+from penode.horizon.prefilter import linearised
 from penode.horizon.selection import Choice
 from penode.models.base import Model
 from penode.training.fit import Estimate, Fit, HorizonChoice, Rung, unused
@@ -36,6 +37,8 @@ class Account:
         Shortest horizon first.
     choice : Choice
         The selector's answer.
+    found : tuple of str
+        What cross-checks found, in sentences.
     """
 
     ascent: Ascent
@@ -43,6 +46,7 @@ class Account:
     plan: Plan
     rungs: Sequence[RungFit]
     choice: Choice
+    found: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -74,6 +78,7 @@ class Account:
             excited=thin(visited),
             comparisons=comparisons,
             spectrum=residual_spectrum(comparisons[0]),
+            transitions=self._transitions(own[0]),
             nuisances=self._nuisances(chosen),
             warnings=self._warnings(comparisons),
             provenance={**_environment(experiments, validation), **provenance},
@@ -84,6 +89,13 @@ class Account:
             layout = self.ascent.objective.layout
             model: Model = layout.plain_model(rung.solution.raw, experiment)
         return model
+
+    def _transitions(self, model: Model) -> FloatArray:
+        objective = self.ascent.objective
+        if not objective.error.is_filtered_one_step:
+            return np.empty((0, 0, 0))
+        recording = self.ascent.experiments[0]
+        return linearised(objective.predictor, model, recording, objective.scale)
 
     def _nuisances(self, rung: RungFit) -> dict[str, FloatArray]:
         with float64():
@@ -150,6 +162,7 @@ class Account:
             for c in comparisons
             if not np.isfinite(c.free_run_rmse)
         ]
+        found += self.found
         if len(self.rungs) < len(self.plan.stages):
             found.append(self._shortfall())
         hidden = self.start.indistinguishable

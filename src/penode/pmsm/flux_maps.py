@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import JaxArray
+from penode.arrays import JaxArray, float64
 from penode.errors import InputError
 from penode.models.compositions import Gradient, QuadraticSkip
 from penode.models.learned_map import LearnedMap
@@ -97,6 +97,27 @@ class FluxMap(eqx.Module):
         (value, jacobian), (slope, _) = jax.jvp(partial(self._network_at, x), (features,), (rates,))
         scale = self.flux_scale
         return Flux(scale * value, scale / self.current_scale * jacobian, scale * slope)
+
+    def averaged(self) -> "FluxMap":
+        """Return the angle average of a plain map as one without orders: each unit once an angle.
+
+        It equals `flux_and_inductance`, for those who want to write the network down.
+        """
+        network = self.network
+        if not self.angle_orders or not isinstance(network, ConvexGradient):
+            return self
+        with float64():
+            features = np.asarray(self._features(self._one_period())[0])
+        count = features.shape[1]
+        shifted = np.asarray(network.bias)[:, None] + np.asarray(network.modulation) @ features
+        repeated = replace(
+            network,
+            directions=np.repeat(network.directions, count, axis=0),
+            bias=shifted.ravel(),
+            gain=np.repeat(network.gain, count) / count,
+            modulation=None,
+        )
+        return FluxMap(repeated, self.current_scale, self.flux_scale)
 
     def _network_at(self, x: JaxArray, features: JaxArray) -> tuple[JaxArray, JaxArray]:
         if isinstance(self.network, ConvexGradient):

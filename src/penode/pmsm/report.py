@@ -4,6 +4,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.pmsm import figures as machine_figures
+from penode.pmsm.listening import listening
 from penode.report.document import Block, Document, Figure, Glossary, KeyValue, KeyValues, Section
 from penode.report.figures import parameter_over_ladder, residual_spectrum
 from penode.report.html import render
@@ -86,6 +87,7 @@ def machine_document(fit: Fit) -> Document:
         _inductances(fit),
         _validation(fit),
         _residual(fit),
+        *listening(fit),
         _horizons(fit),
         Section(
             "Provenance",

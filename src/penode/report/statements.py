@@ -16,6 +16,8 @@ _MEANINGS = {
     "plateau": "The estimate no longer depends on how far ahead the model predicts.",
     "H = 1 suffices": "The estimate is the same whether the model predicts one sample ahead or "
     "many, so the shortest horizon is enough.",
+    "predicts best": "Nothing here tests whether the parameters depend on the horizon; identify "
+    "for the purpose of parameters to find out.",
     "fixed": "The horizon was given, so nothing here tests whether the estimate depends on it. "
     "Identify with the horizon chosen automatically to find out.",
     "stopped": "What the horizons finished until then say is below; longer ones may change it. Go "
@@ -90,9 +92,12 @@ def verdict_notice(choice: HorizonChoice) -> Notice:
     if not choice.answered:
         label = f"The data cannot answer (verdict: {choice.verdict})"
         return Notice("refusal", label, f"{choice.reason} {meaning}".rstrip())
-    if choice.verdict == "fixed":
-        label = "Not tested: the horizon was given"
-        return Notice("caution", label, f"{choice.reason} {meaning}")
+    untested = {
+        "fixed": "Not tested: the horizon was given",
+        "predicts best": "Not tested: the horizon was chosen for its predictions",
+    }
+    if choice.verdict in untested:
+        return Notice("caution", untested[choice.verdict], f"{choice.reason} {meaning}")
     label = f"The data can answer (verdict: {choice.verdict})"
     return Notice("good", label, f"{meaning} {choice.reason}".lstrip())
 

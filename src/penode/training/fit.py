@@ -89,9 +89,10 @@ class HorizonChoice:
     selected : int
         Steps of one sample.
     verdict : str
-        ``"plateau"``, ``"H = 1 suffices"``, ``"fixed"``, ``"no plateau"``, ``"not identifiable"``
-        or ``"stopped"``. The data cannot answer under the fourth and the fifth; under ``"fixed"``
-        and ``"stopped"``, by a person before the ladder's end, that is not known.
+        ``"plateau"``, ``"H = 1 suffices"``, ``"predicts best"``, ``"fixed"``, ``"no plateau"``,
+        ``"not identifiable"`` or ``"stopped"``. The data cannot answer under ``"no plateau"`` and
+        ``"not identifiable"``; under ``"predicts best"``, ``"fixed"``, and ``"stopped"`` by a
+        person before the ladder's end, that is not known.
     reason : str
         One or two sentences for a person.
     ladder : tuple of Rung
@@ -132,6 +133,10 @@ class Fit:
         Measured against one-step and free-run predictions, per recording.
     spectrum : Spectrum
         Spectrum of the one-step residual on the first training recording.
+    transitions : ndarray, shape (sample, past * state, past * state)
+        One-step matrices of scaled errors along the recording of the spectrum, as
+        `penode.horizon.prefilter.linearised` gives them; empty where the k-step error is more than
+        a filtered one-step error, as with starts that windows estimate.
     nuisances : mapping of str to ndarray, shape (recording, ...)
         Parameters of which every training recording has its own value; the model has their mean.
     warnings : tuple of str
@@ -146,6 +151,7 @@ class Fit:
     excited: FloatArray
     comparisons: tuple[Comparison, ...]
     spectrum: Spectrum
+    transitions: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
     nuisances: Mapping[str, FloatArray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -191,7 +197,7 @@ class Fit:
             Made if absent; files of an earlier fit are replaced, each in one step.
         """
         folder = Path(folder)
-        arrays: dict[str, FloatArray] = {"excited": self.excited}
+        arrays = {"excited": self.excited, "transitions": self.transitions}
         arrays |= {f"nuisance.{name}": values for name, values in self.nuisances.items()}
         comparisons = [
             _describe(c, f"comparison.{k}", arrays) for k, c in enumerate(self.comparisons)
@@ -237,6 +243,7 @@ class Fit:
             excited=arrays["excited"],
             comparisons=tuple(_restore(Comparison, c, arrays) for c in document["comparisons"]),
             spectrum=_restore(Spectrum, document["spectrum"], arrays),
+            transitions=arrays.get("transitions", np.empty((0, 0, 0))),
             nuisances={
                 name.removeprefix("nuisance."): values
                 for name, values in arrays.items()

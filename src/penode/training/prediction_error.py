@@ -18,7 +18,7 @@ from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.predictors.base import Predictor
 from penode.predictors.holds import Drive
-from penode.training.loss import Loss, states
+from penode.training.loss import NO_FILTER, Loss, every_step, states
 
 
 class Batch(eqx.Module):
@@ -206,6 +206,13 @@ class PredictionError:
     def plain(self) -> bool:
         """Whether errors are measured in the states, so that dr/dx is minus the weight."""
         return self.loss.domain is states
+
+    @property
+    def is_filtered_one_step(self) -> bool:
+        """Whether the loss sums k-step errors as they are: filtered one-step errors, all alike."""
+        loss = self.loss
+        as_it_is = loss.weight is every_step and loss.prefilter == NO_FILTER
+        return self.plain and as_it_is and not len(self.free)
 
     def weight(self, step: JaxArray, horizon: JaxArray) -> JaxArray:
         """Return what multiplies the error of each quantity, shape (quantity,)."""

@@ -10,12 +10,11 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.io import loadmat
 
 from penode.errors import InputError
-from penode.models.networks import TanhLayers
 from penode.pmsm.bench.map_import import read_flux_table
 from penode.pmsm.exports.formats import FORMATS, export
 from penode.pmsm.flux_grid import read_grid
 from penode.pmsm.flux_maps import draw_flux_map
-from penode.pmsm.model import Machine
+from penode.pmsm.model import AngleMachine, Machine
 from penode.pmsm.study import flux_map_csv
 
 
@@ -108,12 +107,12 @@ def test_inverse_map_in_mat_undoes_the_map(machine_fit, tmp_path, rng):
     assert np.abs(machine_fit.flux_map(*found.T) - between.T).max() < 2e-3 * largest
 
 
-@pytest.mark.parametrize("kind", ["coenergy", "mlp"])
-def test_onnx_is_the_network_itself(machine_fit, tmp_path, kind, rng):
-    if kind == "mlp":
-        drawn = draw_flux_map("mlp", 3, (300.0, 0.08))
-        assert isinstance(drawn.network, TanhLayers)
-        machine_fit = replace(machine_fit, model=Machine(drawn, R=0.01))
+@pytest.mark.parametrize(("kind", "orders"), [("coenergy", ()), ("coenergy", (6, 12)), ("mlp", ())])
+def test_onnx_is_the_network_itself(machine_fit, tmp_path, kind, orders, rng):
+    if kind == "mlp" or orders:
+        drawn = draw_flux_map(kind, 3, (300.0, 0.08), orders)
+        machine = AngleMachine if orders else Machine
+        machine_fit = replace(machine_fit, model=machine(drawn, R=0.01))
     path, grid = written(machine_fit, "onnx", tmp_path)
     session = onnxruntime.InferenceSession(path)
     currents = np.concatenate([rng.uniform(-400, 400, (300, 2)), grid.mesh.reshape(2, -1).T])
@@ -125,9 +124,8 @@ def test_onnx_is_the_network_itself(machine_fit, tmp_path, kind, rng):
     assert not supported[beyond].any()
 
 
-@pytest.mark.parametrize(("kind", "orders"), [("polynomial", ()), ("coenergy", (6,))])
-def test_onnx_refuses_maps_with_other_operations(machine_fit, tmp_path, kind, orders):
-    other = draw_flux_map(kind, 0, (300.0, 0.08), orders)
+def test_onnx_refuses_maps_with_other_operations(machine_fit, tmp_path):
+    other = draw_flux_map("polynomial", 0, (300.0, 0.08))
     fit = replace(machine_fit, model=Machine(other, R=0.01))
     with pytest.raises(InputError, match="export npz, mat or c instead"):
         written(fit, "onnx", tmp_path)

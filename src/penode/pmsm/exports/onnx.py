@@ -45,7 +45,7 @@ def encode(fit: Fit, grid: FluxGrid) -> bytes:
     Parameters
     ----------
     fit : Fit
-        Of a machine with the flux map ``coenergy`` or ``mlp``.
+        Of a machine with the flux map ``coenergy`` or ``mlp``; harmonics of the angle are averaged.
     grid : FluxGrid
         Its map, for where recordings have been.
 
@@ -59,7 +59,7 @@ def encode(fit: Fit, grid: FluxGrid) -> bytes:
     Raises
     ------
     InputError
-        If onnx is not installed, or the map has other operations or harmonics of the angle.
+        If onnx is not installed, or the map has other operations.
     """
     try:
         import onnx
@@ -70,7 +70,7 @@ def encode(fit: Fit, grid: FluxGrid) -> bytes:
         ) from error
     graph = _Graph(onnx)
     # Every Fit of a machine has the field; the engine's Model does not know it.
-    _add_flux(graph, fit.model.flux)  # type: ignore[attr-defined]
+    _add_flux(graph, fit.model.flux.averaged())  # type: ignore[attr-defined]
     _add_support(graph, grid)
     helper, number = onnx.helper, onnx.TensorProto
     model = helper.make_model(
@@ -95,7 +95,7 @@ def encode(fit: Fit, grid: FluxGrid) -> bytes:
 
 def _add_flux(graph: _Graph, flux: FluxMap) -> None:
     network, into, out = flux.network, flux.current_scale, flux.flux_scale
-    if isinstance(network, ConvexGradient) and not flux.angle_orders:
+    if isinstance(network, ConvexGradient):
         hidden = graph.node(
             "Tanh", graph.affine("currents", network.directions / into, network.bias)
         )
@@ -112,10 +112,9 @@ def _add_flux(graph: _Graph, flux: FluxMap) -> None:
         last = graph.affine(x, out * weights, out * bias)
         graph.node("Identity", last, output="flux_linkage")
     else:
-        harmonics = " with harmonics of the angle" if flux.angle_orders else ""
         raise InputError(
-            f"a flux map of {type(network).__name__}{harmonics} came, and ONNX export knows those "
-            "of --flux-map coenergy and mlp without harmonics; export npz, mat or c instead."
+            f"a flux map of {type(network).__name__} came, and ONNX export knows those of "
+            "--flux-map coenergy and mlp; export npz, mat or c instead."
         )
 
 

@@ -1,0 +1,208 @@
+"""Prefilter: what training at a horizon listens to, and which lines stand in the residual.
+
+The k-step error is a filtered one-step error, eps_(t+k|t) = sum_j Phi(t+k, t+j+1) e_(t+j) (paper,
+section 3). With Phi frozen to powers of one matrix A it is F_k e with
+F_k = sum_(j<k) A^j q^-j = (1 - (A q^-1)^k) (1 - A q^-1)^-1, and the loss at horizon H weighs the
+spectrum E of the one-step residual by W_H = (1/H) sum_(k<=H) F_k* F_k: it adds up E* W_H E.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import ComplexArray, FloatArray, JaxArray, float64
+from penode.data.experiment import Experiment
+from penode.models.base import Model
+from penode.models.parameters import with_batch_axis
+from penode.predictors.base import Predictor
+from penode.validation.free_run import Comparison
+from penode.validation.residual_lines import Line, find_lines, power_spectrum
+
+#: Matrices kept of a recording; speed and saturation move slowly against a sample.
+_KEPT = 64
+
+
+@dataclass(frozen=True, eq=False)
+class PrefilterView:
+    """The one-step residual's spectrum, and how the loss at each horizon weighs it.
+
+    Attributes
+    ----------
+    signals : tuple of str
+        What the columns are: two states of one unit as one complex signal, or each state.
+    unit : str
+        SI unit of the residual; empty where the states' units differ.
+    frequency : ndarray, shape (frequency,)
+        Hz, ascending; from minus to plus half the sampling rate for a complex signal.
+    power : ndarray, shape (frequency, signal)
+        Mean squared residual of each frequency, squares of the states' units; their sum is all.
+    horizons : tuple of int
+        Steps.
+    weight : ndarray, shape (horizon, frequency, signal)
+        W_H; 1 at H = 1. For a complex signal that of a vector rotating with the frequency's sign;
+        where A is no rotation, what f and -f have in common is left out.
+    lines : tuple of Line
+        Strongest first.
+    """
+
+    signals: tuple[str, ...]
+    unit: str
+    frequency: FloatArray
+    power: FloatArray
+    horizons: tuple[int, ...]
+    weight: FloatArray
+    lines: tuple[Line, ...]
+
+    @property
+    def weighted(self) -> FloatArray:
+        """What the loss adds up at each horizon, shape (horizon, frequency, signal)."""
+        return self.weight * self.power
+
+    def shares(self, line: Line) -> FloatArray:
+        """Return the share of a line in its signal's loss at each horizon, shape (horizon,)."""
+        within = (self.frequency >= line.low) & (self.frequency <= line.high)
+        loss = self.weighted[:, :, line.signal]
+        return np.asarray(loss[:, within].sum(axis=1) / loss.sum(axis=1))
+
+
+def linearised(
+    predictor: Predictor, model: Model, experiment: Experiment, scale: FloatArray
+) -> FloatArray:
+    """Linearise the predictor along a recording.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    model : Model
+        Trained, without batch axis.
+    experiment : Experiment
+        Has the model's states and inputs as channels.
+    scale : ndarray, shape (state,)
+        What the loss divides residuals by.
+
+    Returns
+    -------
+    ndarray, shape (sample, past * state, past * state)
+        One-step matrices of scaled errors at up to 64 samples, evenly spread; companion matrices,
+        newest sample first, where the predictor starts from several.
+    """
+    past, last = predictor.past, len(experiment) - 2
+    at = np.unique(np.linspace(past - 1, max(last, past - 1), _KEPT).round().astype(int))
+    sizes = np.tile(scale, past)
+    with float64():
+        states, inputs = (experiment.stack(names).T for names in (model.states, model.inputs))
+        columns = np.asarray(_pushed(predictor, with_batch_axis(model), states, inputs, at))
+    return np.asarray(columns.transpose(2, 1, 0) / sizes[:, None] * sizes)
+
+
+@partial(jax.jit, static_argnums=0)
+def _pushed(
+    predictor: Predictor, model: Model, states: JaxArray, inputs: JaxArray, at: JaxArray
+) -> JaxArray:
+    """Return what each of past * state seeds becomes in a step, (seed, past * state, sample)."""
+    corrected = model.corrected(states)
+    history = jnp.stack([corrected[:, at - j] for j in range(predictor.past)])
+    flat = history.reshape(-1, len(at))
+
+    def step(flat: JaxArray) -> JaxArray:
+        ahead = predictor.step(model, flat.reshape(history.shape), lambda k: inputs[:, at + k])
+        return ahead.reshape(flat.shape)
+
+    seeds = jnp.broadcast_to(jnp.eye(len(flat))[:, :, None], (len(flat), *flat.shape))
+    pushed: JaxArray = jax.vmap(lambda seed: jax.jvp(step, (flat,), (seed,))[1])(seeds)
+    return pushed
+
+
+def weight_matrix(transitions: FloatArray, states: int, horizon: int, samples: int) -> ComplexArray:
+    """Return W_H = (1/H) sum_(k<=H) F_k* F_k, the mean over frozen one-step matrices.
+
+    Exact for a linear model: the squared k-step errors over all starts and k = 1..H, of a
+    residual that is at rest in its last H samples, are H sum_f E* W_H E / samples.
+
+    Parameters
+    ----------
+    transitions : ndarray, shape (sample, past * state, past * state)
+        As `linearised` gives them.
+    states : int
+        Rows of a residual.
+    horizon : int
+        H in steps.
+    samples : int
+        Length of the residual; sets the frequencies.
+
+    Returns
+    -------
+    ndarray of complex, shape (samples, state, state)
+        Hermitian, at the frequencies of ``numpy.fft.fftfreq(samples)``.
+    """
+    power = np.broadcast_to(np.eye(transitions.shape[-1]), transitions.shape)
+    impulse = np.empty((horizon, len(transitions), states, states))
+    for j in range(horizon):
+        impulse[j] = power[:, :states, :states]
+        power = power @ transitions
+    lags = np.zeros((samples, states, states))
+    for lag in range(horizon):  # W_H is a trigonometric polynomial of degree H - 1
+        counted = np.arange(horizon - lag, 0, -1.0) / (horizon * len(transitions))
+        terms = (counted, impulse[: horizon - lag], impulse[lag:])
+        product = np.einsum("i,isba,isbc->ac", *terms, optimize=True)
+        lags[lag % samples] += product
+        if lag:
+            lags[-lag % samples] += product.T
+    return np.asarray(np.fft.fft(lags, axis=0))
+
+
+def prefilter_view(
+    comparison: Comparison,
+    transitions: FloatArray,
+    horizons: Sequence[int],
+    base: float | None = None,
+) -> PrefilterView:
+    """Return a recording's residual spectrum, its lines, and its weight at each horizon.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Of a model whose every state is measured.
+    transitions : ndarray, shape (sample, past * state, past * state)
+        Of the same model on the same recording, as `linearised` gives them.
+    horizons : sequence of int
+        Steps.
+    base : float, optional
+        Frequency in Hz whose multiples are the lines' orders; its sign is kept.
+    """
+    residual = (comparison.measured - comparison.one_step)[1:]
+    samples, states = residual.shape
+    paired = states == 2 and len(set(comparison.units)) == 1
+    signal = residual @ np.array([[1.0], [1.0j]]) if paired else residual
+    power = power_spectrum(signal)
+    frequency = np.fft.fftfreq(samples, comparison.time_step).astype(np.float64)
+    weight = np.stack(
+        [_seen(weight_matrix(transitions, states, h, samples), paired) for h in horizons]
+    )
+    order = np.argsort(frequency) if paired else np.arange(samples // 2 + 1)
+    if not paired:  # both signs say the same
+        power[1 : (samples + 1) // 2] *= 2.0
+        frequency = np.abs(frequency)
+    power, frequency = power[order], frequency[order]
+    names = comparison.states
+    return PrefilterView(
+        signals=(f"{names[0]} + j {names[1]}",) if paired else names,
+        unit=comparison.units[0] if len(set(comparison.units)) == 1 else "",
+        frequency=frequency,
+        power=power,
+        horizons=tuple(horizons),
+        weight=weight[:, order],
+        lines=find_lines(frequency, power, base),
+    )
+
+
+def _seen(weight: ComplexArray, paired: bool) -> FloatArray:
+    """Return the weight (frequency, signal) of a vector rotating with f, or of each state."""
+    each = np.diagonal(weight, axis1=1, axis2=2).real
+    if paired:
+        each = each.mean(axis=1, keepdims=True) + weight[:, :1, 1].imag
+    return np.asarray(each)
