@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import settings
+from scipy.optimize import least_squares
 
 from penode import Experiment, Fit, Model, Predictor, identify, ladder_plan, parameter, physical
 from penode.arrays import Leaf, float64
@@ -21,13 +22,16 @@ from penode.data.windows import cut
 from penode.models.layout import Layout
 from penode.models.networks import ConvexGradient, TanhLayers
 from penode.models.parameters import Positive, with_batch_axis
+from penode.pmsm.bench.machines import COMSOL_300A
 from penode.pmsm.flux_maps import FluxMap
 from penode.pmsm.model import Machine
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER, RK4
 from penode.training.covariance import Reported
+from penode.training.fit import Estimate, HorizonChoice
 from penode.training.plan import Problem
 from penode.training.residuals import Objective
+from penode.validation.residual_tests import Spectrum
 
 settings.register_profile("seeded", derandomize=True, database=None, deadline=None)
 settings.load_profile("seeded")
@@ -361,3 +365,59 @@ def problem_of(objective_of):
         return Problem(objective, watched, windows, objective.layout.members(groups))
 
     return make
+
+
+# --- a machine's fit without training ------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def true_map():
+    """Return psi (2, ...) and L (2, 2, ...) of the COMSOL machine, averaged over the angle."""
+    angles = np.linspace(0, np.pi / 3, 24, endpoint=False)
+
+    def mean(current):
+        return jax.vmap(lambda angle: COMSOL_300A.coenergy(*current, angle))(angles).mean()
+
+    def over(function):
+        compiled = jax.jit(jax.vmap(function, -1, -1))
+
+        def evaluate(i_d, i_q):
+            with float64():
+                current = np.stack(np.broadcast_arrays(np.asarray(i_d, float), i_q))
+                found = np.asarray(compiled(jnp.asarray(current.reshape(2, -1))))
+            return found.reshape(*found.shape[:-1], *current.shape[1:])
+
+        return evaluate
+
+    return over(jax.grad(mean)), over(jax.hessian(mean))
+
+
+@pytest.fixture(scope="session")
+def machine_fit(true_map) -> Fit:
+    """Return a fit whose map is a network put through the COMSOL machine's own within 300 A."""
+    radius, turn = np.meshgrid(np.linspace(0, 300, 16), np.linspace(0, 2 * np.pi, 48))
+    visited = np.stack([radius * np.cos(turn), radius * np.sin(turn)]).reshape(2, -1)
+    visited = visited[:, visited[0] < 150]
+    psi = true_map[0](*visited)
+    draw = FluxMap(ConvexGradient.random(2, 12, 0), 300.0, 0.08)
+    layout = Layout(draw)
+
+    def residual(raw):
+        model = layout.model(layout.values(raw)[:, None])
+        found, _ = model.flux_and_inductance(jnp.asarray(visited))
+        return (found - psi).ravel() / 0.08
+
+    with float64():
+        value, slope = jax.jit(residual), jax.jit(jax.jacfwd(residual))
+        best = least_squares(value, layout.raw(draw), jac=slope, method="lm", max_nfev=200).x
+        flux = layout.plain_model(best)
+    estimate = Estimate(0.01, 1e-4, (0.0098, 0.0102), "ohm", 0.9)
+    return Fit(
+        Machine(flux, R=0.01),
+        {"R": estimate},
+        HorizonChoice(50, "plateau", "Horizons agree.", ()),
+        visited.T,
+        (),
+        Spectrum("run.csv", np.zeros(1), np.zeros((1, 2))),
+        provenance={"pole_pairs": 5},
+    )

@@ -12,6 +12,7 @@ from penode.pmsm.bench.config import load_config
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
+from penode.pmsm.study import flux_map_csv
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -29,9 +30,11 @@ def commands() -> list[str]:
 
 
 @pytest.fixture
-def recordings(tmp_path, monkeypatch):
-    """run.csv and other.csv in the working folder, as the README has them."""
+def recordings(tmp_path, monkeypatch, machine_fit):
+    """run.csv, other.csv and a saved result in the working folder, as the pages have them."""
     monkeypatch.chdir(tmp_path)
+    machine_fit.save("result")
+    Path("result/flux_map.csv").write_text(flux_map_csv(machine_fit))
     slow, other = Lissajous(240.0, 14.0, 15.0), Lissajous(200.0, 40.0, 33.0)
     save(simulate(TRACTION_300A, slow, speed_rpm=1500.0, duration=1.0), "run.csv")
     save(simulate(TRACTION_300A, other, speed_rpm=900.0, duration=0.3), "other.csv")

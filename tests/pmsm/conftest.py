@@ -3,6 +3,8 @@
 import pytest
 
 from penode.data.experiment import Experiment
+from penode.pmsm.bench.drive import Drive
+from penode.pmsm.bench.inverter import DeadTime, Inverter
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
@@ -24,3 +26,11 @@ def fast_run() -> Experiment:
 def unseen_run() -> Experiment:
     """Another speed and trajectory."""
     return simulate(TRACTION_300A, Lissajous(200.0, 40.0, 33.0), speed_rpm=900.0, duration=0.3)
+
+
+@pytest.fixture(scope="session")
+def dead_time_run() -> Experiment:
+    """A drive with 0.6 us of dead time: 2.4 V at 400 V and 10 kHz."""
+    drive = Drive(inverter=Inverter(dead_time=DeadTime(0.6e-6)))
+    reference = Lissajous(240.0, 50.0, 43.0)
+    return simulate(TRACTION_300A, reference, speed_rpm=1000.0, duration=0.5, drive=drive)

@@ -14,9 +14,12 @@ import jax
 import typer
 from rich.console import Console
 
+from penode.cli.compare import compare_command
+from penode.cli.export import export_command
+from penode.cli.init import init_command
+from penode.cli.loci import loci_command
 from penode.cli.progress import Interrupted, watched
 from penode.cli.summary import print_demo, print_fit
-from penode.data.load import load
 from penode.data.save import require_suffix
 from penode.errors import InputError
 from penode.horizon.checkpoint import Checkpoint
@@ -27,7 +30,8 @@ from penode.pmsm.flux_maps import FLUX_MAPS
 from penode.pmsm.holds import HOLDS
 from penode.pmsm.report import machine_report
 from penode.pmsm.simulated_files import write_recording
-from penode.pmsm.study import Study, identify, write
+from penode.pmsm.study import PURPOSES, identify, write
+from penode.pmsm.study_file import load_study
 from penode.training.archive import write_atomically
 from penode.training.fit import Fit
 
@@ -57,23 +61,54 @@ def main() -> None:
 
 @app.command("identify")
 def identify_command(  # noqa: PLR0913 (an argument an option)
-    runs: Annotated[list[Path], typer.Argument(help="Recordings to train on, CSV or Parquet.")],
+    runs: Annotated[
+        list[Path], typer.Argument(help="Recordings to train on: csv, parquet, mat, mf4, tdms.")
+    ],
     out: Folder,
     validate: Annotated[
         list[Path] | None, typer.Option(help="Recording to predict, not to train on. Repeatable.")
     ] = None,
-    horizon: Annotated[str, typer.Option(help="auto, or the number of steps.")] = "auto",
-    flux_map: Annotated[str, typer.Option(help=f"One of {', '.join(FLUX_MAPS)}.")] = "coenergy",
+    config: Annotated[
+        Path | None,
+        typer.Option(help="Study file: columns, units, options. penode init writes one."),
+    ] = None,
+    horizon: Annotated[
+        str | None, typer.Option(help="auto, or the number of steps.", show_default="auto")
+    ] = None,
+    flux_map: Annotated[
+        str | None,
+        typer.Option(help=f"One of {', '.join(FLUX_MAPS)}.", show_default="coenergy"),
+    ] = None,
     inverter: Annotated[
-        bool, typer.Option(help="Identify the inverter's dead-time voltage; needs theta_el.")
-    ] = False,
+        bool | None,
+        typer.Option(
+            help="Identify the inverter's dead-time voltage; needs theta_el.",
+            show_default="decided from the data",
+        ),
+    ] = None,
     angle_orders: Annotated[
-        str, typer.Option(help="Harmonics of the angle in the map, such as 6,12; needs theta_el.")
-    ] = "",
+        str | None,
+        typer.Option(
+            help="Harmonics of the angle in the map, such as 6,12, or none; they need theta_el.",
+            show_default="decided from the data",
+        ),
+    ] = None,
     hold: Annotated[
-        str, typer.Option(help=f"Frame in which the voltage is held: {' or '.join(HOLDS)}.")
-    ] = "dq",
-    seed: Annotated[int, typer.Option(help="Seed of every random draw.")] = 0,
+        str | None,
+        typer.Option(
+            help=f"Frame in which the voltage is held: {' or '.join(HOLDS)}.", show_default="dq"
+        ),
+    ] = None,
+    purpose: Annotated[
+        str | None,
+        typer.Option(
+            help=f"What the horizon is chosen for: {', '.join(PURPOSES)}.",
+            show_default="parameters",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of every random draw.", show_default="0")
+    ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the fit that was stopped in --out.")
     ] = False,
@@ -82,6 +117,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
 
     Columns: t (s), u_d and u_q (V), i_d and i_q (A), omega_el (rad/s, electrical), optionally
     theta_el (rad); or u_a .. u_c, i_a .. i_c and theta_el. Currents and voltages are peak values.
+    Anything else is mapped by a study file, given with --config; options override its entries.
 
     Ctrl-C stops with the best so far, written as a whole result; the same command with --resume
     added goes on after the last finished horizon. Ctrl-C a second time leaves at once.
@@ -91,22 +127,24 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     Example: penode identify run.csv --validate other.csv --out result
     """
     began = time.monotonic()
-    study = Study(
-        flux_map,
-        _steps(horizon),
-        seed=seed,
-        inverter=inverter,
-        angle_orders=_orders(angle_orders),
-        hold=hold,
-    )
+    options = {
+        "flux_map": flux_map,
+        "seed": seed,
+        "inverter": inverter,
+        "angle_orders": None if angle_orders is None else _orders(angle_orders),
+        "hold": hold,
+        "purpose": purpose,
+    }
+    given = {name: option for name, option in options.items() if option is not None}
+    asked = load_study(config, given if horizon is None else {**given, "horizon": _steps(horizon)})
     checkpoint = _checkpoint(out, resume)
     stopped = False
     with watched(out, _errors, checkpoint) as observer:
         try:
             fit = identify(
-                [load(run) for run in runs],
-                study=study,
-                validation=[load(run) for run in validate or []],
+                [asked.load(run) for run in runs],
+                study=asked.study,
+                validation=[asked.load(run) for run in validate or []],
                 observer=observer,
                 checkpoint=checkpoint,
             )
@@ -121,6 +159,9 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     checkpoint.path.unlink(missing_ok=True)
     if not fit.horizon.answered:
         raise typer.Exit(1)
+
+
+app.command("init")(init_command)
 
 
 @app.command()
@@ -180,6 +221,10 @@ def report(
     _output.print(f"report  {page}", soft_wrap=True, highlight=False)
 
 
+app.command("export")(export_command)
+app.command("loci")(loci_command)
+app.command("compare")(compare_command)
+
 _output = Console()
 _errors = Console(stderr=True)
 
@@ -201,10 +246,10 @@ def _steps(horizon: str) -> int | None:
 
 def _orders(text: str) -> tuple[int, ...]:
     try:
-        return tuple(int(part) for part in text.split(",")) if text else ()
+        return tuple(int(part) for part in text.split(",")) if text not in ("", "none") else ()
     except ValueError as error:
         raise InputError(
-            f"--angle-orders {text} came; give whole numbers with commas between, such as 6,12."
+            f"--angle-orders {text} came; give none, or whole numbers with commas, such as 6,12."
         ) from error
 
 

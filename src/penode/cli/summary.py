@@ -18,6 +18,8 @@ def print_fit(console: Console, fit: Fit, folder: Path) -> None:
         table.add_row(name, _interval(estimate))
     choice = fit.horizon
     table.add_row("horizon", f"{choice.selected} steps: {choice.verdict}. {choice.reason}")
+    for reason in fit.provenance.get("structure", ()):
+        table.add_row("model", reason)
     for comparison in fit.comparisons:
         unit = comparison.units[0]
         table.add_row(
