@@ -1,5 +1,6 @@
 """Structure by evidence: terms of the model that the recordings show and can identify."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -78,7 +79,7 @@ def structure_of(experiments: Sequence[Experiment], kind: str) -> Structure:
 
 def _inverter(balance: BalanceSolution) -> tuple[bool, str]:
     found, deviation = balance.dead_time_voltage, balance.deviation["dead_time_voltage"]
-    told = f"{found:.2f} ± {deviation:.2g} V"
+    told = _with_deviation(found, deviation)
     if not abs(found) > _SIGNIFICANT * deviation:
         return False, f"Dead time was left out: the voltage balance shows {told} of it."
     if min(balance.independence.values()) < THRESHOLD:
@@ -108,7 +109,7 @@ def _orders(
     kept = tuple(n for n in shown if _SAMPLES * n * fastest < 2 * np.pi)
     reasons = []
     if kept:
-        told = " and ".join(f"{n} ({power[n] / floor:.0f} times)" for n in kept)
+        told = " and ".join(f"{n} ({_rounded(power[n] / floor)}-fold)" for n in kept)
         reasons.append(f"Angle harmonics were included: orders {told} stand out of the residual.")
     missed = [n for n in shown if n not in kept]
     if missed:
@@ -117,6 +118,16 @@ def _orders(
             f"sampled fewer than {_SAMPLES} times a period."
         )
     return kept, tuple(reasons)
+
+
+def _with_deviation(value: float, deviation: float) -> str:
+    decimals = max(1 - math.floor(math.log10(max(deviation, 1e-6))), 0)
+    return f"{round(value, decimals) + 0.0:.{decimals}f} ± {deviation:.{decimals}f} V"
+
+
+def _rounded(ratio: float) -> str:
+    """Return one digit of a ratio, thousands apart."""
+    return f"{float(f'{ratio:.0e}'):,.0f}".replace(",", "\N{NO-BREAK SPACE}")
 
 
 def order_power(
