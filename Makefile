@@ -34,6 +34,7 @@ bench: $(STAMP)
 validate: $(STAMP)
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow
 	$(BIN)/python -m validate.random_starts
+	$(BIN)/python -m validate.horizon_choice
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
