@@ -28,7 +28,9 @@ def test_default_ladder_grows_by_about_one_and_a_half_to_200():
 def test_ladder_takes_horizons_optimiser_and_seed():
     optimiser = LevenbergMarquardt(evaluations=7)
     plan = ladder_plan((3, 9), optimiser, seed=5)
-    assert plan == Plan((Stage(3, optimiser), Stage(9, optimiser)), Jittered(5))
+    assert plan.stages == (Stage(3, optimiser), Stage(9, optimiser))
+    assert plan.placement == Jittered(5)
+    assert plan.detour is not None
 
 
 @pytest.mark.parametrize("horizons", [(), (0, 1), (-1,), (1, 3, 2), (1, 2, 2)])
