@@ -14,6 +14,7 @@ import jax
 import typer
 from rich.console import Console
 
+from penode.cli.check import check_command
 from penode.cli.compare import compare_command
 from penode.cli.export import export_command
 from penode.cli.init import init_command
@@ -162,6 +163,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
 
 
 app.command("init")(init_command)
+app.command("check")(check_command)
 
 
 @app.command()

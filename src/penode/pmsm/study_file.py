@@ -13,6 +13,7 @@ from penode.data.table import TIME
 from penode.data.units import did_you_mean
 from penode.errors import InputError
 from penode.pmsm.drive_mapping import RECORDED, DriveMapping, DriveOrigin
+from penode.pmsm.name_plate import NamePlate
 from penode.pmsm.study import DEFAULT_STUDY, Study
 
 #: Entries of a channel and what they hold.
@@ -30,6 +31,7 @@ _TIME_ENTRIES = {key: CHANNEL_ENTRIES[key] for key in ("column", "unit", "scale"
 _HOLDS: Mapping[str, Callable[[Any], bool]] = {
     "text": lambda value: isinstance(value, str),
     "a number": lambda value: _is_number(value) and math.isfinite(value) and value != 0,
+    "a number above zero": lambda value: _is_number(value) and 0 < value < math.inf,
     "1 or -1": lambda value: _is_whole(value) and value in (1, -1),
     "a whole number": lambda value: _is_whole(value),
     "a whole number from 1": lambda value: _is_whole(value) and value >= 1,
@@ -51,8 +53,10 @@ _SETTINGS = {
     "hold": "text",
     "purpose": "text",
     "resample": '"linear"',
+    "name_plate": "a table",
     "channels": "a table",
 }
+_NAME_PLATE = {entry.name: "a number above zero" for entry in fields(NamePlate)}
 
 
 @dataclass(frozen=True)
@@ -65,10 +69,13 @@ class StudyFile:
         Flux map, horizon, inverter, angle orders, hold, seed, pole pairs.
     mapping : DriveMapping
         Where the channels come from; that of canonical columns where the file maps none.
+    name_plate : NamePlate
+        What is known of the machine, for `penode check`.
     """
 
     study: Study = DEFAULT_STUDY
     mapping: DriveMapping = field(default_factory=DriveMapping)
+    name_plate: NamePlate = field(default_factory=NamePlate)
 
     def load(self, path: str | Path) -> Experiment:
         """Load a recording as the file maps it; see `DriveMapping.load`."""
@@ -123,7 +130,9 @@ def _study_file(entries: dict[str, Any]) -> StudyFile:
     if "angle_orders" in settings:
         settings["angle_orders"] = tuple(settings["angle_orders"])
     mapping = DriveMapping(channels, entries.get("pole_pairs"), "resample" in entries)
-    return StudyFile(Study(**settings), mapping)
+    plate = entries.get("name_plate", {})
+    _check("name_plate:", plate, _NAME_PLATE)
+    return StudyFile(Study(**settings), mapping, NamePlate(**plate))
 
 
 def _channel(name: str, entry: Any) -> DriveOrigin:

@@ -1,0 +1,120 @@
+"""The command ``penode check``."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from penode.errors import InputError
+from penode.pmsm.recording_check import RecordingCheck, check_recordings
+from penode.pmsm.study_file import load_study
+from penode.report.quantities import number
+from penode.training.archive import write_atomically
+
+_output = Console()
+
+
+def check_command(
+    runs: Annotated[
+        list[Path], typer.Argument(help="Recordings to check: csv, parquet, mat, mf4, tdms.")
+    ],
+    config: Annotated[
+        Path | None, typer.Option(help="Study file: columns, units, options, name plate.")
+    ] = None,
+    picture: Annotated[Path | None, typer.Option(help="PNG of what is covered.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead.")] = False,
+) -> None:
+    """Tell what recordings can and cannot tell, before any training: a few seconds.
+
+    Quality of the channels, their conventions tested against physics, what currents and speeds
+    cover, and how far the resistance can be told from the map.
+
+    Exit status: 0 all is well, 1 a convention is broken or the data cannot tell, 2 unusable input.
+
+    Example: penode check run.csv --picture cover.png
+    """
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise InputError(f"{picture}: suffix {picture.suffix!r} came; use .png.")
+    asked = load_study(config)
+    found = check_recordings([asked.load(run) for run in runs], asked)
+    drawn = picture is not None and found.excitation is not None
+    if picture is not None and found.excitation is not None:
+        # Imported here: the plotting library takes a third of a second, and few commands draw.
+        from penode.pmsm.check_picture import check_picture
+
+        write_atomically(picture, check_picture(found.drives, found.excitation))
+    if as_json:
+        typer.echo(json.dumps({**found.as_json(), "picture": str(picture) if drawn else None}))
+    else:
+        _print(found, picture if drawn else None)
+    if not found.good:
+        raise typer.Exit(1)
+
+
+def _print(found: RecordingCheck, picture: Path | None) -> None:
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    rows = [*_recordings(found), *_conventions(found), *_coverage(found), *_prospects(found)]
+    rows.append(("verdict", found.verdict))
+    if picture is not None:
+        rows.append(("picture", str(picture)))
+    previous = ""
+    for label, text in rows:
+        table.add_row("" if label == previous else label, text.replace("[", r"\["))
+        previous = label
+    _output.print(table, highlight=False)
+
+
+def _recordings(found: RecordingCheck) -> list[tuple[str, str]]:
+    rows = [
+        (
+            "recording",
+            f"{e.name}: {len(e)} samples in {number(len(e) * e.time_step)} s, "
+            f"{number(1e-3 / e.time_step)} kHz",
+        )
+        for e in found.recordings
+    ]
+    quality = [f.sentence for f in found.quality] or ["No channel stands still or is clipped."]
+    return rows + [("quality", sentence) for sentence in quality]
+
+
+def _conventions(found: RecordingCheck) -> list[tuple[str, str]]:
+    told = [b.sentence for b in found.broken] or [
+        "Nothing speaks against the signs, units, order, timing and angle of the channels."
+    ]
+    return [("conventions", sentence) for sentence in told] + [
+        ("not told", sentence) for sentence in found.untold
+    ]
+
+
+def _coverage(found: RecordingCheck) -> list[tuple[str, str]]:
+    if found.excitation is None:
+        return []
+    cover = found.excitation
+    speeds = ", ".join(number(s * 30 / np.pi) for s in cover.speeds)
+    summary = (
+        f"Currents up to {number(cover.largest_current)} A over {number(100 * cover.share)} % of "
+        f"that disc, moving at up to {number(cover.current_rate)} rad/s; speed {speeds} rpm "
+        f"electrical."
+    )
+    return [("coverage", sentence) for sentence in (summary, *cover.advice)]
+
+
+def _prospects(found: RecordingCheck) -> list[tuple[str, str]]:
+    if found.prospects is None:
+        return []
+    told = found.prospects
+    rhos = ", ".join(f"{name} {rho:.2g}" for name, rho in told.independence.items())
+    summary = (
+        f"Independence with the {told.flux_map} map: {rhos} (1 its own, below 0.01 not to be told)."
+    )
+    rows = [
+        ("identifiability", s)
+        for s in (summary, told.alarm, told.repair and f"Repair: {told.repair}")
+    ]
+    return [row for row in rows if row[1]] + [("model", reason) for reason in found.structure]

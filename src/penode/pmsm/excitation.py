@@ -1,0 +1,115 @@
+"""What recordings cover: currents, speeds, and how fast the currents move."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from penode.arrays import FloatArray
+from penode.data.experiment import Experiment
+
+#: Share of the disc of the largest current from which the currents cover it well.
+ENOUGH = 0.2
+#: Relative change of the speed that makes it another one.
+_OTHER_SPEED = 0.2
+#: Percentiles between which a speed is no spike.
+_USUAL = (5.0, 95.0)
+#: A quarter of the disc was visited from this share of the time on.
+_VISITED = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """What recordings cover together.
+
+    Attributes
+    ----------
+    largest_current : float
+        A (peak).
+    share : float
+        Area of the hull of all visited currents over that of the disc of the largest current.
+    quarters : tuple of float
+        Share of the time in the quarters of the dq plane, from i_d > 0, i_q > 0 counted
+        anticlockwise.
+    speeds : tuple of float
+        Median electrical speed of each recording in rad/s.
+    speed_range : tuple of float
+        From the lowest to the highest speed, spikes left out, in rad/s.
+    current_rate : float
+        Typical angular frequency of the currents' movement in rad/s.
+    hull : ndarray, shape (corner, 2)
+        Corners of the hull in A, in order; empty where all currents lie on a line.
+    """
+
+    largest_current: float
+    share: float
+    quarters: tuple[float, ...]
+    speeds: tuple[float, ...]
+    speed_range: tuple[float, float]
+    current_rate: float
+    hull: FloatArray
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """What would widen the excitation, a sentence each."""
+        found = []
+        empty = [q for q, share in zip(_QUARTERS, self.quarters, strict=True) if share < _VISITED]
+        if self.share < ENOUGH:
+            found.append(
+                f"The currents visit {100 * self.share:.2g} % of the disc of "
+                f"{self.largest_current:.3g} A; sweep i_d and i_q over a Lissajous figure or a "
+                "spiral."
+            )
+        if empty:
+            found.append(
+                f"No current was visited with {' or '.join(empty)}, so the map says nothing there."
+            )
+        if np.ptp(self.speed_range) < _OTHER_SPEED * np.max(np.abs(self.speed_range)):
+            found.append("There is one speed only; a second one, or the reverse, makes R surer.")
+        return tuple(found)
+
+
+_QUARTERS = (
+    "i_d > 0 and i_q > 0",
+    "i_d < 0 and i_q > 0",
+    "i_d < 0 and i_q < 0",
+    "i_d > 0 and i_q < 0",
+)
+
+
+def excitation_of(recordings: Sequence[Experiment]) -> Excitation:
+    """Measure what recordings cover.
+
+    Parameters
+    ----------
+    recordings : sequence of Experiment
+        With i_d, i_q (A) and omega_el (rad/s).
+    """
+    currents = np.concatenate([e.stack(("i_d", "i_q")) for e in recordings])
+    largest = float(np.hypot(*currents.T).max())
+    quarter = (np.arctan2(currents[:, 1], currents[:, 0]) // (np.pi / 2)).astype(int) % 4
+    try:
+        hull = ConvexHull(currents)
+        area, corners = float(hull.volume), currents[hull.vertices]
+    except QhullError:  # all on a line
+        area, corners = 0.0, np.zeros((0, 2))
+    ends = np.array([np.percentile(e.channels["omega_el"], _USUAL) for e in recordings])
+    return Excitation(
+        largest_current=largest,
+        share=area / (np.pi * largest**2),
+        quarters=tuple(float(np.mean(quarter == k)) for k in range(4)),
+        speeds=tuple(float(np.median(e.channels["omega_el"])) for e in recordings),
+        speed_range=(float(ends[:, 0].min()), float(ends[:, 1].max())),
+        current_rate=max(_rate(e) for e in recordings),
+        hull=corners,
+    )
+
+
+def _rate(experiment: Experiment) -> float:
+    """Return the frequency below which nine tenths of the currents' power lie, in rad/s."""
+    currents = experiment.stack(("i_d", "i_q"))
+    power = np.sum(np.abs(np.fft.rfft(currents - currents.mean(axis=0), axis=0)) ** 2, axis=1)
+    shares = np.cumsum(power) / max(float(power.sum()), 1e-300)
+    index = int(np.searchsorted(shares, 0.9))
+    return 2 * np.pi * index / (len(currents) * experiment.time_step)

@@ -1,0 +1,98 @@
+"""penode check: findings as sentences or as JSON, a picture, and the exit status."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from penode.data.save import save
+from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.references import Lissajous
+from penode.pmsm.bench.run import simulate
+
+
+@pytest.fixture(scope="module")
+def run():
+    reference = Lissajous(220.0, 60.0, 65.0)
+    return simulate(TRACTION_300A, reference, speed_rpm=900.0, duration=0.5)
+
+
+@pytest.fixture
+def recording(run, tmp_path):
+    path = tmp_path / "run.csv"
+    save(run, path)
+    return path
+
+
+def test_a_good_recording(recording, penode, tmp_path):
+    picture = tmp_path / "cover.png"
+    done = penode("check", recording, "--picture", picture)
+    assert done.returncode == 0, done.stderr
+    told = " ".join(done.stdout.split())
+    assert "Nothing speaks against" in told
+    assert "R 0." in told
+    assert "These recordings can be used as they are." in told
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_json_and_nothing_else(recording, penode):
+    done = penode("check", recording, "--json")
+    assert done.returncode == 0
+    found = json.loads(done.stdout)
+    assert found["good"]
+    assert found["conventions"] == []
+    assert found["identifiability"]["independence"]["R"] > 0.01
+    assert found["excitation"]["share_of_disc"] > 0.5
+
+
+def test_a_broken_convention_is_told_with_its_mend_and_the_mend_works(run, penode, tmp_path):
+    wrong, picture = tmp_path / "wrong.csv", tmp_path / "cover.png"
+    channels = {**run.channels, "i_q": -run.channels["i_q"]}
+    save(replace(run, channels=channels), wrong)
+    done = penode("check", wrong, "--picture", picture)
+    assert done.returncode == 1
+    told = " ".join(done.stdout.split())
+    assert "negative q current" in told
+    assert "give i_q sign = -1." in told
+    assert not picture.exists()
+    names = [n for n in run.channels if n != "i_q"]
+    lines = ["[channels]", 'i_q = { column = "i_q", sign = -1 }']
+    config = tmp_path / "study.toml"
+    config.write_text("\n".join([*lines, *(f'{n} = "{n}"' for n in names)]))
+    assert penode("check", wrong, "--config", config).returncode == 0
+
+
+def test_data_that_cannot_tell(penode, tmp_path):
+    path, config = tmp_path / "run.csv", tmp_path / "study.toml"
+    slow = Lissajous(240.0, 14.0, 15.0)
+    save(simulate(TRACTION_300A, slow, speed_rpm=1500.0, duration=1.0), path)
+    config.write_text('flux_map = "mlp"\n')
+    done = penode("check", path, "--config", config, "--json")
+    assert done.returncode == 1
+    found = json.loads(done.stdout)
+    assert found["identifiability"]["indistinguishable"] == ["R"]
+    assert "reciprocal map" in found["identifiability"]["repair"]
+    assert found["verdict"] == "These recordings cannot tell R from the map."
+
+
+def test_a_name_plate_tells_rms(run, penode, tmp_path):
+    path, config = tmp_path / "run.csv", tmp_path / "study.toml"
+    rms = {n: run.channels[n] / 2**0.5 for n in ("u_d", "u_q")}
+    save(replace(run, channels={**run.channels, **rms}), path)
+    config.write_text("[name_plate]\nmagnet_flux_linkage = 58e-3\n")
+    done = penode("check", path, "--config", config)
+    assert done.returncode == 1
+    assert "rms for peak (voltages)" in " ".join(done.stdout.split())
+    config.write_text("[name_plate]\nmagnet_flux = 58e-3\n")
+    done = penode("check", path, "--config", config)
+    assert done.returncode == 2
+    assert "did you mean magnet_flux_linkage?" in done.stderr
+
+
+def test_unusable_input(recording, penode, tmp_path):
+    done = penode("check", tmp_path / "gone.csv")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    done = penode("check", recording, "--picture", "cover.pdf")
+    assert done.returncode == 2
+    assert "use .png" in done.stderr
