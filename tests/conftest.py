@@ -7,6 +7,7 @@ without any of penode's or JAX's code.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import ClassVar
 
 import jax
@@ -35,6 +36,12 @@ from penode.validation.residual_tests import Spectrum
 
 settings.register_profile("seeded", derandomize=True, database=None, deadline=None)
 settings.load_profile("seeded")
+
+# Many tests compile the same programs: keep them between tests, workers and runs.
+jax.config.update(
+    "jax_compilation_cache_dir", str(Path(__file__).parents[1] / ".pytest_cache" / "programs")
+)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 SEED = 20_250_301
 

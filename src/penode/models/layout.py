@@ -4,15 +4,18 @@ import itertools
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, Generic
+from typing import Any, Generic, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import BoolArray, FloatArray, JaxArray
+from penode.arrays import BoolArray, FloatArray, IntArray, JaxArray
 from penode.errors import InputError
 from penode.models.parameters import AnyModule, Setting, Transform, setting_at
+
+#: Values of each parameter of a model, (part, batch).
+Parts: TypeAlias = tuple[JaxArray, ...]
 
 
 class Layout(Generic[AnyModule]):
@@ -69,6 +72,14 @@ class Layout(Generic[AnyModule]):
         pairs = zip(self.names, self.settings, strict=True)
         return {name: setting.unit for name, setting in pairs if setting.physical}
 
+    @property
+    def first_copies(self) -> IntArray:
+        """Places in the raw vector of one value of each parameter: a nuisance's first."""
+        sizes = [(at.stop - at.start) // n for at, n in zip(self._raw, self._copies, strict=True)]
+        starts = [at.start for at in self._raw]
+        parts = [s + np.arange(n) for s, n in zip(starts, sizes, strict=True)]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *parts])
+
     def raw(self, model: AnyModule) -> FloatArray:
         """Return the raw vector, shape (size,), of a model without batch axis."""
         leaves = jax.tree.leaves(model)
@@ -85,22 +96,34 @@ class Layout(Generic[AnyModule]):
         ]
         return jnp.concatenate([raw[:0], *parts])
 
+    def split(self, values: JaxArray) -> Parts:
+        """Cut values (value, batch) into each parameter's own, (part, batch).
+
+        Reverse mode through each part on its own is several times as fast as through the slices of
+        one array, whose derivatives are arrays of zeros to be added up.
+        """
+        return tuple(values[at] for at in self._values)
+
     def model(self, values: JaxArray, shares: JaxArray | None = None) -> AnyModule:
-        """Return the model of values (value, batch), batch axis last on every parameter.
+        """Return the model of values (value, batch); see `model_of`."""
+        return self.model_of(self.split(values), shares)
+
+    def model_of(self, parts: Parts, shares: JaxArray | None = None) -> AnyModule:
+        """Return the model of each parameter's values, batch axis last on every parameter.
 
         Parameters
         ----------
-        values : array, shape (value, batch)
+        parts : tuple of arrays, shape (part, batch)
+            As `split` gives them.
         shares : array, shape (experiment, batch), optional
             How much of each recording's nuisances a column of the batch has: 1 for its own and 0
             for the others. Without it every column has their mean.
         """
-        batch = values.shape[-1]
         if shares is None:
-            shares = jnp.full((self.experiments, 1), 1.0 / self.experiments, values.dtype)
+            shares = jnp.full((self.experiments, 1), 1.0 / self.experiments)
         leaves = []
-        for (_, _, shape, copies), at in zip(self._entries(), self._values, strict=True):
-            leaf = values[at].reshape(copies, *shape, batch)
+        for (_, _, shape, copies), part in zip(self._entries(), parts, strict=True):
+            leaf = part.reshape(copies, *shape, part.shape[-1])
             own = jnp.expand_dims(shares, tuple(range(1, leaf.ndim - 1))) if copies > 1 else None
             leaves.append(leaf[0] if own is None else jnp.sum(own * leaf, axis=0))
         model: AnyModule = jax.tree.unflatten(self._structure, leaves)

@@ -1,6 +1,8 @@
 """Convex start: resistance and a polynomial flux map by the weak form, then a network fit to it."""
 
+import math
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +21,9 @@ from penode.pmsm.weak_balance import BalanceForm, BalanceSolution, PolynomialMap
 
 __all__ = ["PolynomialMap", "harmonic_window", "nominal_start", "weak_start"]
 
-_DRAWS = 2
-_POINTS = 300
+#: Networks drawn, of which the better after a few evaluations is fitted to the end.
+_DRAWS, _FEW, _MANY = 2, 20, 100
+_POINTS = 200
 #: Weights of the differential inductance and of the slope over the angle beside the flux linkage,
 #: all scaled to order 1.
 _SLOPE_WEIGHT = 0.1
@@ -64,9 +67,9 @@ def weak_start(
     guess = DEAD_TIME_CURRENT * scale if inverter else None
     polynomial = PolynomialMap(FLUX_MAPS[kind].reciprocal, scale)
     balance = BalanceForm(polynomial, angle_orders, guess).solve(experiments)
-    points = currents[:: max(len(currents) // _POINTS, 1)]
+    points = currents[np.linspace(0, len(currents) - 1, _POINTS).round().astype(int)]
     largest = float(np.abs(balance.flux(points, np.zeros(len(points)))[0]).max())
-    scales = (scale, largest)
+    scales = (_round_scale(scale), _round_scale(largest))
     draws = [draw_flux_map(kind, seed + k, scales, angle_orders) for k in range(_DRAWS)]
     flux_map = _fit_networks(draws, balance, points, np.random.default_rng(seed))
     return _machine(flux_map, balance), balance
@@ -100,6 +103,14 @@ def nominal_start(experiments: Sequence[Experiment], seed: int) -> Machine:
     return Machine(FluxMap(beside, scale, largest), R=resistance)
 
 
+def _round_scale(largest: float) -> float:
+    """Return a scale of a tenth of a decade that holds a value.
+
+    Scales are constants of the compiled programs: recordings that share them share the programs.
+    """
+    return float(f"{10 ** (math.ceil(10 * math.log10(largest) - 1e-9) / 10):.3g}")
+
+
 def _machine(flux_map: FluxMap, balance: BalanceSolution) -> Machine:
     if balance.form.dead_time_current is not None:
         dead_time = (balance.dead_time_voltage, balance.form.dead_time_current)
@@ -122,23 +133,23 @@ def _fit_networks(
     layout: Layout[FluxMap] = Layout(draws[0])
     theta_el = random.uniform(0.0, 2 * np.pi, len(points))
     flux, slopes, turning = balance.flux(points, theta_el)
+    wanted = (points.T, theta_el, flux.T, slopes.transpose(1, 2, 0), turning.T)
     scale = draws[0].current_scale
 
-    def residual(raw: JaxArray) -> JaxArray:
-        fitted = layout.model(layout.values(raw)[:, None])
-        found = fitted.at_angle(jnp.asarray(points.T), jnp.asarray(theta_el))
+    def residual(raw: JaxArray, *wanted: JaxArray) -> JaxArray:
+        at, theta_el, flux, slopes, turning = wanted
+        found = layout.model(layout.values(raw)[:, None]).at_angle(at, theta_el)
         errors = (
-            found.linkage - flux.T,
-            _SLOPE_WEIGHT * scale * (found.inductance - slopes.transpose(1, 2, 0)),
-            _ANGLE_WEIGHT * (found.angle_slope - turning.T),
+            found.linkage - flux,
+            _SLOPE_WEIGHT * scale * (found.inductance - slopes),
+            _ANGLE_WEIGHT * (found.angle_slope - turning),
         )
         return jnp.concatenate([error.ravel() for error in errors]) / draws[0].flux_scale
 
     with float64():
         value, jacobian = jax.jit(residual), jax.jit(jax.jacfwd(residual))
-        fits = [
-            least_squares(value, layout.raw(draw), jac=jacobian, method="lm", max_nfev=100)
-            for draw in draws
-        ]
-        best = min(fits, key=lambda fit: float(fit.cost))
+        how: dict[str, Any] = {"jac": jacobian, "args": wanted, "method": "lm"}
+        tried = [least_squares(value, layout.raw(d), max_nfev=_FEW, **how) for d in draws]
+        better = min(tried, key=lambda fit: float(fit.cost))
+        best = least_squares(value, better.x, max_nfev=_MANY, **how)
         return layout.plain_model(best.x)

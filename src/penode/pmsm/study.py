@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from penode.data.experiment import Experiment
 from penode.data.quality import inspect
@@ -186,15 +187,19 @@ def identify(
     recordings = [drive_recording(e) for e in experiments]
     unseen = [drive_recording(e) for e in validation]
     study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
-    study, reasons = study.settled(recordings)
+    # Matrices are small, and threads that wait for each other cost more than they bring.
+    with threadpool_limits(1, "blas"):
+        study, reasons = study.settled(recordings)
     study.check([*recordings, *unseen])
     observer({"event": "start", "recordings": [e.name for e in recordings]})
     plan = study.plan(recordings)
     if checkpoint is not None:
         plan = checkpoint.over(plan, observer)
+    with threadpool_limits(1, "blas"):
+        start = _start(recordings, study)
     try:
         fit = identify_model(
-            _start(recordings, study),
+            start,
             recordings,
             plan=plan,
             selector=study.selector(unseen or recordings),

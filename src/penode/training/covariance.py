@@ -92,16 +92,16 @@ class Reported:
     def jacobian(self, raw: FloatArray) -> FloatArray:
         """Return d(reported)/d(raw), shape (reported, parameter); physical parameters first."""
         with float64():
-            return np.asarray(self._jacobian(jnp.asarray(raw)))
+            return np.asarray(self._jacobian(jnp.asarray(raw), jnp.asarray(self._points.T)))
 
     def values(self, raw: FloatArray) -> FloatArray:
         """Return the reported quantities, shape (reported,), SI units."""
         with float64():
-            return np.asarray(self._values(jnp.asarray(raw)))
+            return np.asarray(self._values(jnp.asarray(raw), jnp.asarray(self._points.T)))
 
-    def _evaluate(self, raw: Any) -> Any:
+    def _evaluate(self, raw: Any, points: Any) -> Any:
         values = self.layout.values(raw)
-        learned = self.layout.model(values[:, None]).learned(jnp.asarray(self._points.T))
+        learned = self.layout.model(values[:, None]).learned(points)
         return jnp.concatenate([self.layout.physical_values(values), learned.ravel()])
 
     @cached_property
@@ -144,6 +144,21 @@ def hang_on_few_windows(terms: GaussNewtonTerms, jacobian: FloatArray) -> BoolAr
     return np.asarray((effective < _FEW_WINDOWS) & (terms.scores.shape[1] >= _MANY_WINDOWS))
 
 
+def sandwich(terms: GaussNewtonTerms, windows: Windows) -> FloatArray:
+    """Return A^-1 B A^-1, shape (parameter, parameter), however short the recordings are.
+
+    Parameters
+    ----------
+    terms : GaussNewtonTerms
+        At the minimum; A is the sum of S'S, B the HAC covariance of the scores.
+    windows : Windows
+        Those the terms were summed over.
+    """
+    inverse = inverse_normal(terms.normal)
+    meat = bartlett(terms.scores, bandwidth_in_windows(windows))
+    return np.asarray(inverse @ meat @ inverse)
+
+
 def working_deviation(
     terms: GaussNewtonTerms, jacobian: FloatArray, windows: Windows
 ) -> FloatArray:
@@ -151,9 +166,8 @@ def working_deviation(
 
     Good enough to stop an optimiser by, where `sandwich_deviation` declines to report.
     """
-    gain = jacobian @ inverse_normal(terms.normal)
-    meat = bartlett(terms.scores, bandwidth_in_windows(windows))
-    variance = np.sum((gain @ meat) * gain, axis=1)
+    covariance = sandwich(terms, windows)
+    variance = np.sum((jacobian @ covariance) * jacobian, axis=1)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 

@@ -19,98 +19,15 @@ from penode.training.archive import (
     write_archive,
     write_atomically,
 )
+from penode.training.learned_uncertainty import LearnedUncertainty
+from penode.training.outcome import Estimate, HorizonChoice, Rung, estimate_of, horizon_of
 from penode.validation.coverage import supported
 from penode.validation.free_run import Comparison
-from penode.validation.residual_tests import Spectrum
+from penode.validation.residual_tests import Correlations, Spectrum
+
+__all__ = ["Estimate", "Fit", "HorizonChoice", "Rung", "unused"]
 
 SCHEMA = "penode/1"
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One physical parameter as reported.
-
-    Attributes
-    ----------
-    value, std : float
-        Estimate and its standard deviation, in ``unit``.
-    interval_95 : tuple of float
-        Lower and upper end of the 95 % interval, in ``unit``.
-    unit : str
-        SI unit.
-    identifiability : float or None
-        Share of the parameter's low-passed regressor that no regressor of the learned map explains:
-        1 is independent, 0 is indistinguishable; None where it was not computed.
-    """
-
-    value: float
-    std: float
-    interval_95: tuple[float, float]
-    unit: str
-    identifiability: float | None = None
-
-
-@dataclass(frozen=True)
-class Rung:
-    """One horizon of the ladder.
-
-    Attributes
-    ----------
-    horizon : int
-        Steps of one sample.
-    parameters, std : mapping of str to float
-        Physical parameters and their standard deviations (HAC sandwich), SI units.
-    rmse : float
-        Root mean squared k-step-ahead error on the training windows: in the states' unit, or in
-        standard deviations of the channels where units differ.
-    free_run_rmse : float or None
-        Free-run error on the training recordings, in the state's unit; None where it diverged.
-    iterations : int
-        Gauss-Newton evaluations spent.
-    outcome : str
-        Why the optimiser stopped, as a sentence.
-    """
-
-    horizon: int
-    parameters: Mapping[str, float]
-    std: Mapping[str, float]
-    rmse: float
-    free_run_rmse: float | None
-    iterations: int
-    outcome: str
-
-
-@dataclass(frozen=True)
-class HorizonChoice:
-    """The selected horizon and why.
-
-    Attributes
-    ----------
-    selected : int
-        Steps of one sample.
-    verdict : str
-        ``"plateau"``, ``"H = 1 suffices"``, ``"predicts best"``, ``"fixed"``, ``"no plateau"``,
-        ``"not identifiable"`` or ``"stopped"``. The data cannot answer under ``"no plateau"`` and
-        ``"not identifiable"``; under ``"predicts best"``, ``"fixed"``, and ``"stopped"`` by a
-        person before the ladder's end, that is not known.
-    reason : str
-        One or two sentences for a person.
-    ladder : tuple of Rung
-        Every horizon tried, shortest first.
-    plateau : tuple of int
-        Horizons that agree with the selected one.
-    """
-
-    selected: int
-    verdict: str
-    reason: str
-    ladder: tuple[Rung, ...]
-    plateau: tuple[int, ...] = ()
-
-    @property
-    def answered(self) -> bool:
-        """Whether the data could answer, as far as was tested."""
-        return self.verdict not in ("no plateau", "not identifiable")
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +54,10 @@ class Fit:
         One-step matrices of scaled errors along the recording of the spectrum, as
         `penode.horizon.prefilter.linearised` gives them; empty where the k-step error is more than
         a filtered one-step error, as with starts that windows estimate.
+    learned_uncertainty : LearnedUncertainty
+        What `learned_deviation` is computed from.
+    correlations : Correlations
+        Of the one-step residual on the first training recording, with itself and with the inputs.
     nuisances : mapping of str to ndarray, shape (recording, ...)
         Parameters of which every training recording has its own value; the model has their mean.
     warnings : tuple of str
@@ -152,6 +73,8 @@ class Fit:
     comparisons: tuple[Comparison, ...]
     spectrum: Spectrum
     transitions: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    learned_uncertainty: LearnedUncertainty = field(default_factory=LearnedUncertainty)
+    correlations: Correlations = field(default_factory=Correlations)
     nuisances: Mapping[str, FloatArray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -167,6 +90,16 @@ class Fit:
     def supported(self, points: FloatArray) -> BoolArray:
         """Return which points (point, state), SI units, lie in the excited region."""
         return supported(self.excited, np.asarray(points, dtype=np.float64))
+
+    def learned_deviation(self, points: FloatArray) -> FloatArray:
+        """Return the deviation of the learned map, shape (point, output), SI units.
+
+        Parameters
+        ----------
+        points : ndarray, shape (point, state)
+            SI units. Outside the excited region it tells what the map's form allows, no more.
+        """
+        return self.learned_uncertainty.deviation(self.model, np.asarray(points, dtype=np.float64))
 
     def result(self) -> dict[str, Any]:
         """Return the content of ``result.json``."""
@@ -207,6 +140,8 @@ class Fit:
             "model": describe_module(self.model, "model", arrays),
             "comparisons": comparisons,
             "spectrum": _describe(self.spectrum, "spectrum", arrays),
+            "learned_uncertainty": _describe(self.learned_uncertainty, "uncertainty", arrays),
+            "correlations": _describe(self.correlations, "correlations", arrays),
         }
         write_archive(folder / "fit", document, arrays)
         write_atomically(folder / "result.json", to_json(self.result()))
@@ -238,12 +173,16 @@ class Fit:
     def _restored(cls, document: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> "Fit":
         return cls(
             model=restore_module(document["model"], arrays),
-            parameters={n: _estimate(p) for n, p in document["parameters"].items()},
-            horizon=_horizon(document["horizon"]),
+            parameters={n: estimate_of(p) for n, p in document["parameters"].items()},
+            horizon=horizon_of(document["horizon"]),
             excited=arrays["excited"],
             comparisons=tuple(_restore(Comparison, c, arrays) for c in document["comparisons"]),
             spectrum=_restore(Spectrum, document["spectrum"], arrays),
             transitions=arrays.get("transitions", np.empty((0, 0, 0))),
+            learned_uncertainty=_restore(
+                LearnedUncertainty, document.get("learned_uncertainty", {}), arrays
+            ),
+            correlations=_restore(Correlations, document.get("correlations", {}), arrays),
             nuisances={
                 name.removeprefix("nuisance."): values
                 for name, values in arrays.items()
@@ -279,17 +218,3 @@ def _describe(record: Any, name: str, arrays: dict[str, FloatArray]) -> dict[str
 
 def _restore(kind: Any, document: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Any:
     return kind(**{k: restore_module(v, arrays) for k, v in document.items()})
-
-
-def _estimate(document: Mapping[str, Any]) -> Estimate:
-    value, std, *interval = (
-        np.nan if number is None else float(number)
-        for number in (document["value"], document["std"], *document["interval_95"])
-    )
-    low, high = interval
-    return Estimate(value, std, (low, high), document["unit"], document["identifiability"])
-
-
-def _horizon(document: Mapping[str, Any]) -> HorizonChoice:
-    ladder = tuple(Rung(**rung) for rung in document["ladder"])
-    return HorizonChoice(**{**document, "ladder": ladder, "plateau": tuple(document["plateau"])})

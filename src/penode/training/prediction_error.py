@@ -15,7 +15,7 @@ from penode.arrays import FloatArray, IntArray, JaxArray
 from penode.data.windows import Windows
 from penode.errors import InputError
 from penode.models.base import Model
-from penode.models.layout import Layout
+from penode.models.layout import Layout, Parts
 from penode.predictors.base import Predictor
 from penode.predictors.holds import Drive
 from penode.training.loss import NO_FILTER, Loss, every_step, states
@@ -155,12 +155,13 @@ class PredictionError:
         unmeasured = self.model.unmeasured
         return np.array([k for k, n in enumerate(self.model.states) if n not in unmeasured])
 
-    def start(self, values: JaxArray, correction: JaxArray, batch: Batch) -> JaxArray:
+    def start(self, parts: Parts, correction: JaxArray, batch: Batch) -> JaxArray:
         """Return where predictions start: what the sensors read, corrected, and its past.
 
         Parameters
         ----------
-        values : array, shape (value, batch)
+        parts : tuple of arrays, shape (part, batch or 1)
+            Values of each parameter (`penode.models.layout.Layout.split`).
         correction : array, shape (free, batch)
             Added to the free states, SI units.
         batch : Batch
@@ -170,7 +171,7 @@ class PredictionError:
         array, shape (past, state, batch)
             Present state first.
         """
-        model = self._model(values, batch)
+        model = self._model(parts, batch)
         past = [
             model.corrected(batch.measured(jnp.asarray(-j))) for j in range(self.predictor.past)
         ]
@@ -178,29 +179,29 @@ class PredictionError:
             past[0] = past[0].at[self.free].add(correction)
         return jnp.stack(past)
 
-    def step(self, values: JaxArray, history: JaxArray, step: JaxArray, batch: Batch) -> JaxArray:
+    def step(self, parts: Parts, history: JaxArray, step: JaxArray, batch: Batch) -> JaxArray:
         """Return the history (past, state, batch) one sample on from sample `step`."""
-        model = self._model(values, batch)
+        model = self._model(parts, batch)
         return self.predictor.step(model, history, batch.drive(step))
 
     def residual(
-        self, values: JaxArray, predicted: JaxArray, step: JaxArray, horizon: JaxArray, batch: Batch
+        self, parts: Parts, predicted: JaxArray, step: JaxArray, horizon: JaxArray, batch: Batch
     ) -> JaxArray:
         """Return the weighted, scaled error (output, batch) of the prediction for sample `step`.
 
         The prefilter comes after it.
         """
-        model = self._model(values, batch)
+        model = self._model(parts, batch)
         measured = model.corrected(batch.measured(step))
         gap = self.loss.domain(model, measured) - self.loss.domain(model, predicted)
         return (gap * self.weight(step, horizon)[:, None])[self.compared]
 
-    def _model(self, values: JaxArray, batch: Batch) -> Model:
+    def _model(self, parts: Parts, batch: Batch) -> Model:
         count = self.layout.experiments
         if count == 1:
-            return self.layout.model(values)
+            return self.layout.model_of(parts)
         own = batch.recording == jnp.arange(count)[:, None]
-        return self.layout.model(values, own.astype(values.dtype))
+        return self.layout.model_of(parts, own.astype(parts[0].dtype))
 
     @property
     def plain(self) -> bool:

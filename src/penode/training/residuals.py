@@ -22,8 +22,8 @@ from penode.training.loss import DEFAULT_LOSS, Loss, channel_deviation
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
 from penode.training.sensitivities import window_sums
 
-#: Windows a chunk: the sensitivities of one chunk stay in the first-level cache.
-CHUNK = 64
+#: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
+CHUNK, _NEAR = 64, 98_304
 
 #: Windows that one pass of reverse mode takes: their rollouts stay in the second-level cache.
 GRADIENT_CHUNK = 256
@@ -155,9 +155,15 @@ class Objective:
             scores=scores,
         )
 
+    @cached_property
+    def chunk(self) -> int:
+        """Windows that are worked on together."""
+        each = 8 * len(self.error.model.states) * self.layout.size
+        return next((n for n in (CHUNK, CHUNK // 2) if n * each <= _NEAR), CHUNK // 4)
+
     def _sums(self, raw: FloatArray, windows: Windows) -> tuple[FloatArray, ...]:
         """Return summed squares, normal matrix and the windows' scores, by strands."""
-        capacity = STRANDS * CHUNK * -(-len(windows.states) // (STRANDS * CHUNK))
+        capacity = STRANDS * self.chunk * -(-len(windows.states) // (STRANDS * self.chunk))
         with float64():
             shared = jnp.asarray(raw), compiled_windows(windows, capacity)
 
@@ -167,7 +173,7 @@ class Objective:
                 return [np.asarray(part) for part in sums]
 
         count = len(windows.starts)
-        length = CHUNK * -(-count // (STRANDS * CHUNK))
+        length = self.chunk * -(-count // (STRANDS * self.chunk))
         firsts = range(0, count, length)
         counts = [min(length, count - first) for first in firsts]
         add_up(0, 0)  # compiles, where that is still to be done, once
@@ -225,23 +231,24 @@ class Objective:
         """Return the sum of squared residuals, to be differentiated in reverse mode."""
         error, values = self.error, self.layout.values(raw)[:, None]
         correction = self._correction(jax.lax.stop_gradient(values), horizon, batch)
+        parts = self.layout.split(values)
         outputs, prefilter = len(error.compared), self.loss.prefilter
 
         @jax.checkpoint
         def predict(k: JaxArray, history: JaxArray) -> JaxArray:
-            return error.step(values, history, k, batch)
+            return error.step(parts, history, k, batch)
 
         def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
             return predict(k, history), None
 
         def visit(k: JaxArray, history: JaxArray, _: None, carry: Any) -> Any:
             memory, total = carry
-            residual = error.residual(values, history[0], k + 1, jnp.asarray(horizon), batch)
+            residual = error.residual(parts, history[0], k + 1, jnp.asarray(horizon), batch)
             filtered, memory = prefilter.advance(memory, residual)
             return memory, total + jnp.sum((filtered * batch.used) ** 2)
 
         memory = jnp.zeros((prefilter.order, outputs, len(batch.starts)), values.dtype)
-        start = error.start(values, correction, batch)
+        start = error.start(parts, correction, batch)
         held = jnp.sum(jnp.asarray(error.stiffness)[:, None] * (correction * batch.used) ** 2)
         total: JaxArray = rollout(step, start, horizon, visit, (memory, held))[1]
         return total
@@ -260,14 +267,15 @@ class Objective:
         values = self.layout.values(raw)
         transform = jax.jacfwd(self.layout.values)(raw)
         size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS
-        each = jnp.broadcast_to(values[:, None], (size, CHUNK))
+        width = self.chunk
+        each = jnp.broadcast_to(values[:, None], (size, width))
 
         def body(chunk: JaxArray, sums: tuple[JaxArray, ...]) -> tuple[JaxArray, ...]:
-            batch = windows.part(first + chunk * CHUNK, CHUNK)
+            batch = windows.part(first + chunk * width, width)
             correction = estimated_starts(self.error, each, horizon, batch)
             joint = window_sums(self.error, each, correction, horizon, batch)
             squares, scores, normal = eliminated(self.error, joint, correction, batch.used)
-            here = (jnp.zeros_like(chunk), chunk * CHUNK)
+            here = (jnp.zeros_like(chunk), chunk * width)
             return (
                 sums[0] + jnp.sum(squares),
                 sums[1] + normal,
@@ -279,7 +287,7 @@ class Objective:
             jnp.zeros((size, size), values.dtype),
             jnp.zeros((size, capacity), values.dtype),
         )
-        chunks = (count + CHUNK - 1) // CHUNK
+        chunks = (count + width - 1) // width
         squares, normal, scores = jax.lax.fori_loop(0, chunks, body, nothing)
         return squares, transform.T @ normal @ transform, transform.T @ scores
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import JaxArray
+from penode.models.layout import Parts
 from penode.predictors.rollout import rollout
 from penode.training.prediction_error import Batch, PredictionError
 
@@ -60,14 +61,16 @@ def window_sums(
         Whether the parameters are columns too, or only the windows' own starts.
     """
     lead = values.shape[0] if shared else 0
+    parts = error.layout.split(values)
 
-    def linear(own: JaxArray, before: JaxArray, sensitivity: JaxArray) -> JaxArray:
+    def linear(direct: Parts, before: JaxArray, sensitivity: JaxArray) -> JaxArray:
         """Return one row of the chain rule, shape (column, batch)."""
+        own = _joined(direct)
         carried = jnp.sum(before[..., None, :] * sensitivity, axis=tuple(range(before.ndim - 1)))
         return carried.at[:lead].add(own[:lead]) if len(error.free) else carried + own[:lead]
 
     def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, Any]:
-        return jax.vjp(lambda v, h: error.step(v, h, k, batch), values, history)
+        return jax.vjp(lambda p, h: error.step(p, h, k, batch), parts, history)
 
     def visit(k: JaxArray, history: JaxArray, pull: Any, carry: Any) -> Any:
         sensitivity, memory, sums = carry
@@ -76,12 +79,12 @@ def window_sums(
         ahead = jnp.stack(rows)[None]
         sensitivity = jnp.concatenate([ahead, sensitivity[:-1]]) if len(sensitivity) > 1 else ahead
         residual, pull = jax.vjp(
-            lambda v, x: error.residual(v, x, k + 1, horizon, batch), values, history[0]
+            lambda p, x: error.residual(p, x, k + 1, horizon, batch), parts, history[0]
         )
         pulled = [pull(_unit(residual, (i,))) for i in range(len(residual))]
         if error.plain:  # dr/dx is known, and a product with its zeros would cost a fifth
             weight = error.weight(k + 1, horizon)[error.compared][:, None, None]
-            direct = jnp.stack([own[:lead] for own, _ in pulled])
+            direct = jnp.stack([_joined(own)[:lead] for own, _ in pulled])
             slopes = _less(weight * sensitivity[0][error.compared], direct)
         else:
             rows = [linear(own, before, sensitivity[0]) for own, before in pulled]
@@ -90,9 +93,9 @@ def window_sums(
         slopes, second = error.loss.prefilter.advance(memory[1], slopes * batch.used)
         return sensitivity, (first, second), _added(sums, filtered, slopes)
 
-    start, pull = jax.vjp(lambda v: error.start(v, correction, batch), values)
+    start, pull = jax.vjp(lambda p: error.start(p, correction, batch), parts)
     places = np.ndindex(*start.shape[:2])
-    first = jnp.stack([pull(_unit(start, at))[0][:lead] for at in places])
+    first = jnp.stack([_joined(pull(_unit(start, at))[0])[:lead] for at in places])
     own = jnp.zeros((*first.shape[:1], len(error.free), first.shape[-1]), values.dtype)
     own = own.at[error.free, np.arange(len(error.free))].set(1.0)
     first = jnp.concatenate([first, own], axis=1).reshape(*start.shape[:2], -1, start.shape[-1])
@@ -127,6 +130,10 @@ def _less(slopes: JaxArray, direct: JaxArray) -> JaxArray:
     """Take the shared columns' direct slopes (output, value, batch) off all columns' slopes."""
     lead = direct.shape[1]
     return slopes - direct if slopes.shape[1] == lead else slopes.at[:, :lead].add(-direct)
+
+
+def _joined(parts: Parts) -> JaxArray:
+    return jnp.concatenate(parts)
 
 
 def _unit(like: JaxArray, at: tuple[int, ...]) -> JaxArray:

@@ -1,0 +1,72 @@
+"""How sure the learned map is at any state: the sandwich, and the spread over the horizons."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import FloatArray, JaxArray, float64
+from penode.models.base import Model
+from penode.models.layout import Layout
+
+_NONE = np.empty((0, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedUncertainty:
+    """What the deviation of a learned map is computed from.
+
+    Attributes
+    ----------
+    covariance : ndarray, shape (parameter, parameter)
+        HAC sandwich of the raw parameters at the selected horizon; infinite on the diagonal where
+        the recordings are too short to show it.
+    agreeing : ndarray, shape (horizon, parameter)
+        Raw parameters at the horizons that agree with the selected one, itself included.
+    weights : ndarray, shape (horizon,)
+        Precision of each of them, summing to 1.
+    """
+
+    covariance: FloatArray = field(default_factory=lambda: _NONE)
+    agreeing: FloatArray = field(default_factory=lambda: _NONE)
+    weights: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def deviation(self, model: Model, points: FloatArray) -> FloatArray:
+        """Return the deviation of the learned map, shape (point, output), SI units.
+
+        Its square is the sandwich's variance plus the weighted mean square of what the agreeing
+        horizons' maps differ by, as for physical parameters.
+
+        Parameters
+        ----------
+        model : Model
+            The selected one, without batch axis.
+        points : ndarray, shape (point, state)
+            SI units.
+        """
+        if not np.isfinite(self.covariance).all() or not self.covariance.size:
+            like = np.asarray(_learned(model, points))
+            return np.full(like.T.shape, np.inf)
+        layout: Layout[Model] = Layout(model)
+        with float64():
+            at = jnp.asarray(points, dtype=jnp.float64).T
+
+            def learned(raw: JaxArray, at: JaxArray) -> JaxArray:
+                return layout.model(layout.values(raw)[:, None]).learned(at)
+
+            value, slope = jax.jit(learned), jax.jit(jax.jacfwd(learned))
+            slopes = np.asarray(slope(jnp.asarray(layout.raw(model)), at))
+            maps = np.stack([np.asarray(value(jnp.asarray(raw), at)) for raw in self.agreeing])
+        variance = np.einsum("mpi,ij,mpj->pm", slopes, self.covariance, slopes, optimize=True)
+        middle = np.tensordot(self.weights, maps, axes=1)
+        spread = np.tensordot(self.weights, (maps - middle) ** 2, axes=1).T
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0) + spread))
+
+
+def _learned(model: Model, points: FloatArray) -> JaxArray:
+    layout: Layout[Model] = Layout(model)
+    with float64():
+        values: Any = layout.values(jnp.asarray(layout.raw(model)))
+        return layout.model(values[:, None]).learned(jnp.asarray(points, dtype=jnp.float64).T)
