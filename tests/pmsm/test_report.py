@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from penode import Experiment
 from penode.pmsm.figures import (
     current_grid,
     differential_inductances,
@@ -20,12 +21,13 @@ from penode.pmsm.figures import (
 from penode.pmsm.report import machine_report
 from penode.training.fit import Estimate, HorizonChoice, Rung
 from penode.validation.free_run import Comparison
-from penode.validation.residual_tests import Spectrum
+from penode.validation.residual_tests import Spectrum, residual_correlations
 
 ELECTRICAL_FREQUENCY = 125.0
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
+INPUTS = ("u_d", "u_q", "omega_el")
 
 
 def flux_map(i_d, i_q):
@@ -78,6 +80,12 @@ def spectrum_of(one):
     residual = (one.one_step - one.measured) * np.hanning(len(one.measured))[:, None]
     amplitude = 4 * np.abs(np.fft.rfft(residual, axis=0)) / len(residual)
     return Spectrum(one.name, np.fft.rfftfreq(len(residual), one.time_step), amplitude)
+
+
+def correlations_of(one):
+    drives = {name: np.sin(k + np.arange(len(one.measured)) / 40) for k, name in enumerate(INPUTS)}
+    recording = Experiment(one.name, one.time_step, drives)
+    return residual_correlations(one, recording, INPUTS)
 
 
 def ladder(values, std):
@@ -142,6 +150,8 @@ def machine_fit(choice=None, comparisons=None, warnings=(), **provenance):
             "wall_time_s": 41.2,
             **provenance,
         },
+        correlations=correlations_of(comparisons[0]),
+        learned_deviation=lambda points: 1e-4 * (1 + np.abs(points) / 300),
         flux_map=flux_map,
         differential_inductance=differential_inductance,
         supported=supported,
@@ -224,7 +234,7 @@ def test_every_question_has_its_section(page):
 
 def test_every_figure_has_its_data_title_and_caption(page):
     plots = [a for tag, a in page.attributes if tag == "div" and "data-plot" in a]
-    assert len(plots) == page.tags.count("figure") == page.tags.count("figcaption") == 9
+    assert len(plots) == page.tags.count("figure") == page.tags.count("figcaption") == 11
     assert all(plot["data-plot"] in page.data for plot in plots)
     identifiers = {a["id"] for _, a in page.attributes if "id" in a}
     for plot in plots:
@@ -386,6 +396,6 @@ def test_a_browser_draws_every_figure_without_complaint(text, tmp_path, width):
     ]
     assert complaints == []
     drawn = re.findall(r'id="figure-\d+-title">.*?</figure>', done.stdout, flags=re.DOTALL)
-    assert len(drawn) == 9
+    assert len(drawn) == 11
     for figure in drawn:
         assert "main-svg" in figure or "unavailable" in figure

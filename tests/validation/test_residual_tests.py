@@ -1,10 +1,12 @@
-"""The spectrum of a known residual."""
+"""The spectrum of a known residual, and its correlations."""
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from penode import Experiment
 from penode.validation.free_run import Comparison
-from penode.validation.residual_tests import residual_spectrum
+from penode.validation.residual_tests import residual_correlations, residual_spectrum
 
 SAMPLES, STEP = 1000, 1e-3
 
@@ -52,3 +54,67 @@ def test_an_alternating_residual_has_its_size_at_half_the_rate(samples, step):
     found = spectrum_of(residual, step)
     assert found.frequency[-1] == pytest.approx(0.5 / step)
     assert found.amplitude[-1, 0] == pytest.approx(0.4)
+
+
+# --- correlations -----------------------------------------------------------------------------
+
+LONG = 20_000
+
+
+def correlations_of(residual, drive):
+    """Test a residual (time, 1) beside an input (time,)."""
+    rows = np.vstack([np.zeros((1, 1)), residual])
+    comparison = Comparison("run.csv", "train", STEP, ("x",), ("m",), rows, 0 * rows, 0 * rows)
+    held = {"u": np.append(drive, 0.0), "still": np.ones(LONG + 1)}
+    return residual_correlations(comparison, Experiment("run.csv", STEP, held), ("u", "still"))
+
+
+def coloured(random, pole):
+    return lfilter([1.0], [1.0, -pole], random.normal(size=LONG))
+
+
+def test_white_noise_stays_within_the_limit_at_99_of_100_lags():
+    random, beyond = np.random.default_rng(4), []
+    for _ in range(30):
+        found = correlations_of(random.normal(size=(LONG, 1)), coloured(random, 0.9))
+        beyond.append(np.abs(found.own[1:, 0]) > found.own_limit)
+        assert found.own[0, 0] == pytest.approx(1.0)
+    # 1770 lags know the share to 0.25 %.
+    assert 0.003 < np.mean(beyond) < 0.018
+
+
+@pytest.mark.parametrize("poles", [(0.0, 0.9), (0.9, 0.0), (0.95, 0.95), (-0.8, 0.9)])
+def test_unrelated_signals_stay_within_the_limit_whatever_their_memory(poles):
+    random, beyond = np.random.default_rng(5), []
+    for _ in range(60):
+        residual, drive = (coloured(random, pole) for pole in poles)
+        found = correlations_of(residual[:, None], drive)
+        beyond.append(np.abs(found.cross[0, 0]) > found.cross_limit[0])
+        assert found.inputs == ("u",)  # one that stands still has no correlation
+    # 60 recordings; lags of one recording say much the same.
+    assert np.mean(beyond) < 0.06
+
+
+def test_memory_and_what_is_left_of_an_input_are_found():
+    random = np.random.default_rng(6)
+    drive, noise = random.normal(size=(2, LONG))
+    residual = lfilter([1.0], [1.0, -0.5], noise)
+    residual[3:] += 0.2 * drive[:-3]
+    found = correlations_of(residual[:, None], drive)
+    power = 1 / 0.75 + 0.04
+    np.testing.assert_allclose(found.own[1, 0], (0.5 / 0.75) / power, atol=0.02)
+    late = int(np.argmax(np.abs(found.cross[:, 0, 0])))
+    assert late == 3
+    np.testing.assert_allclose(found.cross[late, 0, 0], 0.2 / np.sqrt(power), atol=0.02)
+    assert found.cross[late, 0, 0] > found.cross_limit[0, 0]
+
+
+def test_states_without_prediction_are_left_out():
+    rows = np.vstack([np.zeros((1, 2)), np.random.default_rng(7).normal(size=(LONG, 2))])
+    blind = rows * np.array([1.0, np.nan])
+    names = ("x", "v")
+    comparison = Comparison("run.csv", "train", STEP, names, names, rows, blind - 1.0, 0 * rows)
+    held = Experiment("run.csv", STEP, {"u": rows[:, 0]})
+    assert residual_correlations(comparison, held, ("u",)).states == ("x",)
+    comparison = Comparison("run.csv", "train", STEP, names, names, rows, np.nan * rows, 0 * rows)
+    assert residual_correlations(comparison, held, ("u",)).states == ()

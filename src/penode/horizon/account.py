@@ -14,11 +14,13 @@ from penode.horizon.ladder import Ascent, RungFit
 from penode.horizon.prefilter import linearised
 from penode.horizon.selection import Choice
 from penode.models.base import Model
+from penode.training.covariance import sandwich
 from penode.training.fit import Estimate, Fit, HorizonChoice, Rung, unused
+from penode.training.learned_uncertainty import LearnedUncertainty
 from penode.training.plan import Plan
 from penode.validation.coverage import thin
 from penode.validation.free_run import Comparison, compare, free_run_rmse, with_unmeasured
-from penode.validation.residual_tests import residual_spectrum
+from penode.validation.residual_tests import residual_correlations, residual_spectrum
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,8 @@ class Account:
             comparisons=comparisons,
             spectrum=residual_spectrum(comparisons[0]),
             transitions=self._transitions(own[0]),
+            learned_uncertainty=self._uncertainty(chosen),
+            correlations=residual_correlations(comparisons[0], whole[0], model.inputs),
             nuisances=self._nuisances(chosen),
             warnings=self._warnings(comparisons),
             provenance={**_environment(experiments, validation), **provenance},
@@ -96,6 +100,25 @@ class Account:
             return np.empty((0, 0, 0))
         recording = self.ascent.experiments[0]
         return linearised(objective.predictor, model, recording, objective.scale)
+
+    def _uncertainty(self, chosen: RungFit) -> LearnedUncertainty:
+        layout = self.ascent.objective.layout
+        stage = self.plan.stages[self.choice.index]
+        moving = np.flatnonzero(layout.members(stage.groups))
+        known = np.isfinite(chosen.deviation).all()
+        covariance = np.full((layout.size, layout.size), np.inf)
+        if known:
+            covariance[:] = 0.0
+            covariance[np.ix_(moving, moving)] = sandwich(chosen.solution.terms, chosen.windows)
+        agreeing = [self.rungs[k] for k in self.choice.agreeing]
+        physical, kept = len(self.names), layout.first_copies
+        squares = np.array([np.sum(rung.working[physical:] ** 2) for rung in agreeing])
+        precision = 1 / np.maximum(squares, 1e-300)
+        return LearnedUncertainty(
+            covariance=covariance[np.ix_(kept, kept)],
+            agreeing=np.stack([rung.solution.raw[kept] for rung in agreeing]),
+            weights=precision / precision.sum(),
+        )
 
     def _nuisances(self, rung: RungFit) -> dict[str, FloatArray]:
         with float64():

@@ -12,6 +12,7 @@ from penode.training.fit import Fit
 
 _CONTOUR_POINTS = 121
 _SURFACE_POINTS = 81
+_BAND_POINTS = 41
 _BISECTIONS = 8
 #: The four nearest neighbours of a grid point, then the diagonal ones.
 _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -61,6 +62,47 @@ def flux_map_contours(fit: Fit) -> go.Figure:
     maps = [
         RegionMap(f"<b>ψ<sub>{axis}</sub></b> in mVs", values, "mVs")
         for axis, values in zip(_AXES, psi, strict=True)
+    ]
+    return region_maps(grid, maps)
+
+
+def band_widths(fit: Fit) -> tuple[RegionGrid, FloatArray]:
+    """Return half the width of the 95 % band around psi_d and psi_q over the currents.
+
+    Parameters
+    ----------
+    fit : Fit
+        Identification result of a machine.
+
+    Returns
+    -------
+    RegionGrid
+        i_d along x and i_q along y, in A.
+    ndarray, shape (row, column, 2)
+        In mVs; infinite where the recordings are too short to tell.
+    """
+    grid = current_grid(fit, _BAND_POINTS)
+    points = np.stack(grid.mesh, axis=-1)
+    return grid, 1.96e3 * fit.learned_deviation(points.reshape(-1, 2)).reshape(points.shape)
+
+
+def flux_map_bands(grid: RegionGrid, half: FloatArray) -> go.Figure:
+    """Draw what `band_widths` returns.
+
+    Parameters
+    ----------
+    grid : RegionGrid
+    half : ndarray, shape (row, column, 2)
+        In mVs.
+
+    Returns
+    -------
+    plotly.graph_objects.Figure
+        Two panels of one aspect, labelled in mVs; greyed outside the excited region.
+    """
+    maps = [
+        RegionMap(f"<b>ψ<sub>{axis}</sub></b>, ± mVs", half[..., k], "mVs")
+        for k, axis in enumerate(_AXES)
     ]
     return region_maps(grid, maps)
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from penode.arrays import FloatArray
-from penode.pmsm import figures as machine_figures
+from penode.pmsm.flux_sections import flux_linkage, inductances
 from penode.pmsm.listening import listening
+from penode.report.correlations import correlations_caption, correlations_title
 from penode.report.document import Block, Document, Figure, Glossary, KeyValue, KeyValues, Section
-from penode.report.figures import parameter_over_ladder, residual_spectrum
+from penode.report.figures import correlations, parameter_over_ladder, residual_spectrum
 from penode.report.html import render
 from penode.report.overlay import overlay
 from penode.report.quantities import number, with_unit
@@ -28,10 +28,6 @@ _HARMONIC = 6
 _LINES = 8
 #: Recordings drawn at most, so that the page stays small; the table holds all.
 _DRAWN = 8
-_GREY = (
-    "Inside the dashed outline lie the recorded currents (dots). Outside it, greyed, the map is "
-    "an extrapolation that no recording supports."
-)
 _WORDS = Glossary(
     "The words used here",
     (
@@ -83,8 +79,8 @@ def machine_document(fit: Fit) -> Document:
     """
     sections = [
         _resistance(fit),
-        _flux_linkage(fit),
-        _inductances(fit),
+        flux_linkage(fit),
+        inductances(fit),
         _validation(fit),
         _residual(fit),
         *listening(fit),
@@ -179,48 +175,6 @@ def _resistance(fit: Fit) -> Section:
     )
 
 
-def _flux_linkage(fit: Fit) -> Section:
-    psi = _visited(fit, fit.flux_map(*fit.excited.T))
-    spans = [range_text(values, "Vs") for values in psi]
-    return Section(
-        "Flux-linkage map",
-        "How much flux the windings link at each pair of currents, averaged over the rotor's "
-        "angle. Straight and evenly spaced contours would mean a linear machine; where they "
-        "bend or draw apart, the iron saturates.",
-        [
-            Figure(
-                f"Flux linkage of {spans[0]} in the d axis and {spans[1]} in the q axis",
-                _GREY,
-                machine_figures.flux_map_contours(fit),
-            ),
-            Figure(
-                "The same map in perspective",
-                "Drawn where the recordings support it. Drag, or use the arrow keys, to turn it.",
-                machine_figures.flux_map_surfaces(fit),
-            ),
-        ],
-    )
-
-
-def _inductances(fit: Fit) -> Section:
-    inductance = _visited(fit, fit.differential_inductance(*fit.excited.T))
-    d_axis, cross, q_axis = (
-        range_text(inductance[entry], "H") for entry in ((0, 0), (0, 1), (1, 1))
-    )
-    return Section(
-        "Differential inductances",
-        "The slope of the flux-linkage map: what a current controller or a position observer "
-        "meets at each operating point. The cross-coupling is zero in a linear machine.",
-        [
-            Figure(
-                f"d axis {d_axis}, q axis {q_axis}, cross-coupling {cross}",
-                _GREY,
-                machine_figures.differential_inductances(fit),
-            )
-        ],
-    )
-
-
 def _validation(fit: Fit) -> Section:
     ordered = sorted(
         fit.comparisons, key=lambda one: (one.role != "validation", -one.free_run_rmse)
@@ -266,9 +220,17 @@ def _residual(fit: Fit) -> Section:
         [
             Figure(
                 spectrum_title(spectrum, lines), caption, residual_spectrum(spectrum, states, lines)
-            )
+            ),
+            *_correlations(fit),
         ],
     )
+
+
+def _correlations(fit: Fit) -> list[Figure]:
+    tests = fit.correlations
+    if not tests.own.size:
+        return []
+    return [Figure(correlations_title(tests), correlations_caption(tests), correlations(tests))]
 
 
 def _horizons(fit: Fit) -> Section:
@@ -279,9 +241,3 @@ def _horizons(fit: Fit) -> Section:
         "The numbers behind the choice of the horizon.",
         [ladder_table(fit.horizon, units, error_unit)],
     )
-
-
-def _visited(fit: Fit, values: FloatArray) -> FloatArray:
-    """Return map values (..., sample) at the visited currents that count as supported."""
-    chosen = values[..., fit.supported(fit.excited)]
-    return chosen if chosen.shape[-1] else values

@@ -1,0 +1,172 @@
+"""What the one-step residual still has of its own past and of the inputs."""
+
+import numpy as np
+import plotly.graph_objects as go
+
+from penode.arrays import FloatArray
+from penode.report import palette, panels
+from penode.report.quantities import number, symbol
+from penode.validation.residual_tests import Correlations
+
+#: Lines of the inputs, in order; more inputs begin again.
+_COLOURS = (
+    palette.ONE_STEP,
+    palette.FREE_RUN,
+    palette.MARKER_LINE,
+    palette.GOOD,
+    palette.CAUTION,
+)
+_HEIGHT, _GAP, _BETWEEN = 150.0, 0.12, 30.0
+
+
+def correlations_title(tests: Correlations) -> str:
+    """Say whether the residual is white and unrelated to the inputs.
+
+    Parameters
+    ----------
+    tests : Correlations
+        Of a recording's residual.
+
+    Returns
+    -------
+    str
+        Title of the figure.
+    """
+    past = "remembers its past" if _beyond_own(tests) else "is white"
+    share = np.abs(tests.cross) / np.maximum(tests.cross_limit, 1e-300)
+    if not share.size:
+        return f"The residual {past}"
+    _, _, which = np.unravel_index(int(share.argmax()), share.shape)
+    name = tests.inputs[int(which)]
+    if not _beyond_cross(tests):
+        return f"The residual {past}; nothing of the inputs is left in it"
+    largest = number(float(np.abs(tests.cross[..., which]).max()), 2)
+    return f"The residual {past}; something of {name} is left in it (correlation up to {largest})"
+
+
+def correlations_caption(tests: Correlations) -> str:
+    """Say how to read the figure, and what follows for the numbers.
+
+    Parameters
+    ----------
+    tests : Correlations
+        Of a recording's residual.
+
+    Returns
+    -------
+    str
+        Caption of the figure.
+    """
+    text = (
+        f"Correlation of the one-step residual of {tests.recording} with itself, and with the "
+        "inputs of earlier samples. Bands: 99 % of what white noise, or a residual unrelated to "
+        "the input, shows by chance."
+    )
+    if _beyond_own(tests):
+        text += (
+            " A residual that remembers its past makes textbook deviations too small; those given "
+            "here allow for it."
+        )
+    if _beyond_cross(tests):
+        text += (
+            " What is left of an input is what the model does not follow: slots, dead time, a "
+            "delay, or a map that cannot bend enough."
+        )
+    return text
+
+
+def correlations(tests: Correlations) -> go.Figure:
+    """Draw autocorrelations and correlations with the inputs, a row per state.
+
+    Parameters
+    ----------
+    tests : Correlations
+        Of a recording's residual.
+
+    Returns
+    -------
+    plotly.graph_objects.Figure
+        Over the lag in samples, with the bands that chance would leave.
+    """
+    figure = panels.blank_figure()
+    rows = len(tests.states)
+    boxes = panels.grid([1.0, 1.0], [_HEIGHT] * rows, _GAP, [_BETWEEN] * (rows - 1))
+    piled = panels.grid([1.0], [_HEIGHT] * 2 * rows, 0.0, [_BETWEEN] * (2 * rows - 1))
+    panels.place(figure, boxes, piled)
+    lags = np.arange(len(tests.own), dtype=np.float64)
+    for row, state in enumerate(tests.states):
+        own, cross = 2 * row, 2 * row + 1
+        _band(figure, own, lags, tests.own_limit)
+        past = _curve(own, lags[1:], tests.own[1:, row], state, palette.OTHER)
+        figure.add_trace(past.update(showlegend=False))
+        for k, name in enumerate(tests.inputs):
+            colour = _COLOURS[k % len(_COLOURS)]
+            curve = _curve(cross, lags, tests.cross[:, row, k], name, colour)
+            figure.add_trace(curve.update(showlegend=row == 0))
+        if tests.inputs:
+            _band(figure, cross, lags, float(tests.cross_limit[row].max()))
+        for panel, told in ((own, "with itself"), (cross, "with the inputs")):
+            _set_axes(figure, panel, f"{symbol(state)} {told}", bottom=row == rows - 1)
+    legend = {"x": 1.0, "xanchor": "right"}
+    figure.update_layout(hovermode="closest", legend=legend, margin={"t": 44})
+    return figure
+
+
+def _beyond_own(tests: Correlations) -> bool:
+    """Return whether more autocorrelations are beyond the limit than one in a hundred explains."""
+    beyond = np.abs(tests.own[1:]) > tests.own_limit
+    return bool(beyond.size and beyond.mean(axis=0).max() > 0.05)
+
+
+def _beyond_cross(tests: Correlations) -> bool:
+    """Return whether some input's correlations are beyond their limit at more than 5 % of lags."""
+    beyond = np.abs(tests.cross) > tests.cross_limit
+    return bool(beyond.size and beyond.mean(axis=0).max() > 0.05)
+
+
+def _curve(
+    panel: int, lags: FloatArray, values: FloatArray, name: str, colour: palette.Colour
+) -> go.Scatter:
+    return go.Scatter(
+        x=panels.compact(lags),
+        y=panels.compact(values),
+        xaxis=panels.axis_id("x", panel),
+        yaxis=panels.axis_id("y", panel),
+        name=symbol(name),
+        legendgroup=name,
+        line={"color": colour.light, "width": 1.4},
+        hovertemplate=f"lag %{{x}}: %{{y:.3f}}<extra>{symbol(name)}</extra>",
+    )
+
+
+def _band(figure: go.Figure, panel: int, lags: FloatArray, limit: float) -> None:
+    figure.add_shape(
+        type="rect",
+        xref=panels.axis_id("x", panel),
+        yref=panels.axis_id("y", panel),
+        x0=float(lags[0]),
+        x1=float(lags[-1]),
+        y0=-limit,
+        y1=limit,
+        fillcolor=palette.INTERVAL.light,
+        line={"width": 0},
+        layer="below",
+    )
+
+
+def _set_axes(figure: go.Figure, panel: int, title: str, *, bottom: bool) -> None:
+    x, y = panels.axis_id("x", panel), panels.axis_id("y", panel)
+    figure.layout[panels.axis_key("x", panel)].update(
+        anchor=y, nticks=7, title_text="lag in samples" if bottom else None
+    )
+    figure.layout[panels.axis_key("y", panel)].update(anchor=x, nticks=5)
+    figure.add_annotation(
+        text=title,
+        x=0,
+        xref=f"{x} domain",
+        xanchor="left",
+        y=1,
+        yref=f"{y} domain",
+        yanchor="bottom",
+        yshift=3,
+    )

@@ -1,0 +1,79 @@
+"""Expected pulls against what really happens to a ladder that is pulled."""
+
+import numpy as np
+import pytest
+
+from penode import Experiment, ladder_plan
+from penode.horizon.ladder import Ascent
+from penode.horizon.spectral import Spectral
+
+HORIZONS = (1, 4, 8, 16, 32, 64, 128)
+PERIOD, SAMPLES = 16.0, 4000
+
+
+def recording(system, disturbance, noise):
+    """Simulate the twin with a disturbance (time, 2) in A a step, and noise in A on the sensors."""
+    time = np.arange(SAMPLES) * system.time_step
+    drive = np.stack(
+        [6 * np.sin(37 * time), 8 * np.sin(29 * time + 1), np.full(SAMPLES, 300.0)], axis=1
+    )
+    states = [np.zeros(2)]
+    for u, push in zip(drive[:-1], disturbance[:-1], strict=True):
+        states.append(system.step("rk4", system.raw, states[-1], u) + push)
+    seen = np.array(states) + noise * np.random.default_rng(2).normal(size=(SAMPLES, 2))
+    names = (*system.model.states, *system.model.inputs)
+    channels = dict(zip(names, np.column_stack([seen, drive]).T, strict=True))
+    return Experiment("run.csv", system.time_step, channels)
+
+
+def climb(system, run):
+    ascent = Ascent.of(system.model, [run], ladder_plan(HORIZONS), lambda event: None)
+    return ascent.climb(ladder_plan(HORIZONS), system.raw)
+
+
+@pytest.fixture(scope="module")
+def machine(systems):
+    return systems["linear machine"]
+
+
+@pytest.fixture(scope="module")
+def rippled(machine):
+    turn = 2 * np.pi * np.arange(SAMPLES) / PERIOD
+    ripple = 0.3 * np.stack([np.cos(turn), np.sin(turn + 0.4)], axis=1)
+    run = recording(machine, ripple, 0.01)
+    return run, climb(machine, run)
+
+
+def test_lines_pull_as_foretold(machine, rippled):
+    run, rungs = rippled
+    pulls = Spectral([run]).pulls(rungs)
+    truth = machine.raw.copy()
+    truth[:2] = np.exp(truth[:2])
+    happened = np.stack([rung.values[: len(truth)] - truth for rung in rungs])
+    largest = np.abs(happened).max(axis=0)
+    assert pulls.horizons == HORIZONS
+    assert (np.abs(pulls.lines).max(axis=0) > 0.5 * largest).all()
+    # The pull is quadratic too: a tenth of the inductance at the most.
+    np.testing.assert_array_less(np.abs(pulls.lines - happened).max(axis=0), 0.35 * largest)
+
+
+def test_noise_on_the_starts_pulls_as_foretold(machine):
+    run = recording(machine, np.zeros((SAMPLES, 2)), 0.6)
+    rungs = climb(machine, run)
+    pulls = Spectral([run], seed=1).pulls(rungs)
+    at = 2  # R
+    happened = np.array([rung.values[at] for rung in rungs]) - machine.raw[2]
+    assert np.sign(pulls.starts[0, at]) == np.sign(happened[0])
+    assert abs(pulls.starts[0, at] - happened[0]) < 0.5 * abs(happened[0])
+    # The law of errors in variables: it falls with the horizon.
+    assert abs(pulls.starts[-1, at]) < 0.2 * abs(pulls.starts[0, at])
+
+
+def test_a_horizon_without_pull_is_chosen(machine, rippled):
+    run, rungs = rippled
+    choice = Spectral([run]).select(rungs)
+    assert choice.index in choice.agreeing
+    assert choice.verdict == "plateau"
+    assert rungs[choice.index].horizon >= PERIOD
+    error = [np.abs(r.values[:2] / np.exp(machine.raw[:2]) - 1).max() for r in rungs]
+    assert error[choice.index] < 0.3 * error[0]
