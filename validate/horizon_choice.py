@@ -4,13 +4,12 @@
 settings, nothing told. Printed are, draw by draw, the terms the structure took, the horizon and the
 verdict, the error of R and of the dead-time voltage in per cent and in deviations, and the error of
 R at the rung of least error. An unconstrained map at one speed, on a slow trajectory, must be
-called not identifiable. Ctrl-C prints the table of the draws so far.
+called not identifiable. Ctrl-C prints the table of the draws so far; the same command goes on.
 """
 
 import sys
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,99 +17,78 @@ from penode.arrays import FloatArray
 from penode.pmsm.study import Study, identify
 from penode.training.fit import Fit
 from validate.drawn_recordings import Campaign, draw_campaign
+from validate.ledger import Ledger, Record
 
 COUNT = 200
 POSITIVE = ("plateau", "H = 1 suffices")
 
 
-@dataclass(frozen=True, eq=False)
-class Draw:
-    """One identified campaign.
-
-    Attributes
-    ----------
-    fit : Fit
-    truth : float
-        R in ohm.
-    free_verdict : str
-        Of an unconstrained map of the same machine at one speed, on a slow trajectory.
-    """
-
-    fit: Fit
-    truth: float
-    free_verdict: str
-
-    @property
-    def positive(self) -> bool:
-        """Whether the verdict stands behind the number."""
-        return self.fit.horizon.verdict in POSITIVE
-
-    @property
-    def error(self) -> float:
-        """Relative error of R."""
-        return self.fit.parameters["R"].value / self.truth - 1
-
-    @property
-    def covered(self) -> bool:
-        """Whether the 95 % interval holds the true R."""
-        low, high = self.fit.parameters["R"].interval_95
-        return low <= self.truth <= high
-
-    @property
-    def by_horizon(self) -> dict[int, float]:
-        """Relative error of R at each rung."""
-        ladder = self.fit.horizon.ladder
-        return {rung.horizon: rung.parameters["R"] / self.truth - 1 for rung in ladder}
-
-
-def draw_of(campaign: Campaign) -> Draw:
-    """Identify one campaign."""
+def result_of(number: int) -> Record:
+    """Identify one campaign, and an unconstrained map of the same machine at one speed."""
+    campaign, began = draw_campaign(number), time.perf_counter()
     fit = identify(campaign.runs)
     free = identify([campaign.hidden], study=Study("mlp", horizon=1))
-    return Draw(fit, campaign.machine.resistance, free.horizon.verdict)
+    truth, (low, high) = campaign.machine.resistance, fit.parameters["R"].interval_95
+    ladder = fit.horizon.ladder
+    return {
+        "verdict": fit.horizon.verdict,
+        "free_verdict": free.horizon.verdict,
+        "horizon": fit.horizon.selected,
+        "error": fit.parameters["R"].value / truth - 1,
+        "deviations": abs(fit.parameters["R"].value - truth) / fit.parameters["R"].std,
+        "covered": bool(low <= truth <= high),
+        "by_horizon": {str(r.horizon): r.parameters["R"] / truth - 1 for r in ladder},
+        "text": text_of(campaign, fit),
+        "seconds": time.perf_counter() - began,
+    }
 
 
-def print_draw(number: int, campaign: Campaign, draw: Draw, seconds: float) -> None:
-    """Print one line."""
-    fit, resistance = draw.fit, draw.fit.parameters["R"]
+def text_of(campaign: Campaign, fit: Fit) -> str:
+    """Return what was drawn, and the terms that the structure took."""
     orders = ",".join(map(str, fit.provenance["angle_orders"])) or "-"
     terms = f"{'dU' if fit.provenance['inverter'] else '-'} {orders}"
-    best = min(draw.by_horizon.values(), key=abs)
-    off = abs(resistance.value - draw.truth) / resistance.std
     told = ""
     if "dead_time_voltage" in fit.parameters:
         gap = fit.parameters["dead_time_voltage"].value - campaign.dead_time_voltage
-        told = f"dU {1e3 * gap:+5.0f} mV, "
-    print(
-        f"{number:3d} {campaign.description}: {terms:7s} H {fit.horizon.selected:3d} "
-        f"{fit.horizon.verdict:14s} R {100 * draw.error:+6.2f} % {off:4.1f}, {told}"
-        f"best {100 * best:+6.2f} %; free map {draw.free_verdict}; {seconds:.0f} s",
-        flush=True,
+        told = f" ({1e3 * gap:+.0f} mV)"
+    return f"{campaign.description}: {terms}{told}"
+
+
+def line_of(draw: Record) -> str:
+    """Return one line of the list."""
+    best = min(draw["by_horizon"].values(), key=abs)
+    return (
+        f"{draw['draw']:3d} {draw['text']}, H {draw['horizon']:3d} {draw['verdict']}, "
+        f"R {100 * draw['error']:+.2f} % {draw['deviations']:.1f}, best {100 * best:+.2f} %; "
+        f"free map {draw['free_verdict']}; {draw['seconds']:.0f} s"
     )
 
 
-def print_table(draws: list[Draw]) -> None:
+def print_table(draws: list[Record]) -> None:
     """Print coverage, errors, and what fixed horizons would have given."""
-    good = [draw for draw in draws if draw.positive]
-    errors = np.abs([draw.error for draw in good])
-    hidden = sum(draw.fit.horizon.verdict == "not identifiable" for draw in draws)
-    said = sum(draw.free_verdict == "not identifiable" for draw in draws)
+    good = [draw for draw in draws if draw["verdict"] in POSITIVE]
+    errors = np.abs([draw["error"] for draw in good])
+    hidden = sum(draw["verdict"] == "not identifiable" for draw in draws)
+    said = sum(draw["free_verdict"] == "not identifiable" for draw in draws)
+    covered = 100 * np.mean([draw["covered"] for draw in good])
     print(f"{len(good)} of {len(draws)} verdicts are positive, {hidden} 'not identifiable'.")
-    print(f"95 % intervals of R cover in {100 * np.mean([d.covered for d in good]):.0f} % of them;")
+    print(f"95 % intervals of R cover in {covered:.1f} % of them;")
     print(
         f"|error of R|: median {100 * np.median(errors):.2f} %, 95th percentile "
         f"{100 * np.quantile(errors, 0.95):.2f} %."
     )
     print(f"Unconstrained map, one speed: 'not identifiable' in {said} of {len(draws)}.")
-    best = [min(map(abs, draw.by_horizon.values())) for draw in good]
+    best = [min(map(abs, draw["by_horizon"].values())) for draw in good]
     ratio = np.median((errors / np.maximum(best, 1e-12)) ** 2)
     print(f"Squared error over that of the best rung: median {ratio:.1f}.")
     print(f"Mean log error: selected {_mean_log(errors):.2f}, " + _fixed(good))
 
 
-def _fixed(draws: list[Draw]) -> str:
-    common = set.intersection(*(set(draw.by_horizon) for draw in draws))
-    means = {h: _mean_log(np.abs([d.by_horizon[h] for d in draws])) for h in sorted(common)}
+def _fixed(draws: list[Record]) -> str:
+    common = set.intersection(*(set(draw["by_horizon"]) for draw in draws))
+    means = {
+        h: _mean_log(np.abs([d["by_horizon"][h] for d in draws])) for h in sorted(common, key=int)
+    }
     return ", ".join(f"H = {h} {mean:.2f}" for h, mean in means.items()) + "."
 
 
@@ -122,12 +100,11 @@ def main() -> None:
     """Print a line a draw, then the table."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else COUNT
     first = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    draws = []
+    ledger, draws = Ledger("horizon_choice"), []
     with suppress(KeyboardInterrupt):
         for number in range(first, first + count):
-            campaign, began = draw_campaign(number), time.perf_counter()
-            draws.append(draw_of(campaign))
-            print_draw(number, campaign, draws[-1], time.perf_counter() - began)
+            draws.append(ledger.of(number, result_of))
+            print(line_of(draws[-1]), flush=True)
     print_table(draws)
 
 

@@ -21,6 +21,8 @@ _REVERSALS = {
     ("i_d", "i_q"): "currents counted out of the machine",
     ("u_d", "u_q"): "negative voltages",
 }
+#: Degree of the coenergy for signs: where a sign is right a better map leaves much less.
+_SIGN_DEGREE = 6
 #: Doubt of a reversal, or of a factor of the speed, over that of the recording as it stands.
 _CLEARER = 0.7
 _MOST_POLE_PAIRS = 12
@@ -48,8 +50,8 @@ def judge_signs(experiment: Experiment) -> Judged:
     Experiment
         With the signs mended.
     """
-    standing = try_balance(experiment)
-    trials = {names: try_balance(_reversed(experiment, names)) for names in _REVERSALS}
+    standing = try_balance(experiment, degree=_SIGN_DEGREE)
+    trials = {n: try_balance(_reversed(experiment, n), degree=_SIGN_DEGREE) for n in _REVERSALS}
     best = min(trials, key=lambda n: (float(f"{trials[n].doubt:.4g}"), -trials[n].magnet[0]))
     angle = _angle_sign(experiment)
     if trials[best].doubt > _CLEARER * standing.doubt:

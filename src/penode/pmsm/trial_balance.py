@@ -15,7 +15,7 @@ from penode.pmsm.weak_balance import PolynomialMap, harmonic_window
 from penode.training.covariance import bartlett
 from penode.training.weak_form import WeakRegression, weak_regression
 
-#: Degree of the coenergy: enough for signs and factors, and for timing and R.
+#: Degree of the coenergy: enough for factors and the magnet, and for timing and R.
 _DEGREE, FINE_DEGREE = 4, 8
 #: Share of the largest current below which the mean dead-time voltage fades.
 _FADE = 0.02

@@ -1,0 +1,40 @@
+"""Ledger: what became of each draw, a JSON line each, so that a stopped campaign goes on."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+Record = dict[str, Any]
+
+
+class Ledger:
+    """Results of draws in ``out/validate/NAME.jsonl``; delete the file to begin anew.
+
+    Several processes may work on draws of their own at the same time.
+
+    Attributes
+    ----------
+    path : Path
+    """
+
+    def __init__(self, name: str):
+        self.path = Path("out") / "validate" / f"{name}.jsonl"
+
+    def known(self) -> dict[int, Record]:
+        """Return the results so far by the number of the draw."""
+        if not self.path.exists():
+            return {}
+        records = [json.loads(line) for line in self.path.read_text().splitlines()]
+        return {record["draw"]: record for record in records}
+
+    def of(self, draw: int, make: Callable[[int], Record]) -> Record:
+        """Return the result of a draw: what is written, or what is made now and written down."""
+        known = self.known()
+        if draw not in known:
+            record = {"draw": draw, **make(draw)}
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open("a") as file:
+                file.write(json.dumps(record) + "\n")
+            return record
+        return known[draw]
