@@ -1,20 +1,28 @@
 """Every Python block and every command of README and docs runs as printed."""
 
 import re
+import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
+from penode.data.load import read
 from penode.data.save import save
 from penode.pmsm.bench.config import load_config
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
+from penode.pmsm.guess import guess_study
 from penode.pmsm.study import flux_map_csv
+from penode.pmsm.study_file import load_study
+from penode.pmsm.study_text import study_text
 
 ROOT = Path(__file__).parents[1]
+HOW_TO = ROOT / "docs" / "how-to"
+DRIVE_PAGE = HOW_TO / "drive-the-identified-machine.md"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
@@ -29,15 +37,26 @@ def commands() -> list[str]:
     return sorted({line.removeprefix("$ ") for line in lines if line.startswith("$ ")})
 
 
-@pytest.fixture
-def recordings(tmp_path, monkeypatch, machine_fit):
-    """run.csv, other.csv and a saved result in the working folder, as the pages have them."""
-    monkeypatch.chdir(tmp_path)
-    machine_fit.save("result")
-    Path("result/flux_map.csv").write_text(flux_map_csv(machine_fit))
+@pytest.fixture(scope="session")
+def page_files(tmp_path_factory, machine_fit):
+    """Return a folder with what the pages take for granted: recordings, a result, studies."""
+    folder = tmp_path_factory.mktemp("pages")
+    machine_fit.save(folder / "result")
+    (folder / "result" / "flux_map.csv").write_text(flux_map_csv(machine_fit))
     slow, other = Lissajous(240.0, 14.0, 15.0), Lissajous(200.0, 40.0, 33.0)
-    save(simulate(TRACTION_300A, slow, speed_rpm=1500.0, duration=1.0), "run.csv")
-    save(simulate(TRACTION_300A, other, speed_rpm=900.0, duration=0.3), "other.csv")
+    save(simulate(TRACTION_300A, slow, speed_rpm=1500.0, duration=1.0), folder / "run.csv")
+    save(simulate(TRACTION_300A, other, speed_rpm=900.0, duration=0.3), folder / "other.csv")
+    guess = guess_study(read(folder / "run.csv")[0])
+    (folder / "study.toml").write_text(study_text(guess, "run.csv", "study.toml"))
+    (folder / "drive.toml").write_text(blocks(DRIVE_PAGE, "toml")[0])
+    return folder
+
+
+@pytest.fixture
+def recordings(page_files, tmp_path, monkeypatch):
+    """Make a copy of them the working folder."""
+    shutil.copytree(page_files, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +78,7 @@ reference = { kind = "lissajous", amplitude = 50.0, rate_d = 140.0, rate_q = 150
 
 def test_toml_blocks_are_configurations(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    page = ROOT / "docs" / "how-to" / "simulate.md"
+    page = HOW_TO / "simulate.md"
     for block in blocks(page, "python"):
         exec(compile(block, str(page), "exec"), {"__name__": "__main__"})
     whole, part = blocks(page, "toml")
@@ -68,8 +87,27 @@ def test_toml_blocks_are_configurations(tmp_path, monkeypatch):
         assert load_config("run.toml").duration > 0
 
 
-@pytest.mark.parametrize("command", [c for c in commands() if not c.startswith("make ")])
+def test_the_identified_machine_and_its_dead_time_are_a_configuration(recordings):
+    whole, part = blocks(DRIVE_PAGE, "toml")
+    Path("drive.toml").write_text(whole + part)
+    simulation = load_config("drive.toml")
+    assert simulation.machine.name == "result"
+    assert simulation.drive.inverter.dead_time.duration > 0
+
+
+@pytest.mark.parametrize("name", ["map-your-channels", "record-a-good-experiment"])
+def test_toml_blocks_are_study_files(name, tmp_path):
+    texts = blocks(HOW_TO / f"{name}.md", "toml")
+    assert texts
+    for text in texts:
+        (tmp_path / "study.toml").write_text(text)
+        load_study(tmp_path / "study.toml")
+
+
+@pytest.mark.parametrize("command", [c for c in commands() if c.startswith("penode ")])
 def test_commands_run(command, recordings):
+    if command.startswith("penode init"):
+        Path("study.toml").unlink()  # it never overwrites
     program, *arguments = command.split()
     done = subprocess.run(
         [Path(sys.executable).with_name(program), *arguments],
@@ -80,11 +118,25 @@ def test_commands_run(command, recordings):
     assert done.returncode == 0, done.stderr
 
 
+def test_pip_installs_extras_that_there_are():
+    (command,) = [c for c in commands() if not c.startswith(("penode ", "make "))]
+    found = re.fullmatch(r"pip install -c (\S+) \.\[(.+)\]", command)
+    assert (ROOT / found[1]).exists()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert set(found[2].split(",")) <= set(project["optional-dependencies"])
+
+
 # What a make target must call; the calls themselves are run by other tests, or are this very run.
 TARGETS = {
     "make demo": ["penode demo --out out/demo"],
     "make test": ["pytest"],
-    "make check": ["ruff format --check", "ruff check", "mypy", "lint-imports"],
+    "make check": [
+        "ruff format --check",
+        "ruff check",
+        "mypy",
+        "lint-imports",
+        "mkdocs build --strict",
+    ],
     "make bench": ["benchmarks.run"],
     "make validate": ["-m slow"],
 }
@@ -92,7 +144,7 @@ TARGETS = {
 
 @pytest.mark.parametrize("command", [c for c in commands() if c.startswith("make ")])
 def test_make_targets_call_what_they_promise(command):
-    done = subprocess.run([*command.split(), "-n"], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run([*command.split(), "-n", "-B"], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     for call in TARGETS[command]:
         assert call in done.stdout

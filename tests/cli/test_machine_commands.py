@@ -1,11 +1,16 @@
-"""export, loci and compare from the command line."""
+"""export, loci, compare, and simulate with the identified machine, from the command line."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from penode.data.save import save
+from penode.errors import InputError
+from penode.pmsm.bench.config import load_config
 from penode.pmsm.exports.formats import FORMATS
+from penode.pmsm.simulated_drive import deviation
 from penode.pmsm.study import flux_map_csv
 from penode.training.archive import write_atomically
 
@@ -62,6 +67,113 @@ def test_compare_with_a_fit_and_with_a_file(result, machine_fit, penode, tmp_pat
     assert done.returncode == 0, done.stderr
     assert "R " not in done.stdout
     assert out.read_bytes().startswith(b"\x89PNG")
+
+
+def test_loci_and_differences_for_a_program(result, machine_fit, penode, tmp_path):
+    out = tmp_path / "picture.png"
+    done = penode("loci", result, "--i-max", 240, "--u-max", 120, "--out", out, "--json")
+    found = json.loads(done.stdout)
+    end = found["mtpa"]
+    assert np.hypot(end["i_d"], end["i_q"]) == pytest.approx(240, rel=1e-6)
+    psi_d, psi_q = machine_fit.flux_map(end["i_d"], end["i_q"])
+    expected = 7.5 * (psi_d * end["i_q"] - psi_q * end["i_d"])
+    assert end["torque"] == pytest.approx(expected, rel=1e-6)
+    assert found["base_speed_rpm"] > 0
+    done = penode("compare", result, result / "flux_map.csv", "--out", out, "--json")
+    found = json.loads(done.stdout)
+    assert found["psi_rms"] <= found["psi_largest"] < 1e-8
+    assert found["resistance"] is None
+    assert found["picture"] == str(out)
+
+
+DRIVE = """
+duration = 0.03
+speed_rpm = 900.0
+machine = { result = "result" }
+reference = { kind = "steps", points = [[0.0, 0.0], [-60.0, 120.0]], dwell = 0.02 }
+"""
+
+
+def drive(penode, folder, text, *options):
+    (folder / "drive.toml").write_text(text)
+    return penode("simulate", folder / "drive.toml", "--out", folder / "drive.csv", *options)
+
+
+def test_the_identified_machine_is_driven_and_drawn(result, machine_fit, penode, tmp_path):
+    done = drive(penode, tmp_path, DRIVE, "--over-time", tmp_path / "drive.png")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == "", "all of it lies where recordings have been"
+    assert "of result at 900 rpm" in done.stdout
+    assert (tmp_path / "drive.png").read_bytes().startswith(b"\x89PNG")
+    truth = json.loads((tmp_path / "drive.truth.json").read_text())
+    assert truth["resistance"] == machine_fit.parameters["R"].value
+    # At the end of the second step the voltages are R i + omega J psi of the fit.
+    _, u_d, u_q, i_d, i_q, omega, _ = np.loadtxt(tmp_path / "drive.csv", delimiter=",", skiprows=1)[
+        -1
+    ]
+    assert (i_d, i_q) == pytest.approx((-60.0, 120.0), abs=1.0)
+    psi_d, psi_q = machine_fit.flux_map(i_d, i_q)
+    assert u_d == pytest.approx(0.01 * i_d - omega * psi_q, abs=0.5)
+    assert u_q == pytest.approx(0.01 * i_q + omega * psi_d, abs=0.5)
+
+
+def test_leaving_the_recorded_currents_is_told(result, penode, tmp_path):
+    done = drive(penode, tmp_path, DRIVE.replace("-60.0, 120.0", "200.0, 100.0"))
+    assert done.returncode == 0, done.stderr
+    assert "where no recording has been" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"result"', '"gone"', ["machine.result", "gone", "mend the path"]),
+        ('"result"', "7", ["result", "7", "a table with map or result"]),
+        ('result = "result"', 'result = "result", map = "a.csv"', ["a table with map or result"]),
+        ('result = "result"', 'result = "."', ["result.json", "penode identify"]),
+        ('"result"', '"result", inductance_d = -1e-4', ["inductance_d", "above zero"]),
+        ('"result"', '"result", poles = 4', ["poles", "pole_pairs"]),
+    ],
+)
+def test_no_machine_gets_one_sentence(result, penode, tmp_path, old, new, words):
+    done = drive(penode, tmp_path, DRIVE.replace(old, new))
+    assert done.returncode == 2
+    assert done.stderr.strip().count("\n") == 0, done.stderr
+    for word in words:
+        assert word in done.stderr
+    assert not (tmp_path / "drive.csv").exists()
+
+
+def test_what_the_result_does_not_know_is_asked_for(machine_fit, penode, tmp_path):
+    untold = replace(machine_fit, provenance={}, parameters={})
+    untold.save(tmp_path / "result")
+    write_atomically(tmp_path / "result" / "flux_map.csv", flux_map_csv(machine_fit))
+    done = drive(penode, tmp_path, DRIVE)
+    assert "add pole_pairs" in done.stderr
+    told = DRIVE.replace('"result" }', '"result", pole_pairs = 5 }')
+    done = drive(penode, tmp_path, told)
+    assert "add resistance" in done.stderr
+    assert done.returncode == 2
+
+
+def test_a_simulation_is_held_against_a_recording_of_the_same_kind_only(result, penode, tmp_path):
+    (tmp_path / "drive.toml").write_text(DRIVE)
+    run = load_config(tmp_path / "drive.toml").record()
+    recorded, channels = tmp_path / "recorded.csv", run.experiment.channels
+    save(replace(run.experiment, channels={**channels, "u_q": channels["u_q"] + 2.0}), recorded)
+    done = drive(penode, tmp_path, DRIVE, "--against", recorded)
+    assert "i_d 0.00 A, i_q 0.00 A rms from recorded.csv, after 10.0 ms" in done.stdout
+    assert "u_d 0.00 V, u_q 2.00 V rms from it" in done.stdout
+    faster = {**channels, "omega_el": channels["omega_el"] * 1.1}
+    short = {name: values[:50] for name, values in channels.items()}
+    for change, word in (
+        ({"channels": faster}, "give both one speed"),
+        ({"time_step": 2e-4}, "set time_step"),
+        ({"channels": short}, "simulate for longer"),
+    ):
+        with pytest.raises(InputError, match=word):
+            deviation(run, replace(run.experiment, **change))
+    done = drive(penode, tmp_path, DRIVE, "--study", "study.toml")
+    assert "--study came without --against" in done.stderr
 
 
 @pytest.mark.parametrize(

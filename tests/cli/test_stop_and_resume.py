@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import penode as library
-from penode.cli import main as command_line
+from penode.cli import identify as command_line
 from penode.data.save import save
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
@@ -50,13 +50,13 @@ def interrupted(run, out, mark):
         stderr=subprocess.PIPE,
         text=True,
     )
-    log, limit = out / "events.jsonl", time.monotonic() + 60
+    log, limit = out / "events.jsonl", time.monotonic() + 300
     while process.poll() is None and time.monotonic() < limit:
         if log.exists() and mark in log.read_text():
             break
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
-    printed, said = process.communicate(timeout=60)
+    printed, said = process.communicate(timeout=300)
     return Ended(process.returncode, printed, said, out)
 
 

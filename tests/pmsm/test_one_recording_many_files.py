@@ -17,6 +17,7 @@ from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.channels import drive_recording
 from penode.pmsm.frames import abc_from_dq
+from penode.pmsm.study import Study, identify
 from penode.pmsm.study_file import load_study
 
 # --- writers ----------------------------------------------------------------------------------
@@ -246,3 +247,54 @@ def test_every_file_gives_the_same_recording(run, kind, convention, tmp_path):
     turned = read.channels["theta_el"] - run.channels["theta_el"][:rows]
     np.testing.assert_allclose(np.sin(turned), 0.0, atol=1e-12)
     assert np.cos(turned).min() > 0
+
+
+# --- the same numbers at the end ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def trained():
+    reference = Lissajous(200.0, 140.0, 150.0)
+    return simulate(TRACTION_300A, reference, speed_rpm=900.0, duration=0.1)
+
+
+@pytest.fixture(scope="module")
+def reference(trained):
+    """Return the numbers of the recording that never was a file."""
+    study = Study(horizon=1, inverter=False, angle_orders=(), pole_pairs=POLE_PAIRS)
+    return numbers_in(identify([trained], study=study).result())
+
+
+def numbers_in(result):
+    """Return what was found, number by number: parameters, ladder and errors."""
+    found = {"parameters": result["parameters"], "ladder": result["horizon"]["ladder"]}
+    found["metrics"] = list(result["metrics"]["train"].values())
+    return dict(leaves(json.loads(json.dumps(found)), ""))
+
+
+def leaves(part, path):
+    if isinstance(part, (dict, list)):
+        items = part.items() if isinstance(part, dict) else enumerate(part)
+        for key, value in items:
+            yield from leaves(value, f"{path}/{key}")
+    elif isinstance(part, (int, float)):
+        yield path, part
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "kind",
+    ["csv with ; and decimal commas", "parquet", "mat 5", "mat 7.3", "mdf 4", "tdms"],
+)
+def test_every_file_gives_the_same_result(trained, reference, kind, tmp_path):
+    """Phases in mA, duties, an encoder's counts on the shaft: in result.json it does not show."""
+    write, told, own_times = FORMATS[kind]
+    columns, mapping = odd_abc(trained)
+    path, config = write(tmp_path, columns), tmp_path / "study.toml"
+    options = ["horizon = 1", "inverter = false", "angle_orders = []"]
+    config.write_text("\n".join([*options, study(columns, mapping, told, own_times)]))
+    asked = load_study(config)
+    found = numbers_in(identify([asked.load(path)], study=asked.study).result())
+    assert found["/parameters/R/value"] == pytest.approx(reference["/parameters/R/value"], rel=1e-9)
+    # Rounding of the units grows with the condition of the map: to 3e-9 in R's deviation.
+    assert found == pytest.approx(reference, rel=1e-8, abs=0)

@@ -7,8 +7,9 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
+from rich.text import Text
 
+from penode.cli.rows import print_rows
 from penode.errors import InputError
 from penode.pmsm.recording_check import RecordingCheck, check_recordings
 from penode.pmsm.study_file import load_study
@@ -56,18 +57,17 @@ def check_command(
 
 
 def _print(found: RecordingCheck, picture: Path | None) -> None:
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column(overflow="fold")
-    rows = [*_recordings(found), *_conventions(found), *_coverage(found), *_prospects(found)]
-    rows.append(("verdict", found.verdict))
+    verdict = Text(found.verdict, style="green" if found.good else "red")
+    rows: list[tuple[str, str | Text]] = [
+        *_recordings(found),
+        *_conventions(found),
+        *_coverage(found),
+        *_prospects(found),
+        ("verdict", verdict),
+    ]
     if picture is not None:
         rows.append(("picture", str(picture)))
-    previous = ""
-    for label, text in rows:
-        table.add_row("" if label == previous else label, text.replace("[", r"\["))
-        previous = label
-    _output.print(table, highlight=False)
+    print_rows(_output, rows)
 
 
 def _recordings(found: RecordingCheck) -> list[tuple[str, str]]:

@@ -1,5 +1,6 @@
 """The command ``penode compare``."""
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +20,7 @@ def compare_command(
     first: Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")],
     second: Annotated[Path, typer.Argument(help="Another one, or a map such as flux_map.csv.")],
     out: Annotated[Path, typer.Option(help="PNG to write.")],
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead.")] = False,
 ) -> None:
     """Hold a saved fit against another one, or against a map in a CSV file.
 
@@ -28,15 +30,21 @@ def compare_command(
     """
     if out.suffix.lower() != ".png":
         raise InputError(f"{out}: suffix {out.suffix!r} came; use .png.")
-    fit = load_machine(first)
+    fit, resistance = load_machine(first), None
     if second.suffix.lower() == ".csv":
-        maps, lines = compare_maps(fit, read_grid(second)), []
+        maps = compare_maps(fit, read_grid(second))
     else:
         other = load_machine(second)
-        maps, lines = compare_maps(fit, other), [f"R        {compare_resistances(fit, other)}"]
+        maps, resistance = compare_maps(fit, other), compare_resistances(fit, other)
     # Imported here: the plotting library takes a third of a second, and few commands draw.
     from penode.pmsm.comparison_picture import comparison_picture
 
     write_atomically(out, comparison_picture(maps, f"{second}\nless {first}"))
-    lines = [f"map      {maps.sentence}", *lines, f"picture  {out}"]
-    _output.print("\n".join(lines), soft_wrap=True, highlight=False)
+    if as_json:
+        figures = {"psi_rms": maps.rms, "psi_largest": maps.largest}
+        typer.echo(json.dumps({**figures, "resistance": resistance, "picture": str(out)}))
+        return
+    lines = [f"map      {maps.sentence}", f"picture  {out}"]
+    if resistance is not None:
+        lines.insert(1, f"R        {resistance}")
+    _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)

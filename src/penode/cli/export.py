@@ -7,6 +7,7 @@ import typer
 from rich.console import Console
 
 from penode.arrays import FloatArray
+from penode.cli.completion import formats
 from penode.cli.machine_fit import doubt, load_machine
 from penode.pmsm.exports.formats import FORMATS, export
 from penode.pmsm.flux_grid import interpolation_error
@@ -17,7 +18,7 @@ _output, _errors = Console(), Console(stderr=True)
 
 def export_command(
     folder: Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")],
-    to: Annotated[str, typer.Option(help=f"One of {', '.join(FORMATS)}.")],
+    to: Annotated[str, typer.Option(help=f"One of {', '.join(FORMATS)}.", autocompletion=formats)],
     out: Annotated[Path, typer.Option(help="File to write; its suffix is that of the format.")],
     points: Annotated[
         int | None, typer.Option(help="Points a side of the grid; 41, but 256 for syre.")
@@ -42,7 +43,7 @@ def export_command(
             f"supported  {number(100 * grid.supported.mean())} % of the points; there, linear "
             f"interpolation is within {number(1e3 * interpolation_error(fit, grid), 2)} mVs",
         ]
-    _output.print("\n".join(lines), soft_wrap=True, highlight=False)
+    _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
     if warning := doubt(fit):
         _errors.print(warning, soft_wrap=True, highlight=False, markup=False)
 

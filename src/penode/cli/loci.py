@@ -1,7 +1,8 @@
 """The command ``penode loci``."""
 
+import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -9,7 +10,7 @@ from rich.console import Console
 
 from penode.cli.machine_fit import doubt, load_machine
 from penode.errors import InputError
-from penode.pmsm.control_loci import ControlLoci, control_loci, loci_csv
+from penode.pmsm.control_loci import ControlLoci, Locus, control_loci, loci_csv
 from penode.pmsm.controlled_machine import ControlledMachine
 from penode.report.quantities import number
 from penode.training.archive import write_atomically
@@ -17,7 +18,7 @@ from penode.training.archive import write_atomically
 _output, _errors = Console(), Console(stderr=True)
 
 
-def loci_command(
+def loci_command(  # noqa: PLR0913 (an argument an option)
     folder: Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")],
     i_max: Annotated[float, typer.Option(help="Current limit in A, peak value of a phase.")],
     out: Annotated[Path, typer.Option(help="PNG to write.")],
@@ -26,6 +27,7 @@ def loci_command(
     ] = None,
     pole_pairs: Annotated[int | None, typer.Option(help="Of the machine.")] = None,
     csv: Annotated[Path | None, typer.Option(help="CSV of the loci to write as well.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead.")] = False,
 ) -> None:
     """Compute what a controller needs: MTPA, MTPV, and most torque over speed with --u-max.
 
@@ -43,9 +45,12 @@ def loci_command(
     write_atomically(out, loci_picture(machine, loci, str(folder)))
     if csv is not None:
         write_atomically(csv, loci_csv(loci))
-    lines = [*_told(loci), f"picture         {out}"]
-    lines += [f"loci            {csv}"] if csv is not None else []
-    _output.print("\n".join(lines), soft_wrap=True, highlight=False)
+    if as_json:
+        typer.echo(json.dumps({**_as_json(loci), "picture": str(out)}))
+    else:
+        lines = [*_told(loci), f"picture         {out}"]
+        lines += [f"loci            {csv}"] if csv is not None else []
+        _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
     if warning := doubt(fit):
         _errors.print(warning, soft_wrap=True, highlight=False, markup=False)
 
@@ -73,3 +78,23 @@ def _told(loci: ControlLoci) -> list[str]:
             "no recording has been (dashed)"
         )
     return lines
+
+
+def _as_json(loci: ControlLoci) -> dict[str, Any]:
+    """Return the main figures in SI units, the speed in rpm; None where there is none."""
+    speed = None if loci.base_speed is None else loci.base_speed * 30 / np.pi
+    return {
+        "mtpa": _last(loci.mtpa),
+        "mtpv": _last(loci.mtpv),
+        "characteristic": _last(loci.characteristic),
+        "base_speed_rpm": speed,
+    }
+
+
+def _last(locus: Locus) -> dict[str, float | bool] | None:
+    """Return the operating point at the end of a locus."""
+    if not locus.torque.size or not np.isfinite(locus.current[:, -1]).all():
+        return None
+    i_d, i_q = map(float, locus.current[:, -1])
+    torque = float(locus.torque[-1])
+    return {"i_d": i_d, "i_q": i_q, "torque": torque, "supported": bool(locus.supported[-1])}

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.text import Text
 
+from penode.cli.rows import print_rows
 from penode.pmsm.demo import Demo
 from penode.report.quantities import decimals_for, fixed, number, scale_for
 from penode.training.fit import Estimate, Fit
@@ -13,25 +14,24 @@ from penode.training.fit import Estimate, Fit
 
 def print_fit(console: Console, fit: Fit, folder: Path) -> None:
     """Print parameters with intervals, the horizon and its verdict, free runs, warnings, files."""
-    table = _grid()
-    for name, estimate in fit.parameters.items():
-        table.add_row(name, _interval(estimate))
     choice = fit.horizon
-    table.add_row("horizon", f"{choice.selected} steps: {choice.verdict}. {choice.reason}")
-    for reason in fit.provenance.get("structure", ()):
-        table.add_row("model", reason)
+    verdict = Text(choice.verdict, style="green" if choice.answered else "red")
+    steps = "step" if choice.selected == 1 else "steps"
+    rows: list[tuple[str, str | Text]] = [
+        *((name, _interval(estimate)) for name, estimate in fit.parameters.items()),
+        ("horizon", Text.assemble(f"{choice.selected} {steps}: ", verdict, f". {choice.reason}")),
+        *(("model", reason) for reason in fit.provenance.get("structure", ())),
+    ]
     for comparison in fit.comparisons:
         unit = comparison.units[0]
-        table.add_row(
-            comparison.role,
+        errors = (
             f"{comparison.name}: one step {number(comparison.one_step_rmse)} {unit}, "
-            f"free run {_free(comparison.free_run_rmse, unit)} RMSE",
+            f"free run {_free(comparison.free_run_rmse, unit)} RMSE"
         )
-    for warning in fit.warnings:
-        table.add_row("[yellow]warning[/]", warning)
-    table.add_row("map", str(folder / "flux_map.csv"))
-    table.add_row("report", str(folder / "report.html"))
-    console.print(table, highlight=False)
+        rows.append((comparison.role, errors))
+    rows += [("warning", warning) for warning in fit.warnings]
+    rows += [("map", str(folder / "flux_map.csv")), ("report", str(folder / "report.html"))]
+    print_rows(console, rows)
 
 
 def print_demo(console: Console, demo: Demo) -> None:
@@ -40,25 +40,15 @@ def print_demo(console: Console, demo: Demo) -> None:
     low, high = estimate.interval_95
     covered = "inside" if low <= demo.true_resistance <= high else "OUTSIDE"
     error = 100 * (estimate.value / demo.true_resistance - 1)
-    table = _grid()
-    table.add_row(
-        "truth",
+    resistance = (
         f"R = {number(1e3 * demo.true_resistance, 4)} mΩ: error {error:+.2f} %, {covered} the "
-        "interval",
+        "interval"
     )
-    table.add_row(
-        "",
+    flux = (
         f"flux linkage: mean absolute error {number(1e3 * demo.flux_error)} mVs, "
-        f"{number(100 * demo.flux_share)} % of the magnet's",
+        f"{number(100 * demo.flux_share)} % of the magnet's"
     )
-    console.print(table, highlight=False)
-
-
-def _grid() -> Table:
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column(overflow="fold")
-    return table
+    print_rows(console, [("truth", resistance), ("truth", flux)])
 
 
 def _interval(estimate: Estimate) -> str:

@@ -12,9 +12,10 @@ from typing import Any
 
 from penode.errors import InputError
 from penode.pmsm.bench.drive import Drive
+from penode.pmsm.bench.identified import identified_machine
 from penode.pmsm.bench.inverter import Hold, RotorHold, StationaryHold
 from penode.pmsm.bench.machines import Machine, machine
-from penode.pmsm.bench.map_import import import_machine
+from penode.pmsm.bench.map_import import ImportedMachine, import_machine
 from penode.pmsm.bench.references import (
     GENERATOR,
     MOTOR,
@@ -45,6 +46,11 @@ KINDS: dict[Any, dict[str, Callable[..., Any]]] = {
     },
     Speed: {"points": SpeedPoints, "ripple": SpeedRipple, "free": FreeShaft},
 }
+#: Where a machine may come from, besides its name.
+_SOURCES: dict[str, Callable[..., ImportedMachine]] = {
+    "map": import_machine,
+    "result": identified_machine,
+}
 _DOMAINS = {"whole": WHOLE_DISC, "motor": MOTOR, "generator": GENERATOR}
 
 
@@ -66,6 +72,8 @@ class Simulation:
         Seed of the measurement noise.
     warnings : tuple of str
         What was found in an imported map, a sentence each.
+    result : Path or None
+        Folder of the identification that the machine comes from.
     """
 
     machine: Machine
@@ -75,6 +83,7 @@ class Simulation:
     drive: Drive
     seed: int
     warnings: tuple[str, ...] = ()
+    result: Path | None = None
 
     def record(self) -> Recording:
         """Return the recording and the truth behind it; see `penode.pmsm.bench.run.record`."""
@@ -117,10 +126,8 @@ def load_config(source: str | Path) -> Simulation:
         table = tomllib.loads(path.read_text())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
-    built, warnings = _read_machine(path, table.pop("machine", None))
     entries = {
-        "machine": built,
-        "warnings": warnings,
+        **_read_machine(path, table.pop("machine", None)),
         "drive": _read(Drive, table.pop("drive", {}), f"{path}: drive"),
         "seed": table.pop("seed", 0),
     }
@@ -133,16 +140,26 @@ class _Rest:
     def __init__(self, reference: Reference, speed_rpm: Speed, duration: float) -> None: ...
 
 
-def _read_machine(path: Path, entry: Any) -> tuple[Machine, tuple[str, ...]]:
+def _read_machine(path: Path, entry: Any) -> dict[str, Any]:
+    """Return the machine, and what else a simulation holds about where it comes from."""
     if isinstance(entry, str):
-        return machine(entry), ()
-    if not isinstance(entry, dict) or "map" not in entry:
-        raise InputError(f"{path}: machine = {entry!r} came; give a name, or a table with map.")
-    given = {**entry, "map": path.parent / entry["map"]}
-    where = f"{path}: machine"
-    source = given.pop("map")
-    imported = import_machine(source, **_arguments(import_machine, given, where, known=1))
-    return imported.machine, imported.findings.warnings
+        return {"machine": machine(entry)}
+    named = [key for key in _SOURCES if isinstance(entry, dict) and key in entry]
+    if len(named) != 1 or not isinstance(entry[named[0]], str):
+        raise InputError(
+            f"{path}: machine = {entry!r} came; give a name, or a table with map or result."
+        )
+    make, source = _SOURCES[named[0]], path.parent / entry[named[0]]
+    rest = {key: value for key, value in entry.items() if key != named[0]}
+    arguments = _arguments(make, rest, f"{path}: machine", known=1)
+    if not source.exists():
+        raise InputError(f"{path}: machine.{named[0]}: {source} is not there; mend the path.")
+    imported = make(source, **arguments)
+    return {
+        "machine": imported.machine,
+        "warnings": imported.findings.warnings,
+        "result": source if named[0] == "result" else None,
+    }
 
 
 def _read(kind: Any, entry: Any, where: str) -> Any:

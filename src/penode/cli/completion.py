@@ -1,0 +1,34 @@
+"""Words that the shell completes on TAB; see ``penode --install-completion``."""
+
+from pathlib import Path
+
+from penode.pmsm.bench.config import shipped_configs
+from penode.pmsm.exports.formats import FORMATS
+from penode.pmsm.flux_maps import FLUX_MAPS
+from penode.pmsm.holds import HOLDS
+from penode.pmsm.study import PURPOSES
+
+
+def simulations() -> list[str]:
+    """Return the names of the shipped simulations and the TOML files at hand."""
+    return [*shipped_configs(), *sorted(str(path) for path in Path().glob("*.toml"))]
+
+
+def flux_maps() -> list[str]:
+    """Return the families of flux maps."""
+    return list(FLUX_MAPS)
+
+
+def formats() -> list[str]:
+    """Return the export formats."""
+    return list(FORMATS)
+
+
+def holds() -> list[str]:
+    """Return the frames in which a voltage may be held."""
+    return list(HOLDS)
+
+
+def purposes() -> list[str]:
+    """Return what a horizon may be chosen for."""
+    return list(PURPOSES)

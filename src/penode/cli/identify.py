@@ -1,0 +1,165 @@
+"""The command ``penode identify``."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from penode.cli.completion import flux_maps, holds, purposes
+from penode.cli.progress import watched
+from penode.cli.signature import signed
+from penode.cli.summary import print_fit
+from penode.errors import InputError
+from penode.horizon.checkpoint import Checkpoint
+from penode.identify import Stopped
+from penode.pmsm.flux_maps import FLUX_MAPS
+from penode.pmsm.holds import HOLDS
+from penode.pmsm.study import PURPOSES, identify, write
+from penode.pmsm.study_file import load_study
+
+_output, _errors = Console(), Console(stderr=True)
+
+
+def identify_command(  # noqa: PLR0913 (an argument an option)
+    runs: Annotated[
+        list[Path], typer.Argument(help="Recordings to train on: csv, parquet, mat, mf4, tdms.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the results; made if absent.")],
+    validate: Annotated[
+        list[Path] | None, typer.Option(help="Recording to predict, not to train on. Repeatable.")
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(help="Study file: columns, units, options. penode init writes one."),
+    ] = None,
+    horizon: Annotated[
+        str | None, typer.Option(help="auto, or the number of steps.", show_default="auto")
+    ] = None,
+    flux_map: Annotated[
+        str | None,
+        typer.Option(
+            help=f"One of {', '.join(FLUX_MAPS)}.",
+            show_default="coenergy",
+            autocompletion=flux_maps,
+        ),
+    ] = None,
+    inverter: Annotated[
+        bool | None,
+        typer.Option(
+            help="Identify the inverter's dead-time voltage; needs theta_el.",
+            show_default="decided from the data",
+        ),
+    ] = None,
+    angle_orders: Annotated[
+        str | None,
+        typer.Option(
+            help="Harmonics of the angle in the map, such as 6,12, or none; they need theta_el.",
+            show_default="decided from the data",
+        ),
+    ] = None,
+    hold: Annotated[
+        str | None,
+        typer.Option(
+            help=f"Frame in which the voltage is held: {' or '.join(HOLDS)}.",
+            show_default="dq",
+            autocompletion=holds,
+        ),
+    ] = None,
+    purpose: Annotated[
+        str | None,
+        typer.Option(
+            help=f"What the horizon is chosen for: {', '.join(PURPOSES)}.",
+            show_default="parameters",
+            autocompletion=purposes,
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of every random draw.", show_default="0")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the fit that was stopped in --out.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print result.json instead.")] = False,
+) -> None:
+    """Identify resistance and flux-linkage map from recordings of a drive.
+
+    Columns: t (s), u_d and u_q (V), i_d and i_q (A), omega_el (rad/s, electrical), optionally
+    theta_el (rad); or u_a .. u_c, i_a .. i_c and theta_el. Currents and voltages are peak values.
+    Anything else is mapped by a study file, given with --config; options override its entries.
+
+    Ctrl-C stops with the best so far, written as a whole result; the same command with --resume
+    added goes on after the last finished horizon. Ctrl-C a second time leaves at once.
+
+    Exit status: 0 done, 1 the data cannot answer, 2 unusable input, 130 stopped.
+
+    Example: penode identify run.csv --validate other.csv --out result
+    """
+    began = time.monotonic()
+    options = {
+        "flux_map": flux_map,
+        "seed": seed,
+        "inverter": inverter,
+        "angle_orders": None if angle_orders is None else _orders(angle_orders),
+        "hold": hold,
+        "purpose": purpose,
+    }
+    given = {name: option for name, option in options.items() if option is not None}
+    asked = load_study(config, given if horizon is None else {**given, "horizon": _steps(horizon)})
+    checkpoint = _checkpoint(out, resume)
+    stopped = False
+    with watched(out, _errors, checkpoint) as observer:
+        try:
+            fit = identify(
+                [asked.load(run) for run in runs],
+                study=asked.study,
+                validation=[asked.load(run) for run in validate or []],
+                observer=observer,
+                checkpoint=checkpoint,
+            )
+        except Stopped as stop:
+            fit, stopped = stop.fit, True
+        fit = signed(fit, began)
+        write(fit, out)
+    if as_json:
+        typer.echo((out / "result.json").read_text())
+    else:
+        print_fit(_output, fit, out)
+    if stopped:
+        _say("Stopped; this is the best so far. Add --resume to go on.")
+        raise typer.Exit(130)
+    checkpoint.path.unlink(missing_ok=True)
+    if not fit.horizon.answered:
+        raise typer.Exit(1)
+
+
+def _steps(horizon: str) -> int | None:
+    if horizon == "auto":
+        return None
+    try:
+        return int(horizon)
+    except ValueError as error:
+        raise InputError(
+            f"--horizon {horizon} came; give auto or a whole number of steps from 1."
+        ) from error
+
+
+def _orders(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(",")) if text not in ("", "none") else ()
+    except ValueError as error:
+        raise InputError(
+            f"--angle-orders {text} came; give none, or whole numbers with commas, such as 6,12."
+        ) from error
+
+
+def _checkpoint(out: Path, resume: bool) -> Checkpoint:
+    path = out / "fit" / "checkpoint.json"
+    if resume and not path.exists():
+        _say(f"note: {path} is not there, so nothing is resumed; beginning anew.")
+    return Checkpoint(path, resume and path.exists())
+
+
+def _say(text: str) -> None:
+    _errors.print(text, soft_wrap=True, highlight=False, markup=False)

@@ -1,0 +1,82 @@
+"""What a shell gets of penode: completion, help with examples, plain text in a pipe."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from rich.text import Text
+
+from penode.cli.main import app
+from penode.cli.rows import print_rows
+
+COMMANDS = [command.name for command in app.registered_commands]
+TYPED = """
+source <(penode --show-completion)
+COMP_WORDS=(penode identify run.csv --flux-map ''); COMP_CWORD=4
+_penode_completion penode
+echo "${COMPREPLY[@]}"
+"""
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="No bash on this machine.")
+def test_bash_completes_the_names_of_flux_maps():
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-c", TYPED],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={**os.environ, "PATH": path},
+    )
+    assert done.stdout.split() == ["coenergy", "mlp", "polynomial", "spline"], done.stderr
+
+
+@pytest.mark.parametrize(
+    ("typed", "expected"),
+    [
+        ("penode ", set(COMMANDS)),
+        ("penode export result --to ", {"csv", "npz", "mat", "syre", "c", "onnx"}),
+        ("penode identify run.csv --purpose s", {"simulation"}),
+        ("penode identify run.csv --hold ", {"dq", "stationary"}),
+        ("penode simulate w", {"well_designed"}),
+    ],
+)
+def test_words_are_completed(typed, expected, penode, monkeypatch):
+    monkeypatch.setenv("_PENODE_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", typed)
+    monkeypatch.setenv("COMP_CWORD", str(len(typed.split(" ")) - 1))
+    assert set(penode().stdout.split()) == expected
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_help_has_an_example_that_names_real_options(command, penode):
+    text = re.sub(r"[│\s]+", " ", penode(command, "--help").stdout)
+    examples = re.findall(rf"Example: penode {command} ([^│╭]*?)(?= Example:| [╭╰─]|$)", text)
+    assert examples
+    for option in re.findall(r"--[a-z-]+", " ".join(examples)):
+        assert text.count(option) >= 2, option
+
+
+ROWS = [("verdict", Text("good", style="green")), ("warning", "w" * 100), ("warning", "[x]")]
+
+
+def test_a_pipe_gets_a_line_a_fact_without_colour(capsys):
+    print_rows(Console(), ROWS)
+    assert capsys.readouterr().out.splitlines() == [
+        "verdict  good",
+        f"warning  {'w' * 100}",
+        "warning  [x]",
+    ]
+
+
+def test_a_terminal_gets_colour_and_folded_sentences(capsys):
+    print_rows(Console(force_terminal=True, width=60, color_system="standard"), ROWS)
+    lines = capsys.readouterr().out.splitlines()
+    assert "\x1b[32mgood" in lines[0]
+    assert len(lines) == 4
+    assert "".join(lines).count("warning") == 1
