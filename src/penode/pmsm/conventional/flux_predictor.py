@@ -1,0 +1,134 @@
+"""Joint linear least squares of resistance and map: the one-step flux predictor.
+
+With psi = psi_d + j psi_q, the voltage equation d psi/dt = u - R i - j omega psi gives over one
+sample, exactly, with z = -j omega T,
+
+    psi(i_(k+1)) = exp(z) psi(i_k) + int_0^T exp(z (1 - s/T)) (u - R i) ds.
+
+For currents that are straight between samples and a map that is linear in its coefficients this is
+one linear equation a sample in R and the coefficients. Its least-squares solution is the flux
+predictor of Ortombina et al. 2020 and Montecchio 2025 (paper, section 4.2): NARX training, H = 1,
+in the flux linkages instead of the currents.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from penode.arrays import ComplexArray, FloatArray
+from penode.data.experiment import Experiment
+from penode.errors import InputError
+from penode.horizon.ladder import Observer
+from penode.identify import nobody
+from penode.pmsm.channels import drive_recording
+from penode.pmsm.conventional.linear_fit import LinearFit, largest_current
+from penode.pmsm.conventional.linear_maps import LinearMap, polynomial
+from penode.pmsm.conventional.rotation import held, rising
+from penode.pmsm.holds import HOLDS
+from penode.training.fit import Fit
+from penode.training.weak_form import WeakRegression, join
+
+_REASON = "Linear least squares of the flux one step ahead has no horizon but 1."
+
+
+@dataclass(frozen=True)
+class FluxPredictor:
+    """Least squares of the flux linkage one step ahead.
+
+    Attributes
+    ----------
+    basis : LinearMap
+        The map.
+    hold : str
+        Frame in which the voltage is held: ``"dq"`` or ``"stationary"``.
+
+    Raises
+    ------
+    InputError
+        If the hold is unknown.
+    """
+
+    basis: LinearMap = field(default_factory=polynomial)
+    hold: str = "dq"
+
+    def __post_init__(self) -> None:
+        if self.hold not in HOLDS:
+            raise InputError(f"hold {self.hold!r} came; choose one of {', '.join(HOLDS)}.")
+
+    def identify(
+        self,
+        experiments: Sequence[Experiment],
+        validation: Sequence[Experiment] = (),
+        observer: Observer = nobody,
+    ) -> Fit:
+        """Return resistance and map; see `penode.pmsm.conventional.method.Method`.
+
+        Raises
+        ------
+        InputError
+            If a recording cannot be used, or has fewer equations than there are unknowns.
+        """
+        if not experiments:
+            raise InputError("no recording came; give at least one.")
+        runs = [drive_recording(e) for e in experiments]
+        scale = largest_current(runs)
+        equations = join([flux_equations(e, self.basis, scale, self.hold) for e in runs])
+        rows, unknowns = equations.matrix.shape
+        if rows < unknowns:
+            raise InputError(
+                f"{runs[0].name}: {rows} equations came for {unknowns} unknowns; record for "
+                f"longer, or use a smaller basis than this {self.basis.name}."
+            )
+        found = equations.solve()
+        return LinearFit(
+            method=f"flux predictor, {self.basis.name}",
+            network=self.basis.weighted(found[1:]),
+            current_scale=scale,
+            resistance=float(found[0]),
+            deviation=equations.deviation(0),
+            identifiability=equations.independence(0),
+            reason=_REASON,
+            hold=self.hold,
+        ).told(runs, [drive_recording(e) for e in validation])
+
+
+def flux_equations(
+    experiment: Experiment, basis: LinearMap, scale: float, hold: str = "dq"
+) -> WeakRegression:
+    """Return the balance of each sample, linear in R and the map's coefficients.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
+    basis : LinearMap
+        The map, with `scale` in A for one unit of its inputs.
+    scale : float
+        A.
+    hold : str
+        ``"dq"`` or ``"stationary"``.
+
+    Returns
+    -------
+    WeakRegression
+        Two rows a sample, d and q in Vs; columns R in ohm, then the coefficients in Vs.
+    """
+    currents = experiment.stack(("i_d", "i_q"))
+    drive = experiment.stack(("u_d", "u_q", "omega_el"))[:-1]
+    turn = np.asarray(-1j * experiment.time_step * drive[:, 2], dtype=np.complex128)
+    voltage, current = drive[:, 0] + 1j * drive[:, 1], currents[:, 0] + 1j * currents[:, 1]
+    within = held(turn)
+    columns = basis.columns(currents / scale)
+    psi = columns[:, 0] + 1j * columns[:, 1]
+    rise = psi[1:] - np.exp(turn)[:, None] * psi[:-1]
+    drop = experiment.time_step * (within * current[:-1] + rising(turn) * np.diff(current))
+    acting = np.exp(turn) if hold == "stationary" else within
+    supply = np.asarray(experiment.time_step * voltage * acting, dtype=np.complex128)
+    matrix: ComplexArray = np.concatenate([drop[:, None], rise], axis=1).astype(np.complex128)
+    return WeakRegression(_parts(matrix).reshape(-1, matrix.shape[1]), _parts(supply).ravel())
+
+
+def _parts(values: ComplexArray) -> FloatArray:
+    """Return d and q of complex rows (time, ...) as (time, 2, ...)."""
+    return np.stack([values.real, values.imag], axis=1)

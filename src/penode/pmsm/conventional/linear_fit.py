@@ -1,0 +1,115 @@
+"""A fit found by linear least squares, told as a `Fit`."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.horizon.prefilter import linearised
+from penode.models.learned_map import LearnedMap
+from penode.pmsm.flux_maps import FluxMap
+from penode.pmsm.holds import HOLDS
+from penode.pmsm.model import Machine
+from penode.predictors.base import Predictor
+from penode.training.fit import Estimate, Fit, HorizonChoice, Rung
+from penode.validation.coverage import thin
+from penode.validation.free_run import compare
+from penode.validation.residual_tests import residual_spectrum
+
+_SOLVED = "Linear least squares: solved in one step."
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """Resistance and map as linear least squares gives them.
+
+    Attributes
+    ----------
+    method : str
+        What found them, as provenance tells it.
+    network : LearnedMap
+        Currents over `current_scale` to flux linkages in Vs.
+    current_scale : float
+        A.
+    resistance, deviation : float
+        R and its standard deviation in ohm.
+    identifiability : float or None
+        Share of the resistance's regressor that no regressor of the map explains.
+    reason : str
+        Why there is no horizon to choose, as a sentence.
+    hold : str
+        A key of `penode.pmsm.holds.HOLDS`.
+    facts : mapping
+        Further provenance.
+    """
+
+    method: str
+    network: LearnedMap
+    current_scale: float
+    resistance: float
+    deviation: float
+    identifiability: float | None
+    reason: str
+    hold: str = "dq"
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    def told(self, experiments: Sequence[Experiment], validation: Sequence[Experiment]) -> Fit:
+        """Return the fit, every recording predicted by the classic Runge-Kutta method.
+
+        Parameters
+        ----------
+        experiments, validation : sequence of Experiment
+            With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
+        """
+        model = Machine(FluxMap(self.network, self.current_scale, 1.0), R=self.resistance)
+        predictor = Predictor(experiments[0].time_step, hold=HOLDS[self.hold])
+        seen = [compare(predictor, model, e, "train") for e in experiments]
+        unseen = [compare(predictor, model, e) for e in validation]
+        squares = [c.one_step_rmse**2 for c in seen]
+        free = float(np.sqrt(np.mean([c.free_run_rmse**2 for c in seen])))
+        rung = Rung(
+            horizon=1,
+            parameters={"R": self.resistance},
+            std={"R": self.deviation},
+            rmse=float(np.sqrt(np.mean(squares))),
+            free_run_rmse=free if np.isfinite(free) else None,
+            iterations=1,
+            outcome=_SOLVED,
+        )
+        half = 1.96 * self.deviation
+        interval = (self.resistance - half, self.resistance + half)
+        found = Estimate(self.resistance, self.deviation, interval, "ohm", self.identifiability)
+        return Fit(
+            model=model,
+            parameters={"R": found},
+            horizon=HorizonChoice(1, "fixed", self.reason, (rung,), (1,)),
+            excited=thin(np.concatenate([e.stack(Machine.states) for e in experiments])),
+            comparisons=(*seen, *unseen),
+            spectrum=residual_spectrum(seen[0]),
+            transitions=linearised(predictor, model, experiments[0], np.ones(2)),
+            warnings=tuple(
+                f"{c.name}: the free run diverges; the map is unusable for simulation there."
+                for c in (*seen, *unseen)
+                if not np.isfinite(c.free_run_rmse)
+            ),
+            provenance=self._provenance((*experiments, *validation)),
+        )
+
+    def _provenance(self, recordings: Sequence[Experiment]) -> dict[str, Any]:
+        speed = float(np.median(np.abs(recordings[0].channels["omega_el"])))
+        return {
+            "method": self.method,
+            "versions": {name: version(name) for name in ("penode", "jax", "numpy", "scipy")},
+            "data": {e.name: e.source.sha256 for e in recordings},
+            "hold": self.hold,
+            "electrical_frequency_hz": speed / (2 * np.pi),
+            **self.facts,
+        }
+
+
+def largest_current(experiments: Sequence[Experiment]) -> float:
+    """Return the largest |i_d| or |i_q| in A."""
+    return max(float(np.abs(e.stack(Machine.states)).max()) for e in experiments)

@@ -1,0 +1,227 @@
+"""Flux maps that are linear in their coefficients: polynomial, radial and spline bases."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import FloatArray, JaxArray, Leaf, float64
+from penode.errors import InputError
+from penode.models.learned_map import LearnedMap
+from penode.models.parameters import parameter, with_batch_axis
+from penode.models.polynomials import exponents
+from penode.models.splines import Spline
+
+#: Half the side of the square that a basis covers, in the largest current recorded.
+_REACH = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMap:
+    """A map that is linear in its coefficients.
+
+    Attributes
+    ----------
+    name : str
+        As tables show it.
+    terms : int
+        Basis functions of one flux linkage.
+    network : callable
+        Weights (output, term) to the map that sums the basis functions so weighted, on currents
+        scaled to order 1.
+    constraint : ndarray, shape (2 term, coefficient), or None
+        Weights of psi_d, then psi_q, of each coefficient; None has a coefficient for each weight.
+    """
+
+    name: str
+    terms: int
+    network: Callable[[FloatArray], LearnedMap]
+    constraint: FloatArray | None = None
+
+    @property
+    def coefficients(self) -> int:
+        """Number of coefficients."""
+        return 2 * self.terms if self.constraint is None else self.constraint.shape[1]
+
+    def columns(self, x: FloatArray) -> FloatArray:
+        """Return the flux linkages of each coefficient at scaled currents.
+
+        Parameters
+        ----------
+        x : ndarray, shape (time, 2)
+            Currents over the largest one.
+
+        Returns
+        -------
+        ndarray, shape (time, 2, coefficient)
+            Dimensionless.
+        """
+        # With the identity for weights a map's outputs are its basis functions.
+        network = self.network(np.eye(self.terms))
+        with float64():
+            basis = np.asarray(_evaluate(network, jnp.asarray(x.T))).T
+        nothing = np.zeros_like(basis)
+        psi_d, psi_q = np.hstack([basis, nothing]), np.hstack([nothing, basis])
+        both = np.stack([psi_d, psi_q], axis=1)
+        return both if self.constraint is None else np.asarray(both @ self.constraint)
+
+    def weighted(self, coefficients: FloatArray) -> LearnedMap:
+        """Return the map (2 inputs, 2 outputs) of given coefficients, in the order of `columns`."""
+        weights = coefficients if self.constraint is None else self.constraint @ coefficients
+        return self.network(weights.reshape(2, self.terms))
+
+
+@eqx.filter_jit
+def _evaluate(network: LearnedMap, x: JaxArray) -> JaxArray:
+    batched: LearnedMap = with_batch_axis(network)  # type: ignore[type-var]
+    return batched.value_and_jacobian(x)[0]
+
+
+class Monomials(eqx.Module):
+    """All monomials of two inputs up to a total degree, weighted and summed.
+
+    The products are gathered from tables of powers: a few array operations, whatever the degree.
+
+    Attributes
+    ----------
+    degree : int
+        Largest total degree.
+    coefficients : array, shape (m, term)
+        One column a monomial, in the order of `penode.models.polynomials.exponents`.
+    """
+
+    degree: int = eqx.field(static=True)
+    coefficients: Leaf = parameter()
+
+    def value_and_jacobian(self, x: JaxArray) -> tuple[JaxArray, JaxArray]:
+        """Return the value (m, batch) and its Jacobian (m, 2, batch) at x (2, batch)."""
+        first, second = np.array(exponents(2, self.degree)).T
+        powers = jnp.stack([x**n for n in range(self.degree + 1)])  # (power, input, batch)
+        by_first, by_second = powers[first, 0], powers[second, 1]
+        slopes = (
+            first[:, None] * powers[np.maximum(first - 1, 0), 0] * by_second,
+            by_first * second[:, None] * powers[np.maximum(second - 1, 0), 1],
+        )
+        return _weigh(self.coefficients, by_first * by_second, jnp.stack(slopes, axis=1))
+
+
+class RadialBasis(eqx.Module):
+    """Gaussians on a square grid beside a constant and a linear part.
+
+    ``sum_c w_c exp(-|x - c|^2 / (2 width^2)) + w_0 + w_1 x_1 + w_2 x_2``
+
+    Attributes
+    ----------
+    points : int
+        Centres along each side of the square from -1 to 1.
+    width : float
+        Standard deviation of the Gaussians, in the unit of the inputs.
+    coefficients : array, shape (m, points^2 + 3)
+        Of the Gaussians, row by row, of 1, x_1 and x_2.
+    """
+
+    points: int = eqx.field(static=True)
+    width: float = eqx.field(static=True)
+    coefficients: Leaf = parameter()
+
+    def value_and_jacobian(self, x: JaxArray) -> tuple[JaxArray, JaxArray]:
+        """Return the value (m, batch) and its Jacobian (m, 2, batch) at x (2, batch)."""
+        axis = np.linspace(-_REACH, _REACH, self.points)
+        centres = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+        gap = (x[None] - centres[..., None]) / self.width
+        bell = jnp.exp(-0.5 * jnp.sum(gap**2, axis=1))
+        straight = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])[..., None]
+        slopes = (
+            -bell[:, None] * gap / self.width,
+            jnp.broadcast_to(straight, (3, *x.shape)),
+        )
+        value = jnp.concatenate([bell, jnp.ones_like(x[:1]), x])
+        return _weigh(self.coefficients, value, jnp.concatenate(slopes))
+
+
+def _weigh(coefficients: JaxArray, value: JaxArray, slopes: JaxArray) -> tuple[JaxArray, JaxArray]:
+    """Sum basis functions (term, batch) and slopes (term, 2, batch) by (m, term, batch or 1)."""
+    return (
+        jnp.sum(coefficients * value, axis=1),
+        jnp.sum(coefficients[:, :, None] * slopes, axis=1),
+    )
+
+
+def polynomial(degree: int = 6, reciprocal: bool = False) -> LinearMap:
+    """Return all monomials of the currents up to a total degree.
+
+    Parameters
+    ----------
+    degree : int
+        Of the flux linkages.
+    reciprocal : bool
+        Whether both are the slopes of one coenergy, of one degree more.
+
+    Raises
+    ------
+    InputError
+        If the degree is below 1.
+    """
+    _at_least(degree, 1, "degree")
+    known = exponents(2, degree)
+    network = partial(Monomials, degree)
+    if not reciprocal:
+        return LinearMap("polynomial", len(known), network)
+    coenergy = exponents(2, degree + 1)[1:]  # its constant has no slope
+    slopes = np.zeros((2, len(known), len(coenergy)))
+    for column, powers in enumerate(coenergy):
+        for axis, power in enumerate(powers):
+            if power:
+                lowered = tuple(p - (k == axis) for k, p in enumerate(powers))
+                slopes[axis, known.index(lowered), column] = power
+    constraint = slopes.reshape(2 * len(known), -1)
+    return LinearMap("reciprocal polynomial", len(known), network, constraint)
+
+
+def radial(points: int = 6) -> LinearMap:
+    """Return Gaussians on a square grid, as wide as the grid's spacing, and a linear part.
+
+    Parameters
+    ----------
+    points : int
+        Centres a side.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than 2 points a side.
+    """
+    _at_least(points, 2, "points")
+    width = 2 * _REACH / (points - 1)
+    return LinearMap("radial", points**2 + 3, partial(RadialBasis, points, width))
+
+
+def spline(cells: int = 4) -> LinearMap:
+    """Return cubic B-splines on a square.
+
+    Parameters
+    ----------
+    cells : int
+        Along each side.
+
+    Raises
+    ------
+    InputError
+        If there is no cell.
+    """
+    _at_least(cells, 1, "cells")
+    side, reach = cells + 3, (_REACH, _REACH)
+
+    def network(weights: FloatArray) -> LearnedMap:
+        shaped = weights.reshape(len(weights), side, side)
+        return Spline((-_REACH, -_REACH), reach, (cells, cells), shaped)
+
+    return LinearMap("spline", side**2, network)
+
+
+def _at_least(count: int, least: int, what: str) -> None:
+    if count < least:
+        raise InputError(f"{what} {count} came; give a whole number from {least}.")

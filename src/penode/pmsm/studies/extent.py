@@ -1,0 +1,98 @@
+"""How much of every study is computed: all of it, or a small part of each by the same code."""
+
+from dataclasses import dataclass
+
+from penode.pmsm.study import Study
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Size of the studies.
+
+    Attributes
+    ----------
+    name : str
+    horizons : tuple of int
+        Steps, ascending; those of the paper's figures.
+    few_horizons : tuple of int
+        Where the horizon is not the question.
+    seeds : tuple of int
+        Of networks, starts and the order of batches.
+    growth : tuple of int
+        Horizons that training goes through on the way to a longer one.
+    growth_steps, steps : int
+        Gradient steps of the paper's recipe at each of those, and at the horizon itself.
+    share : float
+        Duration of the training recordings over that of the paper's.
+    unseen : int
+        Recordings at other speeds, currents and trajectories.
+    unseen_duration : float
+        s.
+    recordings : tuple of str
+        Those of the table of methods.
+    variants : tuple of str
+        Names of the steps from the paper's recipe to ours that are taken.
+    ours : Study
+        Our defaults.
+    """
+
+    name: str
+    horizons: tuple[int, ...]
+    few_horizons: tuple[int, ...]
+    seeds: tuple[int, ...]
+    growth: tuple[int, ...]
+    growth_steps: int
+    steps: int
+    share: float
+    unseen: int
+    unseen_duration: float
+    recordings: tuple[str, ...]
+    variants: tuple[str, ...]
+    ours: Study
+
+    @property
+    def longest(self) -> int:
+        """The longest horizon."""
+        return self.horizons[-1]
+
+
+FULL = Extent(
+    name="full",
+    horizons=(1, 2, 5, 10, 15, 20, 30, 50, 75, 100),
+    few_horizons=(1, 10, 100),
+    seeds=(0, 1, 2),
+    growth=(1, 2, 5, 10, 20, 50),
+    growth_steps=400,
+    steps=6000,
+    share=1.0,
+    unseen=8,
+    unseen_duration=0.25,
+    recordings=(
+        "simulation",
+        "testbench",
+        "well_designed",
+        "well_designed_testbench",
+        "motor_operation",
+        "operating_points",
+    ),
+    variants=("paper", "second_order", "jittered", "coenergy", "inverter", "harmonics"),
+    ours=Study(),
+)
+
+#: The same code, small. What takes time is not training but compiling: a program a structure of
+#: the model, a recording and a length. So there are few structures, and lengths are alike.
+QUICK = Extent(
+    name="quick",
+    horizons=(1, 20),
+    few_horizons=(1,),
+    seeds=(0,),
+    growth=(1,),
+    growth_steps=20,
+    steps=40,
+    share=0.1,
+    unseen=2,
+    unseen_duration=0.2,
+    recordings=("operating_points",),
+    variants=("paper", "inverter"),
+    ours=Study(inverter=False, angle_orders=()),
+)

@@ -1,0 +1,144 @@
+"""Training that branches: what plans have in common is trained once.
+
+A plan's stages follow each other, each from where the one before ended and with optimisers that
+start anew. Two plans whose first stages are the same therefore pass through the same parameters
+there: the paper's growth through short horizons is trained once a seed and every longer horizon
+branches off, with the result that each would have had by itself.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.data.experiment import Experiment
+from penode.horizon.account import Account
+from penode.horizon.identifiability import Start
+from penode.horizon.ladder import Ascent, Observer
+from penode.horizon.selection import Longest
+from penode.models.base import Model
+from penode.training.archive import to_json, write_atomically
+from penode.training.fit import Fit
+from penode.training.plan import Plan, Stage
+
+
+@dataclass(frozen=True, eq=False)
+class Branches:
+    """Where stages ended, kept in a file.
+
+    Attributes
+    ----------
+    path : Path
+        JSON: ``given``, and ``ends``: stages, as text, to the raw parameters after them.
+    given : mapping
+        What they were trained with, as JSON can hold it.
+    ends : dict of str to ndarray, shape (parameter,)
+    """
+
+    path: Path
+    given: Mapping[str, Any]
+    ends: dict[str, FloatArray] = field(default_factory=dict)
+
+    @classmethod
+    def at(cls, path: Path, given: Mapping[str, Any]) -> "Branches":
+        """Read what is there, or begin anew where it is damaged or was trained with other things.
+
+        Parameters
+        ----------
+        path : Path
+        given : mapping
+            What is trained with now.
+        """
+        try:
+            known = json.loads(path.read_text())
+            if known["given"] != given:
+                return cls(path, given)
+            ends = {key: np.array(raw, dtype=float) for key, raw in known["ends"].items()}
+        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+            return cls(path, given)
+        return cls(path, given, ends)
+
+    def keep(self, key: str, raw: FloatArray) -> None:
+        """Add one end and write all."""
+        self.ends[key] = raw
+        ends = {name: end.tolist() for name, end in self.ends.items()}
+        write_atomically(self.path, to_json({"given": self.given, "ends": ends}))
+
+
+@dataclass(frozen=True, eq=False)
+class Trainer:
+    """Trains models of one structure on one recording.
+
+    Attributes
+    ----------
+    ascent : Ascent
+        Of the recording.
+    plan : Plan
+        Whose solver, hold and loss the ascent was made for.
+    """
+
+    ascent: Ascent
+    plan: Plan
+
+    @classmethod
+    def of(cls, model: Model, run: Experiment, plan: Plan, observer: Observer) -> "Trainer":
+        """Return a trainer for a model's structure."""
+        return cls(Ascent.of(model, [run], plan, observer), plan)
+
+    def train(
+        self, start: Model, plan: Plan, branches: Branches, validation: tuple[Experiment, ...]
+    ) -> Fit:
+        """Return the fit at the last stage of a plan.
+
+        Parameters
+        ----------
+        start : Model
+            Where the first stage begins.
+        plan : Plan
+            Of the trainer's solver, hold and loss.
+        branches : Branches
+            Ends of stages known already; those passed on the way are added.
+        validation : tuple of Experiment
+            Predicted only.
+
+        Raises
+        ------
+        InputError
+            If the last stage diverges.
+        """
+        *before, last = plan.stages
+        raw = self._end(start, plan, tuple(before), branches)
+        final = replace(plan, stages=(last,))
+        (rung,) = self.ascent.climb(final, raw)
+        branches.keep(_key(plan.stages), rung.solution.raw)
+        choice = Longest().select([rung])
+        account = Account(self.ascent, Start(start), final, [rung], choice)
+        return account.fit(validation, {"placement": str(plan.placement)})
+
+    def _end(
+        self, start: Model, plan: Plan, stages: tuple[Stage, ...], branches: Branches
+    ) -> FloatArray:
+        """Return the raw parameters after stages, from as far as they are known."""
+        if not stages:
+            return self.ascent.objective.layout.raw(start)
+        key = _key(stages)
+        if key not in branches.ends:
+            raw = self._end(start, plan, stages[:-1], branches)
+            problem = self.ascent.problem(stages[-1], plan)
+            found = stages[-1].optimiser.minimise(problem, raw)
+            branches.keep(key, found.raw)
+        return branches.ends[key]
+
+
+def _key(stages: tuple[Stage, ...]) -> str:
+    """Return stages as text, without addresses."""
+    return " > ".join(f"{stage.horizon}:{_efforts(stage.optimiser)}" for stage in stages)
+
+
+def _efforts(optimiser: Any) -> str:
+    known: Mapping[str, Any] = vars(optimiser)
+    return ",".join(f"{k}={v}" for k, v in known.items() if isinstance(v, (int, float)))
