@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 from penode.pmsm.excitation import excitation_of
 from penode.pmsm.prospects import prospects_of
 from penode.pmsm.start import weak_start
+from penode.pmsm.weak_balance import BalanceForm, PolynomialMap
 
 
 @pytest.fixture(autouse=True)
@@ -61,3 +62,25 @@ def test_excitation_of_a_disc_and_of_a_line(slow_run, unseen_run):
     poor = excitation_of([run])
     assert poor.share == 0.0
     assert len(poor.advice) == 3
+
+
+def test_the_profile_is_the_balance_solved_anew_with_r_held(slow_run):
+    found = prospects_of([slow_run], "coenergy", inverter=False)
+    reciprocal, free = found.profiles
+    assert (reciprocal.flux_map, free.flux_map) == ("reciprocal", "unconstrained")
+    scale = float(np.abs(slow_run.stack(("i_d", "i_q"))).max())
+    equations = BalanceForm(PolynomialMap(True, scale)).solve([slow_run]).equations
+    size = np.linalg.norm(equations.matrix, axis=0)
+    matrix = equations.matrix / np.where(size > 0, size, 1)
+
+    def residual(held):
+        target = equations.target - equations.matrix[:, 0] * held
+        rest = matrix[:, 1:]
+        return np.linalg.norm(target - rest @ np.linalg.lstsq(rest, target, rcond=1e-10)[0])
+
+    best = residual(reciprocal.resistance)
+    for away in (-4e-3, 2e-3):
+        held = reciprocal.resistance + away
+        assert reciprocal.rise(held) == pytest.approx(residual(held) / best - 1, rel=1e-3)
+    # Without reciprocity nothing holds R: what the picture shows as a flat line.
+    assert free.steepness < 0.01 * reciprocal.steepness

@@ -43,11 +43,11 @@ def check_command(
     asked = load_study(config)
     found = check_recordings([asked.load(run) for run in runs], asked)
     drawn = picture is not None and found.excitation is not None
-    if picture is not None and found.excitation is not None:
+    if picture is not None and found.excitation is not None and found.prospects is not None:
         # Imported here: the plotting library takes a third of a second, and few commands draw.
         from penode.pmsm.check_picture import check_picture
 
-        write_atomically(picture, check_picture(found.drives, found.excitation))
+        write_atomically(picture, check_picture(found.drives, found.excitation, found.prospects))
     if as_json:
         typer.echo(json.dumps({**found.as_json(), "picture": str(picture) if drawn else None}))
     else:

@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.pmsm.excitation import Excitation
+from penode.pmsm.prospects import Prospects
 from penode.report import palette
 
 _INK, _MUTED = palette.INK.light, palette.MUTED.light
@@ -21,8 +22,10 @@ _CELLS, _BARS, _POINTS = 48, 24, 4000
 _TO_RPM = 30 / np.pi
 
 
-def check_picture(recordings: tuple[Experiment, ...], excitation: Excitation) -> bytes:
-    """Return a PNG of what recordings cover.
+def check_picture(
+    recordings: tuple[Experiment, ...], excitation: Excitation, prospects: Prospects
+) -> bytes:
+    """Return a PNG of what recordings cover, and of what they can tell of R.
 
     Parameters
     ----------
@@ -30,19 +33,24 @@ def check_picture(recordings: tuple[Experiment, ...], excitation: Excitation) ->
         With i_d, i_q (A) and omega_el (rad/s).
     excitation : Excitation
         Of these recordings.
+    prospects : Prospects
+        Of these recordings.
 
     Returns
     -------
     bytes
         Left the visited currents with their hull, coloured by the time spent; right the time over
-        the length of the current, and the speeds over time.
+        the length of the current, the speeds over time, and the profile of R.
     """
-    figure = Figure(figsize=(11, 6), layout="constrained")
-    panels = figure.subplot_mosaic([["plane", "length"], ["plane", "speed"]], width_ratios=(1.2, 1))
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    panels = figure.subplot_mosaic(
+        [["plane", "length"], ["plane", "speed"], ["plane", "profile"]], width_ratios=(1.2, 1)
+    )
     image = _draw_plane(panels["plane"], recordings, excitation)
     figure.colorbar(image, ax=panels["plane"], label="time spent in a cell (ms)", shrink=0.8)
     _draw_lengths(panels["length"], recordings, excitation.largest_current)
     _draw_speeds(panels["speed"], recordings)
+    _draw_profiles(panels["profile"], prospects)
     for axes in panels.values():
         axes.spines[["top", "right"]].set_visible(False)
     names = ", ".join(e.name for e in recordings)
@@ -105,3 +113,19 @@ def _draw_speeds(axes: Axes, recordings: tuple[Experiment, ...]) -> None:
     if len(recordings) > 1:
         axes.legend(fontsize=8, frameon=False)
     axes.set_title("Speed", loc="left", fontsize=10)
+
+
+def _draw_profiles(axes: Axes, prospects: Prospects) -> None:
+    """Draw what the balance loses with R held: where a curve is flat, the data cannot tell R."""
+    chosen = next(p for p in prospects.profiles if (p.flux_map == "reciprocal"))
+    reach = max(1.5 * abs(chosen.resistance), 1e-4)
+    resistance = chosen.resistance + np.linspace(-reach, reach, 301)
+    for profile, colour in zip(prospects.profiles, _LINES, strict=False):
+        factor = 1 + profile.rise(resistance)
+        axes.semilogy(
+            1e3 * resistance, factor, color=colour, lw=1.6, label=f"{profile.flux_map} map"
+        )
+    axes.set(xlabel="R held at (mohm)", ylabel="residual over the least")
+    axes.set_ylim(bottom=1)
+    axes.legend(fontsize=8, frameon=False)
+    axes.set_title("Profile of R: flat where the data cannot tell it", loc="left", fontsize=10)

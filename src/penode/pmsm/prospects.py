@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.horizon.identifiability import THRESHOLD
 from penode.pmsm.broken_convention import with_channels
@@ -22,6 +23,30 @@ _ALARM = 0.1
 #: How much faster the currents are, and the share of them that is left, in trials.
 _FASTER, _LEAST_AMPLITUDE = 4, 0.3
 _POINTS = 300
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Profile of R: what the voltage balance loses with R held, all else fitted anew.
+
+    Attributes
+    ----------
+    flux_map : str
+        ``"reciprocal"`` or ``"unconstrained"``.
+    resistance : float
+        Where the balance fits best, ohm.
+    steepness : float
+        1/ohm^2: the squares of the balance rise by 1 + steepness (R - resistance)^2.
+    """
+
+    flux_map: str
+    resistance: float
+    steepness: float
+
+    def rise(self, resistance: FloatArray) -> FloatArray:
+        """Return by what share the balance's residual rises with R held, same shape."""
+        away = resistance - self.resistance
+        return np.asarray(np.sqrt(1 + self.steepness * away**2) - 1)
 
 
 @dataclass(frozen=True)
@@ -38,12 +63,15 @@ class Prospects:
         The gauge alarm as a sentence, empty where there is none.
     repair : str
         The cheapest change that helps, tried, as a sentence; empty where none is needed.
+    profiles : tuple of Profile
+        With a reciprocal map and with an unconstrained one.
     """
 
     flux_map: str
     independence: Mapping[str, float]
     alarm: str
     repair: str
+    profiles: tuple[Profile, ...]
 
     @property
     def indistinguishable(self) -> tuple[str, ...]:
@@ -68,13 +96,18 @@ def prospects_of(recordings: Sequence[Experiment], kind: str, inverter: bool) ->
     Prospects
     """
     reciprocal = FLUX_MAPS[kind].reciprocal
-    solved = _balance(recordings, reciprocal, inverter)
+    balances = {kind: _balance(recordings, kind, inverter) for kind in (True, False)}
+    solved = balances[reciprocal]
+    names = {True: "reciprocal", False: "unconstrained"}
     poor = min(solved.independence.values()) < THRESHOLD
     return Prospects(
         kind,
         solved.independence,
         "" if reciprocal else _alarm(recordings, solved),
         _repair(recordings, reciprocal, inverter) if poor else "",
+        tuple(
+            Profile(names[k], b.resistance, b.equations.steepness(0)) for k, b in balances.items()
+        ),
     )
 
 

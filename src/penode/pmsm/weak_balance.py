@@ -92,6 +92,8 @@ class BalanceSolution:
         HAC deviation of R in ohm, and of dead_time_voltage in V where it was asked for.
     independence : mapping of str to float
         Share of each one's low-passed regressor that the others do not explain.
+    equations : WeakRegression
+        Behind all but the harmonics; the first column is R's.
     """
 
     form: "BalanceForm"
@@ -101,6 +103,7 @@ class BalanceSolution:
     harmonics: FloatArray
     deviation: Mapping[str, float]
     independence: Mapping[str, float]
+    equations: WeakRegression
 
     @property
     def physical(self) -> dict[str, tuple[float, float]]:
@@ -176,6 +179,7 @@ class BalanceForm:
             harmonics=harmonics,
             deviation={name: slow.deviation(k) for k, name in enumerate(names)},
             independence={name: slow.independence(k) for k, name in enumerate(names)},
+            equations=slow,
         )
 
     def _mean_equations(self, experiment: Experiment, length: int) -> WeakRegression:

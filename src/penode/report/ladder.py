@@ -40,7 +40,7 @@ class _Ladder:
             values * scale.factor,
             _TWO_SIDED_95 * np.where(np.isfinite(std), std, 0.0) * scale.factor,
             choice.selected,
-            choice.plateau if choice.answered else (),
+            choice.plateau if choice.answered and len(choice.plateau) > 1 else (),
             np.array(estimate.interval_95) * scale.factor,
             scale,
         )

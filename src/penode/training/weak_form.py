@@ -89,6 +89,16 @@ class WeakRegression:
         explained = others @ np.linalg.lstsq(others, own, rcond=_RANK_TOLERANCE)[0]
         return float(np.sum((own - explained) ** 2) / np.sum(own**2))
 
+    def steepness(self, column: int) -> float:
+        """Return how fast the profile of a coefficient rises, in one over its unit squared.
+
+        With the coefficient held `c` away from its least-squares value and all others fitted anew,
+        the sum of squares is larger by the factor 1 + steepness c^2.
+        """
+        left = float(np.sum((self.target - self.matrix @ self.solve()) ** 2))
+        own = float(np.sum(self.matrix[:, column] ** 2))
+        return self.independence(column) * own / max(left, 1e-300)
+
 
 def join(parts: Sequence[WeakRegression]) -> WeakRegression:
     """Return the equations of several recordings as one regression."""

@@ -14,6 +14,7 @@ from penode.pmsm.studies.summaries import (
     at,
     error_percent,
     flux_percent,
+    limits,
     listed,
     mean_at,
     milliohm,
@@ -75,7 +76,7 @@ def resistance_vs_horizon(runs: Runs) -> StudyResult:
         "estimated R (mΩ)",
         (*any_map, *coenergy[:1], best),
         truth,
-        y_limits=(min(1.7 * min(any_map[0].y, default=0.0), -truth), 5 * truth),
+        y_limits=limits(any_map[0], truth),
     )
     right = Panel(
         "A coenergy map: near the truth at every horizon",

@@ -94,6 +94,12 @@ def star(run: Run, value: Value) -> Series:
     return Series(label, x, y, "ours", "*", joined=False)
 
 
+def limits(paper: Series, truth: float) -> tuple[float, float]:
+    """Return limits of an axis that show the paper's recipe and the truth, whatever else is far."""
+    found = [value for value in paper.y if np.isfinite(value)] or [truth]
+    return min(1.7 * min(found), -truth), max(1.3 * max(found), 5 * truth)
+
+
 def told(found: Measures) -> str:
     """Return R, map and horizon in words."""
     return (

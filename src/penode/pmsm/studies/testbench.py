@@ -12,6 +12,7 @@ from penode.pmsm.studies.runs import Place, Run, Runs
 from penode.pmsm.studies.simulated import HORIZON, axes_runs, over_horizons
 from penode.pmsm.studies.summaries import (
     at,
+    limits,
     listed,
     mean_at,
     milliohm,
@@ -39,6 +40,7 @@ def testbench_resistance(runs: Runs) -> StudyResult:
         "estimated R (mΩ)",
         (*series, star(ours, milliohm)),
         truth,
+        y_limits=limits(series[0], truth),
     )
     view, labels = _listening(runs)
     right = Panel(
@@ -122,10 +124,11 @@ def _aliasing(runs: Runs, by: dict[str, list[Run]]) -> list[Claim]:
         h: mean_at(by[SECOND_ORDER.name], h, milliohm) - mean_at(by[JITTERED.name], h, milliohm)
         for h in horizons
     }
-    phases = {h: period // gcd(h, period) for h in horizons}
-    few = [abs(gap[h]) for h in horizons if phases[h] <= 2 and h > 1]
-    many = [abs(gap[h]) for h in horizons if phases[h] > 2 and h > 1]
-    listing = "; ".join(f"H = {h}: {phases[h]} phases, {gap[h]:+.2g} mΩ" for h in horizons)
+    gap = {h: value for h, value in gap.items() if np.isfinite(value)}
+    phases = {h: period // gcd(h, period) for h in gap}
+    few = [abs(gap[h]) for h in gap if phases[h] <= 2]
+    many = [abs(gap[h]) for h in gap if phases[h] > 2]
+    listing = "; ".join(f"H = {h}: {phases[h]} phases, {gap[h]:+.2g} mΩ" for h in gap)
     claim = Claim(
         "Windows end to end differ from jittered ones most where few phases of the sixth order are "
         "sampled.",
