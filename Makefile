@@ -36,6 +36,8 @@ validate: $(STAMP)
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow
 	$(BIN)/python -m validate.random_starts
 	$(BIN)/python -m validate.horizon_choice
+	$(BIN)/python -m validate.conventions
+	$(BIN)/python -m validate.aliasing
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

@@ -5,6 +5,7 @@ Three more need torch or jax-sysid, in an environment of their own; their comman
 
 from benchmarks import (
     bench_speed,
+    c_lookup,
     diffrax_gradient,
     gauss_newton,
     identification,
@@ -13,7 +14,16 @@ from benchmarks import (
     sweep,
 )
 
-HERE = (roofline, gauss_newton, diffrax_gradient, memory, identification, bench_speed, sweep)
+HERE = (
+    roofline,
+    gauss_newton,
+    diffrax_gradient,
+    memory,
+    identification,
+    bench_speed,
+    sweep,
+    c_lookup,
+)
 
 ELSEWHERE = """\
 Not run here:

@@ -5,6 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jax
+
 Record = dict[str, Any]
 
 
@@ -33,6 +35,7 @@ class Ledger:
         known = self.known()
         if draw not in known:
             record = {"draw": draw, **make(draw)}
+            jax.clear_caches()  # every draw has programs of its own, and nothing else drops them
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with self.path.open("a") as file:
                 file.write(json.dumps(record) + "\n")

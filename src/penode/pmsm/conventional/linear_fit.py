@@ -17,7 +17,7 @@ from penode.predictors.base import Predictor
 from penode.training.fit import Estimate, Fit, HorizonChoice, Rung
 from penode.validation.coverage import thin
 from penode.validation.free_run import compare
-from penode.validation.residual_tests import residual_spectrum
+from penode.validation.residual_tests import residual_correlations, residual_spectrum
 
 _SOLVED = "Linear least squares: solved in one step."
 
@@ -89,6 +89,7 @@ class LinearFit:
             excited=thin(np.concatenate([e.stack(Machine.states) for e in experiments])),
             comparisons=(*seen, *unseen),
             spectrum=residual_spectrum(seen[0]),
+            correlations=residual_correlations(seen[0], experiments[0], Machine.inputs),
             transitions=linearised(predictor, model, experiments[0], np.ones(2)),
             warnings=tuple(
                 f"{c.name}: the free run diverges; the map is unusable for simulation there."

@@ -105,14 +105,25 @@ class Runs:
         """Return the runs of a variant, seed by seed and horizon by horizon."""
         return [run for seed in seeds for run in self._climbed(case, variant, horizons, seed)]
 
-    def by_method(self, case: str, name: str, method: Method) -> Run:
-        """Return the run of a method that chooses its horizon itself, or has none."""
+    def by_method(self, case: str, name: str, method: Method, told: str = "") -> Run:
+        """Return the run of a method that chooses its horizon itself, or has none.
+
+        Parameters
+        ----------
+        case : str
+            A key of `penode.pmsm.studies.recordings.CASES`.
+        name : str
+            Folder of its runs.
+        method : Method
+        told : str
+            What its settings are, where they differ from call to call.
+        """
 
         def train() -> Fit:
             made = self.case(case)
             return method.identify([made.experiment], made.validation, self.observer)
 
-        return self._kept(Place(case, name), train)
+        return self._kept(Place(case, name), train, {"settings": told})
 
     def fit(self, place: "Place") -> Fit:
         """Return the fit kept at a place, without its comparisons."""
@@ -120,17 +131,21 @@ class Runs:
 
     def ours(self, case: str) -> Run:
         """Return the run of our defaults."""
-        return self.by_method(case, "ours", OurDefaults(self.extent.ours))
+        study = self.extent.ours
+        return self.by_method(case, "ours", OurDefaults(study), str(study))
 
     def _climbed(
         self, case: str, variant: Variant, horizons: Sequence[int], seed: int
     ) -> list[Run]:
-        told = str(replace(variant, label=""))
+        told = {"variant": str(replace(variant, label=""))}
+        if variant.adam:
+            size = self.extent
+            told["steps"] = f"{size.growth} {size.growth_steps} {size.steps}"
 
         @cache
         def begun() -> tuple[Machine, Branches]:
             folder = self.folder / Path(case, variant.name, f"seed{seed}")
-            given = self._given(case, told, ())
+            given = self._given(case, told)
             known = Branches.at(folder / "branches.json", given)
             return variant.start(self.case(case).experiment, seed), known
 
@@ -139,9 +154,14 @@ class Runs:
             plan = variant.plans(horizons, made.experiment, seed, self.extent)[horizon]
             return self._trainer(case, variant).train(start, plan, branches, made.validation)
 
-        way = list(horizons) if variant.climbing and not variant.adam else []
+        climbing = variant.climbing and not variant.adam
+        below = {h: [low for low in horizons if low <= h] if climbing else [] for h in horizons}
         return [
-            self._kept(Place(case, variant.name, seed, h), partial(train, h), told, way)
+            self._kept(
+                Place(case, variant.name, seed, h),
+                partial(train, h),
+                {**told, "horizons": str(below[h])},
+            )
             for h in horizons
         ]
 
@@ -162,26 +182,24 @@ class Runs:
         return self._trainers[key]
 
     def _kept(
-        self, place: "Place", train: Callable[[], Fit], told: str = "", way: Sequence[int] = ()
+        self, place: "Place", train: Callable[[], Fit], told: Mapping[str, str] | None = None
     ) -> Run:
         """Return the run kept at a place, or train and keep it.
 
-        A run that was made in another way, by another recipe or on other recordings, is made anew.
+        A run that was made in another way or on other recordings is made anew.
         """
         folder = self.folder / place.folder
-        path, given = (
-            folder / "run.json",
-            self._given(place.recording, told, [h for h in way if h <= place.horizon]),
-        )
+        path, given = folder / "run.json", self._given(place.recording, told or {})
         known = _read(path, given)
         if known is not None:
             self._known[place] = known
             return known
+        recording = self.case(place.recording).recording
         wall, processor = time.monotonic(), time.process_time()
         measures, refusal = None, ""
         try:
             fit = train()
-            measures = measure(fit, self.case(place.recording).recording)
+            measures = measure(fit, recording)
             replace(fit, comparisons=()).save(folder)
         except InputError as error:
             refusal = str(error)
@@ -198,18 +216,14 @@ class Runs:
         self._known[place] = run
         return run
 
-    def _given(self, case: str, told: str, way: Sequence[int]) -> dict[str, Any]:
+    def _given(self, case: str, told: Mapping[str, str]) -> dict[str, Any]:
         """Return what a kept run must have been made with."""
         size = self.extent
-        training = [list(size.growth), size.growth_steps, size.steps]
-        data = [size.share, size.unseen, size.unseen_duration]
         return {
             "penode": version("penode"),
-            "training": training,
-            "recordings": data,
+            "recordings": [size.share, size.unseen, size.unseen_duration],
             "simulation": fingerprint(case),
-            "variant": told,
-            "horizons": list(way),
+            **told,
         }
 
 

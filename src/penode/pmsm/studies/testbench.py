@@ -83,7 +83,11 @@ def _listening(runs: Runs) -> tuple[PrefilterView, list[str]]:
     view = prefilter_view(seen, fit.transitions, runs.extent.horizons, base)
     pole_pairs = runs.case("testbench").recording.truth.machine.pole_pairs
     named = named_lines(view.lines[:_LINES], base, pole_pairs)
-    return view, [f"order {one.order:+.3g}: {_short(one.cause)}" for one in named]
+    return view, [f"order {_signed(one.order)}: {_short(one.cause)}" for one in named]
+
+
+def _signed(order: float) -> str:
+    return f"{order:+.3g}" if order else "0"
 
 
 def _short(cause: str) -> str:
