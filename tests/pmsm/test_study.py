@@ -18,7 +18,7 @@ from penode.training import fit as fit_module
 
 @pytest.fixture(scope="module")
 def fit(slow_run, unseen_run):
-    study = Study(horizon=27)
+    study = Study(horizon=27, inverter=False, angle_orders=())
     return identify([slow_run], pole_pairs=5, study=study, validation=[unseen_run])
 
 
@@ -39,7 +39,7 @@ def test_free_run_on_unseen_speed_stays_close(fit):
 
 
 def test_unconstrained_map_at_one_speed_is_called_unanswerable(slow_run):
-    fit = identify([slow_run], study=Study(flux_map="mlp", horizon=1))
+    fit = identify([slow_run], study=Study(flux_map="mlp", horizon=1, inverter=False))
     assert fit.horizon.verdict == "not identifiable"
     assert not fit.horizon.answered
     assert fit.parameters["R"].value < 0
@@ -96,7 +96,8 @@ def test_a_stuck_current_is_warned_of(slow_run):
     held = slow_run.channels["i_d"].copy()
     held[3000:3400] = held[3000]
     run = replace(slow_run, channels={**slow_run.channels, "i_d": held})
-    warnings = identify([run], study=Study(horizon=1)).warnings
+    plain = Study(horizon=1, inverter=False, angle_orders=())
+    warnings = identify([run], study=plain).warnings
     assert any("i_d" in warning for warning in warnings)
 
 

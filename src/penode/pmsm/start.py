@@ -111,6 +111,12 @@ def _round_scale(largest: float) -> float:
     return float(f"{10 ** (math.ceil(10 * math.log10(largest) - 1e-9) / 10):.3g}")
 
 
+def _six_digits(values: FloatArray) -> FloatArray:
+    """Round to six significant digits: a hundred steps blow up the last bits of a recording."""
+    size = 10.0 ** np.floor(np.log10(np.maximum(np.abs(values), 1e-300)))
+    return np.asarray(np.round(values / size, 5) * size)
+
+
 def _machine(flux_map: FluxMap, balance: BalanceSolution) -> Machine:
     if balance.form.dead_time_current is not None:
         dead_time = (balance.dead_time_voltage, balance.form.dead_time_current)
@@ -152,4 +158,4 @@ def _fit_networks(
         tried = [least_squares(value, layout.raw(d), max_nfev=_FEW, **how) for d in draws]
         better = min(tried, key=lambda fit: float(fit.cost))
         best = least_squares(value, better.x, max_nfev=_MANY, **how)
-        return layout.plain_model(best.x)
+        return layout.plain_model(_six_digits(best.x))
