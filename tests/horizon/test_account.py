@@ -69,6 +69,15 @@ def test_what_agreeing_rungs_differ_by_widens_the_interval(climbed):
     assert alone.parameters["R"].std == pytest.approx(deviation[2])
 
 
+def test_a_parameter_that_no_horizon_is_sure_of_is_told_so_and_spoils_no_other(climbed):
+    ascent, rungs = climbed
+    unsure = np.array([1.0, np.inf, 1.0, 1.0])
+    rungs = [replace(rung, deviation=rung.deviation * unsure) for rung in rungs]
+    fit = fit_of((ascent, rungs))
+    assert np.isinf(fit.parameters["L_q"].std)
+    assert fit.parameters["R"].std == pytest.approx(climbed[1][1].deviation[2], rel=1e-9)
+
+
 def test_one_step_matrices_are_kept_where_k_step_errors_are_filtered_one_step_errors(climbed):
     kept = fit_of(climbed).transitions
     assert kept.shape == (64, 2, 2)

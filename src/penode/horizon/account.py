@@ -105,7 +105,7 @@ class Account:
         layout = self.ascent.objective.layout
         stage = self.plan.stages[self.choice.index]
         moving = np.flatnonzero(layout.members(stage.groups))
-        known = np.isfinite(chosen.deviation).all()
+        known = np.isfinite(chosen.deviation[len(self.names) :]).all()
         covariance = np.full((layout.size, layout.size), np.inf)
         if known:
             covariance[:] = 0.0
@@ -143,8 +143,7 @@ class Account:
         values = np.stack([rung.values[: len(self.names)] for rung in agreeing])
         deviation = np.stack([rung.deviation[: len(self.names)] for rung in agreeing])
         weights = np.maximum(deviation, 1e-100) ** -2.0
-        if not weights.any():
-            return np.asarray(values.std(axis=0))
+        weights = np.where(weights.any(axis=0), weights, 1.0)  # none is known: all alike
         middle = np.average(values, axis=0, weights=weights)
         return np.asarray(np.sqrt(np.average((values - middle) ** 2, axis=0, weights=weights)))
 
