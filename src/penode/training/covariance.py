@@ -13,8 +13,8 @@ from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.training.residuals import GaussNewtonTerms
 
-#: Directions of the normal matrix below this share of the largest (after scaling) are flat: rounding
-#: makes what is said of them noise, which may swamp what the others say.
+#: Directions of the normal matrix below this share of the largest (after scaling) are flat:
+#: rounding makes what is said of them noise, which may swamp what the others say.
 FLAT = 1e-10
 
 #: Length of the recordings, in HAC bandwidths, below which no deviation is given.
