@@ -85,6 +85,19 @@ def test_bounded_is_exact_close_to_its_bounds():
     np.testing.assert_allclose(raw, [np.log(1e-12), np.log(1e9)], rtol=1e-7)
 
 
+@pytest.mark.parametrize(
+    ("transform", "raw"), [(Positive(), -1e3), (Bounded(-2.0, 0.5), -1e3), (Bounded(-2.0, 0.5), 1e3)]
+)
+def test_what_training_ran_off_to_can_be_taken_up_again(transform, raw):
+    """Training may drive a parameter beyond what floats can tell from its bound."""
+    with float64():
+        value = np.asarray(transform.forward(jnp.full(1, raw), (1,)))
+        back = transform.inverse(value)
+        assert np.isfinite(back).all()
+        again = np.asarray(transform.forward(jnp.asarray(back), (1,)))
+    np.testing.assert_allclose(again, value, rtol=1e-12)
+
+
 @pytest.mark.parametrize(("low", "high"), [(1.0, 1.0), (2.0, -1.0), (0.0, np.nan)])
 def test_bounds_that_leave_nothing_are_refused(low, high):
     with pytest.raises(ValueError, match="want low below high"):

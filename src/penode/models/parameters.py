@@ -52,8 +52,8 @@ class Positive:
         return math.prod(shape)
 
     def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
-        """Exponentiate raw (size,)."""
-        return jnp.exp(raw).reshape(shape)
+        """Exponentiate raw (size,), at least to the smallest number above zero."""
+        return jnp.maximum(jnp.exp(raw), jnp.finfo(raw.dtype).tiny).reshape(shape)
 
     def inverse(self, value: FloatArray) -> FloatArray:
         """Take the logarithm of the value."""
@@ -82,8 +82,10 @@ class Bounded:
         return math.prod(shape)
 
     def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
-        """Squeeze raw (size,) between the bounds."""
-        return (self.low + (self.high - self.low) * jax.nn.sigmoid(raw)).reshape(shape)
+        """Squeeze raw (size,) between the bounds, a rounding error away from them at most."""
+        rounding = 4 * jnp.finfo(raw.dtype).eps
+        place = jnp.clip(jax.nn.sigmoid(raw), rounding, 1 - rounding)
+        return (self.low + (self.high - self.low) * place).reshape(shape)
 
     def inverse(self, value: FloatArray) -> FloatArray:
         """Take the logit of the value's place between the bounds."""
