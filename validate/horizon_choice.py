@@ -81,15 +81,16 @@ def print_table(draws: list[Record]) -> None:
     best = [min(map(abs, draw["by_horizon"].values())) for draw in good]
     ratio = np.median((errors / np.maximum(best, 1e-12)) ** 2)
     print(f"Squared error over that of the best rung: median {ratio:.1f}.")
-    print(f"Mean log error: selected {_mean_log(errors):.2f}, " + _fixed(good))
+    print("              root mean square    95th percentile    mean log error")
+    print(_summary("reported", errors))
+    common = set.intersection(*(set(draw["by_horizon"]) for draw in good))
+    for h in sorted(common, key=int):
+        print(_summary(f"H = {h}", np.abs([draw["by_horizon"][h] for draw in good])))
 
 
-def _fixed(draws: list[Record]) -> str:
-    common = set.intersection(*(set(draw["by_horizon"]) for draw in draws))
-    means = {
-        h: _mean_log(np.abs([d["by_horizon"][h] for d in draws])) for h in sorted(common, key=int)
-    }
-    return ", ".join(f"H = {h} {mean:.2f}" for h, mean in means.items()) + "."
+def _summary(name: str, errors: FloatArray) -> str:
+    square, most = np.sqrt(np.mean(errors**2)), np.quantile(errors, 0.95)
+    return f"{name:12s} {100 * square:16.2f} % {100 * most:16.2f} % {_mean_log(errors):17.2f}"
 
 
 def _mean_log(errors: FloatArray) -> float:

@@ -7,6 +7,7 @@ import pytest
 
 from penode import Plan, Stage, Start
 from penode.horizon.account import Account
+from penode.horizon.consensus import Consensus
 from penode.horizon.ladder import Ascent
 from penode.horizon.selection import Choice
 from penode.training.covariance import Reported
@@ -42,13 +43,13 @@ def fit_of(climbed, start=None, choice=None, values=None):
     return Account(ascent, start, plan, rungs, choice).fit((), {"seed": 4})
 
 
-def test_estimates_are_those_of_the_chosen_rung(climbed):
-    fit, rung = fit_of(climbed), climbed[1][1]
+def test_estimates_of_a_plateau_are_those_of_its_rungs_together(climbed):
+    fit, known = fit_of(climbed), Consensus.of(climbed[1])
     assert list(fit.parameters) == ["L_d", "L_q", "R", "psi"]
     for k, (name, unit) in enumerate([("L_d", "H"), ("L_q", "H"), ("R", "ohm"), ("psi", "Vs")]):
         estimate = fit.parameters[name]
-        assert estimate.value == pytest.approx(rung.values[k])
-        assert estimate.std == pytest.approx(rung.deviation[k], rel=1e-9)
+        assert estimate.value == pytest.approx(known.values[k])
+        assert estimate.std == pytest.approx(known.deviation[k])
         assert estimate.unit == unit
         low, high = estimate.interval_95
         assert high - low == pytest.approx(2 * 1.96 * estimate.std)
@@ -56,26 +57,46 @@ def test_estimates_are_those_of_the_chosen_rung(climbed):
         assert estimate.identifiability is None
 
 
-def test_what_agreeing_rungs_differ_by_widens_the_interval(climbed):
+FIXED = Choice(1, "fixed", "Asked for.", (1,))
+
+
+def test_estimates_of_a_fixed_horizon_are_its_own(climbed):
+    fit, rung = fit_of(climbed, choice=FIXED), climbed[1][1]
+    for k, estimate in enumerate(fit.parameters.values()):
+        assert estimate.value == pytest.approx(rung.values[k])
+        assert estimate.std == pytest.approx(rung.deviation[k])
+
+
+def test_the_reported_model_has_the_reported_parameters(climbed):
     there, away = np.array([2e-3, 3e-3, 0.2, 0.05]), np.array([2e-3, 3e-3, 0.3, 0.05])
     fit = fit_of(climbed, values=[away, there])
+    assert 0.2 < fit.parameters["R"].value < 0.3
+    for name, estimate in fit.parameters.items():
+        assert getattr(fit.model, name) == pytest.approx(estimate.value)
+
+
+def test_what_the_rungs_of_no_plateau_differ_by_widens_the_interval(climbed):
+    there, away = np.array([2e-3, 3e-3, 0.2, 0.05]), np.array([2e-3, 3e-3, 0.3, 0.05])
+    spread = Choice(1, "no plateau", "It depends.", (0, 1))
+    fit = fit_of(climbed, values=[away, there], choice=spread)
     deviation = climbed[1][1].deviation
     assert fit.parameters["R"].value == 0.2
     first, second = climbed[1][0].deviation[2] ** -2, deviation[2] ** -2
-    spread = 0.1 * np.sqrt(first * second) / (first + second)  # of two points with weights
-    assert fit.parameters["R"].std == pytest.approx(np.hypot(deviation[2], spread))
+    apart = 0.1 * np.sqrt(first * second) / (first + second)  # of two points with weights
+    assert fit.parameters["R"].std == pytest.approx(np.hypot(deviation[2], apart))
     assert fit.parameters["psi"].std == pytest.approx(deviation[3])
-    alone = fit_of(climbed, values=[away, there], choice=Choice(1, "fixed", "Asked for.", (1,)))
-    assert alone.parameters["R"].std == pytest.approx(deviation[2])
 
 
 def test_a_parameter_that_no_horizon_is_sure_of_is_told_so_and_spoils_no_other(climbed):
     ascent, rungs = climbed
     unsure = np.array([1.0, np.inf, 1.0, 1.0])
-    rungs = [replace(rung, deviation=rung.deviation * unsure) for rung in rungs]
+    rungs = [
+        replace(rung, deviation=rung.deviation * unsure, working=rung.working * unsure)
+        for rung in rungs
+    ]
     fit = fit_of((ascent, rungs))
     assert np.isinf(fit.parameters["L_q"].std)
-    assert fit.parameters["R"].std == pytest.approx(climbed[1][1].deviation[2], rel=1e-9)
+    assert fit.parameters["R"].std == pytest.approx(Consensus.of(climbed[1]).deviation[2])
 
 
 def test_one_step_matrices_are_kept_where_k_step_errors_are_filtered_one_step_errors(climbed):
@@ -120,9 +141,10 @@ def test_an_indistinguishable_parameter_overrules_the_verdict(climbed):
 
 def test_a_diverging_free_run_is_a_warning_and_no_number(climbed):
     ascent, rungs = climbed
-    raw = rungs[1].solution.raw + np.array([0.0, 0.0, -200.0, 0.0])
-    broken = replace(rungs[1], solution=replace(rungs[1].solution, raw=raw))
-    fit = fit_of((ascent, (rungs[0], broken)))
+    wrong = np.array([0.0, 0.0, -200.0, 0.0])
+    solution = replace(rungs[1].solution, raw=rungs[1].solution.raw + wrong)
+    broken = replace(rungs[1], values=rungs[1].values + wrong, solution=solution)
+    fit = fit_of((ascent, (rungs[0], broken)), choice=FIXED)
     assert fit.horizon.ladder[0].free_run_rmse is not None
     assert fit.horizon.ladder[1].free_run_rmse is None
     assert [w.split(":")[0] for w in fit.warnings] == ["run0.csv", "run1.csv"]

@@ -86,7 +86,8 @@ def test_bounded_is_exact_close_to_its_bounds():
 
 
 @pytest.mark.parametrize(
-    ("transform", "raw"), [(Positive(), -1e3), (Bounded(-2.0, 0.5), -1e3), (Bounded(-2.0, 0.5), 1e3)]
+    ("transform", "raw"),
+    [(Positive(), -1e3), (Bounded(-2.0, 0.5), -1e3), (Bounded(-2.0, 0.5), 1e3)],
 )
 def test_what_training_ran_off_to_can_be_taken_up_again(transform, raw):
     """Training may drive a parameter beyond what floats can tell from its bound."""

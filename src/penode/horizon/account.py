@@ -2,17 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
-from penode.arrays import FloatArray, float64
+from penode.arrays import BoolArray, FloatArray, float64
 from penode.data.experiment import Experiment
+from penode.horizon.consensus import Consensus, settled
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import Ascent, RungFit
 from penode.horizon.prefilter import linearised
-from penode.horizon.selection import Choice
+from penode.horizon.selection import AVERAGED, Choice
 from penode.models.base import Model
 from penode.training.covariance import sandwich
 from penode.training.fit import Estimate, Fit, HorizonChoice, Rung, unused
@@ -67,8 +69,8 @@ class Account:
         """
         predictor, experiments = self.ascent.objective.predictor, self.ascent.experiments
         chosen = self.rungs[self.choice.index]
-        model = self._model(chosen)
-        own = [self._model(chosen, k) for k in range(len(experiments))]
+        model = self._model(self._raw)
+        own = [self._model(self._raw, k) for k in range(len(experiments))]
         seen = [compare(predictor, m, e, "train") for m, e in zip(own, experiments, strict=True)]
         comparisons = (*seen, *(compare(predictor, model, e, "validation") for e in validation))
         whole = [with_unmeasured(e, model) for e in experiments]
@@ -83,15 +85,36 @@ class Account:
             transitions=self._transitions(own[0]),
             learned_uncertainty=self._uncertainty(chosen),
             correlations=residual_correlations(comparisons[0], whole[0], model.inputs),
-            nuisances=self._nuisances(chosen),
+            nuisances=self._nuisances(),
             warnings=self._warnings(comparisons),
             provenance={**_environment(experiments, validation), **provenance},
         )
 
-    def _model(self, rung: RungFit, experiment: int | None = None) -> Model:
+    @cached_property
+    def _consensus(self) -> Consensus:
+        agreeing = [self.rungs[k] for k in self.choice.agreeing]
+        if self.choice.verdict in AVERAGED:
+            return Consensus.of(agreeing)
+        return Consensus.around(self.rungs[self.choice.index], agreeing)
+
+    @cached_property
+    def _raw(self) -> FloatArray:
+        """The raw parameters reported, shape (parameter,)."""
+        return settled(
+            self.ascent.objective.layout,
+            self.rungs[self.choice.index],
+            self._moving,
+            self._consensus.values,
+        )
+
+    @property
+    def _moving(self) -> BoolArray:
+        stage = self.plan.stages[self.choice.index]
+        return self.ascent.objective.layout.members(stage.groups)
+
+    def _model(self, raw: FloatArray, experiment: int | None = None) -> Model:
         with float64():
-            layout = self.ascent.objective.layout
-            model: Model = layout.plain_model(rung.solution.raw, experiment)
+            model: Model = self.ascent.objective.layout.plain_model(raw, experiment)
         return model
 
     def _transitions(self, model: Model) -> FloatArray:
@@ -103,8 +126,7 @@ class Account:
 
     def _uncertainty(self, chosen: RungFit) -> LearnedUncertainty:
         layout = self.ascent.objective.layout
-        stage = self.plan.stages[self.choice.index]
-        moving = np.flatnonzero(layout.members(stage.groups))
+        moving = np.flatnonzero(self._moving)
         known = np.isfinite(chosen.deviation[len(self.names) :]).all()
         covariance = np.full((layout.size, layout.size), np.inf)
         if known:
@@ -120,32 +142,20 @@ class Account:
             weights=precision / precision.sum(),
         )
 
-    def _nuisances(self, rung: RungFit) -> dict[str, FloatArray]:
+    def _nuisances(self) -> dict[str, FloatArray]:
         with float64():
-            return self.ascent.objective.layout.nuisances(rung.solution.raw)
+            return self.ascent.objective.layout.nuisances(self._raw)
 
     def _estimates(self) -> dict[str, Estimate]:
-        layout = self.ascent.objective.layout
-        chosen = self.rungs[self.choice.index]
-        spread = self._spread()
+        layout, found = self.ascent.objective.layout, self._consensus
         estimates = {}
         for k, name in enumerate(self.names):
-            value, std = float(chosen.values[k]), float(np.hypot(chosen.deviation[k], spread[k]))
+            value, std = float(found.values[k]), float(found.deviation[k])
             unit = layout.settings[layout.names.index(name)].unit
             interval = (value - 1.96 * std, value + 1.96 * std)
             rho = self.start.identifiability.get(name)
             estimates[name] = Estimate(value, std, interval, unit, rho)
         return estimates
-
-    def _spread(self) -> FloatArray:
-        """Return the precision-weighted deviation of the agreeing rungs, shape (physical,)."""
-        agreeing = [self.rungs[k] for k in self.choice.agreeing]
-        values = np.stack([rung.values[: len(self.names)] for rung in agreeing])
-        deviation = np.stack([rung.deviation[: len(self.names)] for rung in agreeing])
-        weights = np.maximum(deviation, 1e-100) ** -2.0
-        weights = np.where(weights.any(axis=0), weights, 1.0)  # none is known: all alike
-        middle = np.average(values, axis=0, weights=weights)
-        return np.asarray(np.sqrt(np.average((values - middle) ** 2, axis=0, weights=weights)))
 
     def _horizon(self) -> HorizonChoice:
         verdict, reason = self.choice.verdict, self.choice.reason
@@ -163,7 +173,9 @@ class Account:
 
     def _ladder(self) -> tuple[Rung, ...]:
         experiments = self.ascent.experiments
-        fits = [[self._model(r, k) for k in range(len(experiments))] for r in self.rungs]
+        fits = [
+            [self._model(r.solution.raw, k) for k in range(len(experiments))] for r in self.rungs
+        ]
         errors = free_run_rmse(self.ascent.objective.predictor, fits, experiments)
         return tuple(
             Rung(

@@ -82,6 +82,7 @@ class RungFit:
         the recordings cannot show them; SI units.
     working : ndarray, shape (reported,)
         The same deviations however short the recordings: good enough to compare horizons by.
+        Infinite where one or two windows decide.
     influence : ndarray, shape (physical, window)
         What each window contributed to each physical parameter, SI units.
     windows : Windows
@@ -205,10 +206,12 @@ class Ascent:
 
     def _finish(self, horizon: int, problem: Problem, solution: Solution) -> RungFit:
         jacobian = problem.reported_jacobian(solution.raw)
+        values, physical = self.reported.values(solution.raw), self.objective.layout.physical
         deviation = self._deviation(problem, solution, jacobian)
-        values = self.reported.values(solution.raw)
-        share = influence(solution.terms, jacobian[: len(self.objective.layout.physical)])
         working = working_deviation(solution.terms, jacobian, problem.windows)
+        few = hang_on_few_windows(solution.terms, jacobian[: len(physical)])
+        deviation[: len(few)][few] = working[: len(few)][few] = np.inf
+        share = influence(solution.terms, jacobian[: len(physical)])
         with float64():
             model = self.objective.layout.plain_model(solution.raw)
         return RungFit(
@@ -243,11 +246,9 @@ class Ascent:
     def _deviation(self, problem: Problem, solution: Solution, jacobian: FloatArray) -> FloatArray:
         """Return the deviations of reported quantities, infinite where nothing measures them."""
         deviation = sandwich_deviation(solution.terms, jacobian, problem.windows)
-        error, physical = self.objective.error, len(self.objective.layout.physical)
+        error = self.objective.error
         if problem.windows.horizon * len(error.compared) <= len(error.free):
             return np.full_like(deviation, np.inf)  # every window spends its data on its own start
-        few = hang_on_few_windows(solution.terms, jacobian[:physical])
-        deviation[:physical][few] = np.inf
         return deviation
 
     def _progress(

@@ -16,6 +16,9 @@ from penode.training.covariance import bartlett, correlation_length
 #: them is wrong: less of a tie than between rungs that agree.
 _AS_SURE = 1.05
 
+#: Verdicts under which the agreeing rungs are one answer, and their mean is reported.
+AVERAGED = ("plateau", "H = 1 suffices")
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -102,10 +105,11 @@ class Plateau:
             )
             return Choice(index, "no plateau", reason, tuple(range(len(rungs))))
         if chosen == 1:
-            reason = f"Estimates agree up to H = {high}, and none is surer than H = 1."
+            reason = f"Estimates agree up to H = {high} and are averaged; none is surer than H = 1."
             return Choice(index, "H = 1 suffices", reason, run)
         reason = (
-            f"Estimates agree from H = {low} to {high}; H = {chosen} is the shortest of the surest."
+            f"Estimates agree from H = {low} to {high} and are averaged; H = {chosen} is the "
+            "shortest of the surest."
         )
         return Choice(index, "plateau", reason, run)
 
@@ -128,7 +132,7 @@ def _expected_errors(rungs: Sequence[RungFit]) -> FloatArray:
     """
     physical = len(rungs[0].influence)
     values = np.stack([rung.values for rung in rungs])
-    variance = np.maximum(np.stack([rung.working for rung in rungs]) ** 2, 1e-300)
+    variance = np.clip(np.stack([rung.working for rung in rungs]) ** 2, 1e-300, 1e300)
     weights = 1 / variance
     consensus = np.sum(values * weights, axis=0) / np.sum(weights, axis=0)
     squares = variance + (values - consensus) ** 2
@@ -152,15 +156,28 @@ def _agreement(rungs: Sequence[RungFit], level: float) -> set[tuple[int, int]]:
 
 
 def paired_deviation(a: RungFit, b: RungFit) -> FloatArray:
-    """Return the deviation of the difference of two rungs' physical parameters, SI units.
+    """Return the deviation of the difference of two rungs' physical parameters, SI units."""
+    return weighted_deviation([a, b], np.array([[1.0], [-1.0]]))
 
-    The influences are summed over bins of time by the middle of their windows, and their
-    difference is treated as one autocorrelated series.
+
+def weighted_deviation(rungs: Sequence[RungFit], weights: FloatArray) -> FloatArray:
+    """Return the deviation of a weighted sum of rungs' physical parameters, (physical,), SI units.
+
+    The influences are summed over bins of time by the middle of their windows, and their weighted
+    sum is treated as one autocorrelated series: what the rungs share is counted as shared.
+
+    Parameters
+    ----------
+    rungs : sequence of RungFit
+        Of the same recordings.
+    weights : ndarray, shape (rung, physical) or (rung, 1)
     """
-    samples = len(a.windows.states)
+    samples = len(rungs[0].windows.states)
     width = max(samples // 1000, 16)
-    bandwidth = max(correlation_length(a.windows), correlation_length(b.windows)) // width + 1
-    series = _binned(a, width) - _binned(b, width)
+    longest = max(correlation_length(rung.windows) for rung in rungs)
+    binned = np.stack([_binned(rung, width) for rung in rungs])
+    series = np.sum(weights[..., None] * binned, axis=0)
+    bandwidth = longest // width + 1
     return np.sqrt([bartlett(row[None], bandwidth)[0, 0] for row in series])
 
 

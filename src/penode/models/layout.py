@@ -176,6 +176,30 @@ class Layout(Generic[AnyModule]):
         picked = [values[at] for setting, at in parts if setting.physical]
         return jnp.concatenate([values[:0], *picked])
 
+    def with_physical(self, raw: FloatArray, values: FloatArray) -> FloatArray:
+        """Return a raw vector (size,) with its physical parameters set to values (physical,).
+
+        Raises
+        ------
+        InputError
+            If a value is not admissible.
+        """
+        found, first = raw.copy(), 0
+        for name, (setting, at, shape, _) in zip(self.names, self._entries(), strict=True):
+            if setting.physical:
+                part = values[first : first + math.prod(shape)].reshape(shape)
+                found[at] = _inverse(name, setting.transform, part)
+                first += part.size
+        return found
+
+    @property
+    def physical_members(self) -> BoolArray:
+        """Which raw entries, shape (size,), are physical parameters'."""
+        chosen = np.zeros(self.size, dtype=np.bool_)
+        for setting, at in zip(self.settings, self._raw, strict=True):
+            chosen[at] = setting.physical
+        return chosen
+
     def members(self, groups: Sequence[str] | None) -> BoolArray:
         """Return which raw entries, shape (size,), belong to the groups (all for None).
 
