@@ -53,7 +53,7 @@ class Positive:
 
     def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
         """Exponentiate raw (size,), at least to the smallest number above zero."""
-        return jnp.maximum(jnp.exp(raw), jnp.finfo(raw.dtype).tiny).reshape(shape)
+        return jnp.maximum(jnp.exp(raw), np.finfo(raw.dtype).tiny).reshape(shape)
 
     def inverse(self, value: FloatArray) -> FloatArray:
         """Take the logarithm of the value."""
@@ -83,7 +83,7 @@ class Bounded:
 
     def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
         """Squeeze raw (size,) between the bounds, a rounding error away from them at most."""
-        rounding = 4 * jnp.finfo(raw.dtype).eps
+        rounding = 4 * np.finfo(raw.dtype).eps
         place = jnp.clip(jax.nn.sigmoid(raw), rounding, 1 - rounding)
         return (self.low + (self.high - self.low) * place).reshape(shape)
 
