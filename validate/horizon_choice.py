@@ -38,6 +38,9 @@ def result_of(number: int) -> Record:
         "deviations": abs(fit.parameters["R"].value - truth) / fit.parameters["R"].std,
         "covered": bool(low <= truth <= high),
         "by_horizon": {str(r.horizon): r.parameters["R"] / truth - 1 for r in ladder},
+        "std_by_horizon": {str(r.horizon): r.std["R"] / truth for r in ladder},
+        "std": fit.parameters["R"].std / truth,
+        "plateau": list(fit.horizon.plateau),
         "text": text_of(campaign, fit),
         "seconds": time.perf_counter() - began,
     }

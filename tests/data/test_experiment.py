@@ -1,9 +1,12 @@
 """The Experiment record: copied and frozen at the door, and clear about what it lacks."""
 
+import pickle
+
 import numpy as np
 import pytest
 
 from penode.data import Experiment
+from penode.data.experiment import Source
 from penode.errors import InputError
 
 
@@ -33,3 +36,12 @@ def test_missing_channel_names_the_present_ones() -> None:
 def test_lengths_must_agree() -> None:
     with pytest.raises(InputError, match=r"run\.csv: channels differ in length .*'x': 5.*'u': 4"):
         Experiment("run.csv", 0.1, {"x": np.arange(5), "u": np.arange(4)})
+
+
+def test_a_recording_can_be_sent_to_another_process():
+    run = Experiment("run.csv", 1e-4, {"x": np.arange(3.0)}, Source("run.csv", "abc"))
+    back = pickle.loads(pickle.dumps(run))
+    assert (back.name, back.time_step, back.source) == (run.name, run.time_step, run.source)
+    np.testing.assert_array_equal(back.channels["x"], run.channels["x"])
+    with pytest.raises(ValueError, match="read-only"):
+        back.channels["x"][0] = 1.0

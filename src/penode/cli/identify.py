@@ -7,15 +7,14 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from penode.cli.completion import flux_maps, holds, purposes
+from penode.cli.completion import purposes
+from penode.cli.options import AngleOrders, Config, FluxMapOption, HoldOption, Inverter, Runs, given
 from penode.cli.progress import watched
 from penode.cli.signature import signed
 from penode.cli.summary import print_fit
 from penode.errors import InputError
 from penode.horizon.checkpoint import Checkpoint
 from penode.identify import Stopped
-from penode.pmsm.flux_maps import FLUX_MAPS
-from penode.pmsm.holds import HOLDS
 from penode.pmsm.study import PURPOSES, identify, write
 from penode.pmsm.study_file import load_study
 
@@ -23,50 +22,19 @@ _output, _errors = Console(), Console(stderr=True)
 
 
 def identify_command(  # noqa: PLR0913 (an argument an option)
-    runs: Annotated[
-        list[Path], typer.Argument(help="Recordings to train on: csv, parquet, mat, mf4, tdms.")
-    ],
+    runs: Runs,
     out: Annotated[Path, typer.Option(help="Folder for the results; made if absent.")],
     validate: Annotated[
         list[Path] | None, typer.Option(help="Recording to predict, not to train on. Repeatable.")
     ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option(help="Study file: columns, units, options. penode init writes one."),
-    ] = None,
+    config: Config = None,
     horizon: Annotated[
         str | None, typer.Option(help="auto, or the number of steps.", show_default="auto")
     ] = None,
-    flux_map: Annotated[
-        str | None,
-        typer.Option(
-            help=f"One of {', '.join(FLUX_MAPS)}.",
-            show_default="coenergy",
-            autocompletion=flux_maps,
-        ),
-    ] = None,
-    inverter: Annotated[
-        bool | None,
-        typer.Option(
-            help="Identify the inverter's dead-time voltage; needs theta_el.",
-            show_default="decided from the data",
-        ),
-    ] = None,
-    angle_orders: Annotated[
-        str | None,
-        typer.Option(
-            help="Harmonics of the angle in the map, such as 6,12, or none; they need theta_el.",
-            show_default="decided from the data",
-        ),
-    ] = None,
-    hold: Annotated[
-        str | None,
-        typer.Option(
-            help=f"Frame in which the voltage is held: {' or '.join(HOLDS)}.",
-            show_default="dq",
-            autocompletion=holds,
-        ),
-    ] = None,
+    flux_map: FluxMapOption = None,
+    inverter: Inverter = None,
+    angle_orders: AngleOrders = None,
+    hold: HoldOption = None,
     purpose: Annotated[
         str | None,
         typer.Option(
@@ -97,16 +65,17 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     Example: penode identify run.csv --validate other.csv --out result
     """
     began = time.monotonic()
-    options = {
-        "flux_map": flux_map,
-        "seed": seed,
-        "inverter": inverter,
-        "angle_orders": None if angle_orders is None else _orders(angle_orders),
-        "hold": hold,
-        "purpose": purpose,
-    }
-    given = {name: option for name, option in options.items() if option is not None}
-    asked = load_study(config, given if horizon is None else {**given, "horizon": _steps(horizon)})
+    options = given(
+        flux_map=flux_map,
+        seed=seed,
+        inverter=inverter,
+        angle_orders=angle_orders,
+        hold=hold,
+        purpose=purpose,
+    )
+    asked = load_study(
+        config, options if horizon is None else {**options, "horizon": _steps(horizon)}
+    )
     checkpoint = _checkpoint(out, resume)
     stopped = False
     with watched(out, _errors, checkpoint) as observer:
@@ -142,15 +111,6 @@ def _steps(horizon: str) -> int | None:
     except ValueError as error:
         raise InputError(
             f"--horizon {horizon} came; give auto or a whole number of steps from 1."
-        ) from error
-
-
-def _orders(text: str) -> tuple[int, ...]:
-    try:
-        return tuple(int(part) for part in text.split(",")) if text not in ("", "none") else ()
-    except ValueError as error:
-        raise InputError(
-            f"--angle-orders {text} came; give none, or whole numbers with commas, such as 6,12."
         ) from error
 
 

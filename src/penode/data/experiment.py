@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -64,6 +65,10 @@ class Experiment:
                 f"{self.name}: channels differ in length ({lengths}); give one length."
             )
         object.__setattr__(self, "channels", MappingProxyType(frozen))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the channels as a plain dict: their read-only view cannot be pickled."""
+        return Experiment, (self.name, self.time_step, dict(self.channels), self.source)
 
     def __len__(self) -> int:
         return len(next(iter(self.channels.values()), ()))

@@ -19,9 +19,6 @@ from penode.training.covariance import inverse_normal
 #: Weight of rungs that know their deviations from which on the mean's is given.
 _MOST = 0.5
 
-#: Weight left for the others below which a rung is the only one.
-_ALONE = 1e-9
-
 
 @dataclass(frozen=True, eq=False)
 class Consensus:
@@ -42,14 +39,12 @@ class Consensus:
         """Return what agreeing rungs say together.
 
         The variance is that of the weighted influences, in which what horizons share counts as
-        shared and what is their own averages out, and what leaving out each horizon in turn would
-        change (the jackknife), as influences do not show a bias.
+        shared and what is their own averages out, and the square of the spread: influences do not
+        show a bias, and what pulls horizons apart pulls their mean.
         """
         values, weights = _weighed(rungs)
-        middle = np.sum(weights * values, axis=0)
-        changes = weights * (values - middle) / np.maximum(1 - weights, _ALONE)
-        hanging = np.sqrt(np.sum(changes**2, axis=0))
-        deviation = np.hypot(weighted_deviation(rungs, weights), hanging)
+        middle, spread = _middle(values, weights)
+        deviation = np.hypot(weighted_deviation(rungs, weights), spread)
         known = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
         sure = np.sum(weights * known, axis=0) >= _MOST
         return cls(middle, np.where(sure, deviation, np.inf))
@@ -58,8 +53,7 @@ class Consensus:
     def around(cls, chosen: RungFit, rungs: Sequence[RungFit]) -> "Consensus":
         """Return what one rung says, less sure by the spread of those it is chosen from."""
         values, weights = _weighed(rungs)
-        middle = np.sum(weights * values, axis=0)
-        spread = np.sqrt(np.sum(weights * (values - middle) ** 2, axis=0))
+        _, spread = _middle(values, weights)
         physical = values.shape[1]
         return cls(chosen.values[:physical], np.hypot(chosen.deviation[:physical], spread))
 
@@ -70,6 +64,12 @@ def _weighed(rungs: Sequence[RungFit]) -> tuple[FloatArray, FloatArray]:
     values = np.stack([rung.values[:physical] for rung in rungs])
     precision = np.clip([rung.working[:physical] for rung in rungs], 1e-100, 1e100) ** -2.0
     return values, precision / precision.sum(axis=0)
+
+
+def _middle(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted means and deviations, both (physical,), of values (rung, physical)."""
+    middle = np.sum(weights * values, axis=0)
+    return middle, np.sqrt(np.sum(weights * (values - middle) ** 2, axis=0))
 
 
 def settled(

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 
 from penode.arrays import JaxArray
+from penode.errors import InputError
 from penode.predictors.holds import Drive, Hold
 
 
@@ -49,3 +50,15 @@ def _turned_on(u: JaxArray, time: float) -> JaxArray:
 
 #: Frame in which the voltage stands still -> hold.
 HOLDS: dict[str, Hold] = {"dq": RotorFrame(), "stationary": StationaryFrame()}
+
+
+def check_hold(name: str) -> None:
+    """Refuse a frame that is not known.
+
+    Raises
+    ------
+    InputError
+        If it is not a key of `HOLDS`.
+    """
+    if name not in HOLDS:
+        raise InputError(f"hold {name!r} came; choose one of {', '.join(HOLDS)}.")

@@ -20,7 +20,7 @@ from penode.identify import Stopped, nobody
 from penode.identify import identify as identify_model
 from penode.pmsm.channels import drive_recording, require_angle
 from penode.pmsm.flux_maps import FLUX_MAPS, check_angle_orders
-from penode.pmsm.holds import HOLDS
+from penode.pmsm.holds import HOLDS, check_hold
 from penode.pmsm.report import machine_report
 from penode.pmsm.start import weak_start
 from penode.pmsm.structure import structure_of
@@ -87,8 +87,7 @@ class Study:
             raise InputError(f"horizon {self.horizon} came; give a whole number from 1, or auto.")
         if self.purpose not in PURPOSES:
             raise InputError(f"purpose {self.purpose!r} came; choose one of {', '.join(PURPOSES)}.")
-        if self.hold not in HOLDS:
-            raise InputError(f"hold {self.hold!r} came; choose one of {', '.join(HOLDS)}.")
+        check_hold(self.hold)
         check_angle_orders(self.flux_map, self.angle_orders or ())
 
     def plan(self, experiments: Sequence[Experiment]) -> Plan:

@@ -113,14 +113,18 @@ def correlations(tests: Correlations) -> go.Figure:
 
 
 def _beyond_own(tests: Correlations) -> bool:
-    """Return whether more autocorrelations are beyond the limit than one in a hundred explains."""
-    beyond = np.abs(tests.own[1:]) > tests.own_limit
-    return bool(beyond.size and beyond.mean(axis=0).max() > 0.05)
+    """Return whether the residual's autocorrelations are beyond what chance explains."""
+    return _often_beyond(tests.own[1:], tests.own_limit)
 
 
 def _beyond_cross(tests: Correlations) -> bool:
-    """Return whether some input's correlations are beyond their limit at more than 5 % of lags."""
-    beyond = np.abs(tests.cross) > tests.cross_limit
+    """Return whether some input's correlations are beyond what chance explains."""
+    return _often_beyond(tests.cross, tests.cross_limit)
+
+
+def _often_beyond(values: FloatArray, limit: FloatArray | float) -> bool:
+    """Return whether some column of values (lag, ...) is beyond its limit at over 5 % of lags."""
+    beyond = np.abs(values) > limit
     return bool(beyond.size and beyond.mean(axis=0).max() > 0.05)
 
 

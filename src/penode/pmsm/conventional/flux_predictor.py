@@ -25,7 +25,7 @@ from penode.pmsm.channels import drive_recording
 from penode.pmsm.conventional.linear_fit import LinearFit, largest_current
 from penode.pmsm.conventional.linear_maps import LinearMap, polynomial
 from penode.pmsm.conventional.rotation import held, rising
-from penode.pmsm.holds import HOLDS
+from penode.pmsm.holds import check_hold
 from penode.training.fit import Fit
 from penode.training.weak_form import WeakRegression, join
 
@@ -53,8 +53,7 @@ class FluxPredictor:
     hold: str = "dq"
 
     def __post_init__(self) -> None:
-        if self.hold not in HOLDS:
-            raise InputError(f"hold {self.hold!r} came; choose one of {', '.join(HOLDS)}.")
+        check_hold(self.hold)
 
     def identify(
         self,

@@ -16,7 +16,7 @@ from penode.horizon.ladder import Observer
 from penode.horizon.selection import Longest
 from penode.identify import identify, nobody
 from penode.pmsm.channels import drive_recording
-from penode.pmsm.holds import HOLDS
+from penode.pmsm.holds import HOLDS, check_hold
 from penode.pmsm.start import nominal_start
 from penode.training.fit import Fit
 from penode.training.plan import Plan, Stage
@@ -52,8 +52,7 @@ class NeuralODE:
     def __post_init__(self) -> None:
         if self.horizon < 1:
             raise InputError(f"horizon {self.horizon} came; give a whole number from 1.")
-        if self.hold not in HOLDS:
-            raise InputError(f"hold {self.hold!r} came; choose one of {', '.join(HOLDS)}.")
+        check_hold(self.hold)
 
     @property
     def plan(self) -> Plan:

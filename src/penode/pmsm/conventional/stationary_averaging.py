@@ -31,7 +31,7 @@ from penode.pmsm.conventional.operating_points import (
     fold,
     operating_points,
 )
-from penode.pmsm.holds import HOLDS
+from penode.pmsm.holds import check_hold
 from penode.training.fit import Fit
 
 _REASON = "Means at operating points predict nothing, so there is no horizon."
@@ -70,8 +70,7 @@ class StationaryAveraging:
     hold: str = "dq"
 
     def __post_init__(self) -> None:
-        if self.hold not in HOLDS:
-            raise InputError(f"hold {self.hold!r} came; choose one of {', '.join(HOLDS)}.")
+        check_hold(self.hold)
 
     def identify(
         self,

@@ -1,0 +1,27 @@
+"""Compiled programs kept between runs."""
+
+import hashlib
+import platform
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import jax
+
+
+def use_compilation_cache() -> None:
+    """Keep compiled programs between runs, apart for each processor; the cache is best effort."""
+    with suppress(OSError, ValueError):
+        processor = f"{platform.machine()} {platform.processor()} {_processor_flags()}"
+        key = hashlib.sha256(f"{processor} {jax.__version__}".encode()).hexdigest()[:16]
+        folder = Path.home() / ".cache" / "penode" / "compiled" / key
+        folder.mkdir(parents=True, exist_ok=True)
+        configure: Callable[[str, object], None] = jax.config.update
+        configure("jax_compilation_cache_dir", str(folder))
+        configure("jax_persistent_cache_min_compile_time_secs", 0.0)
+
+
+def _processor_flags() -> str:
+    information = Path("/proc/cpuinfo")
+    lines = information.read_text().splitlines() if information.exists() else []
+    return next((line for line in lines if line.startswith("flags")), "")

@@ -1,0 +1,73 @@
+"""Arguments and options that several commands have, and how their texts are read."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from penode.cli.completion import flux_maps, holds
+from penode.errors import InputError
+from penode.pmsm.flux_maps import FLUX_MAPS
+from penode.pmsm.holds import HOLDS
+
+Runs = Annotated[
+    list[Path], typer.Argument(help="Recordings to train on: csv, parquet, mat, mf4, tdms.")
+]
+Config = Annotated[
+    Path | None,
+    typer.Option(help="Study file: columns, units, options. penode init writes one."),
+]
+FluxMapOption = Annotated[
+    str | None,
+    typer.Option(
+        help=f"One of {', '.join(FLUX_MAPS)}.", show_default="coenergy", autocompletion=flux_maps
+    ),
+]
+Inverter = Annotated[
+    bool | None,
+    typer.Option(
+        help="Identify the inverter's dead-time voltage; needs theta_el.",
+        show_default="decided from the data",
+    ),
+]
+AngleOrders = Annotated[
+    str | None,
+    typer.Option(
+        help="Harmonics of the angle in the map, such as 6,12, or none; they need theta_el.",
+        show_default="decided from the data",
+    ),
+]
+HoldOption = Annotated[
+    str | None,
+    typer.Option(
+        help=f"Frame in which the voltage is held: {' or '.join(HOLDS)}.",
+        show_default="dq",
+        autocompletion=holds,
+    ),
+]
+
+
+def given(**options: Any) -> dict[str, Any]:
+    """Return the options that came, which overrule a study file; harmonics as numbers."""
+    came = {name: option for name, option in options.items() if option is not None}
+    if "angle_orders" in came:
+        text = came["angle_orders"]
+        came["angle_orders"] = () if text in ("", "none") else whole_numbers("angle-orders", text)
+    return came
+
+
+def whole_numbers(option: str, text: str) -> tuple[int, ...]:
+    """Return numbers with commas between them.
+
+    Raises
+    ------
+    InputError
+        If one of them is no whole number.
+    """
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError as error:
+        none = "none, or " if option == "angle-orders" else ""
+        raise InputError(
+            f"--{option} {text} came; give {none}whole numbers with commas, such as 6,12."
+        ) from error

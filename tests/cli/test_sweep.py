@@ -1,0 +1,70 @@
+"""The command ``penode sweep`` as a person uses it."""
+
+import csv
+
+import pytest
+from distributed import LocalCluster
+
+from penode.data.save import save
+from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.references import Lissajous
+from penode.pmsm.bench.run import simulate
+
+PLAIN = ("--no-inverter", "--angle-orders", "none")
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "run.csv"
+    reference = Lissajous(200.0, 140.0, 150.0)
+    save(simulate(TRACTION_300A, reference, speed_rpm=150.0, duration=0.2), path)
+    return path
+
+
+def test_a_table_a_figure_and_every_fit(recording, penode, tmp_path):
+    asked = ("sweep", recording, *PLAIN, "--horizons", "1,4", "--seeds", 1, "--out", tmp_path)
+    done = penode(*asked, "--jobs", 2)
+    assert done.returncode == 0, done.stderr
+    assert "seed 0, H = 4: R 9.8" in done.stderr
+    assert [line.split()[0] for line in done.stdout.splitlines()] == [
+        "H",
+        "1",
+        "4",
+        "table",
+        "figure",
+    ]
+    rows = list(csv.DictReader((tmp_path / "sweep.csv").open()))
+    assert [(row["horizon"], row["seed"]) for row in rows] == [("1", "0"), ("4", "0")]
+    assert all(float(row["R"]) == pytest.approx(0.01, rel=0.03) for row in rows)
+    assert (tmp_path / "sweep.png").exists()
+    before = (tmp_path / "seed0" / "H4" / "swept.json").stat().st_mtime_ns
+    assert penode(*asked, "--resume").returncode == 0
+    assert (tmp_path / "seed0" / "H4" / "swept.json").stat().st_mtime_ns == before
+
+
+def test_on_a_cluster(recording, penode, tmp_path):
+    with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
+        asked = ("sweep", recording, *PLAIN, "--horizons", "1", "--seeds", 1, "--out", tmp_path)
+        done = penode(*asked, "--dask", cluster.scheduler_address)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "seed0" / "H1" / "fit" / "fit.npz").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--horizons", "1,a"), "--horizons 1,a came"),
+        (("--horizons", "0"), "horizons [0] came"),
+        (("--seeds", "0"), "0 seeds came"),
+        (("--jobs", "0"), "--jobs 0 came"),
+        (("--dask", "nonsense"), "--dask nonsense: no scheduler answers"),
+    ],
+)
+def test_bad_options_are_one_sentence_and_write_nothing(
+    recording, penode, tmp_path, options, words
+):
+    done = penode("sweep", recording, *PLAIN, *options, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
