@@ -14,11 +14,12 @@ from penode.horizon.consensus import Consensus, settled
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import Ascent, RungFit
 from penode.horizon.prefilter import linearised
-from penode.horizon.selection import AVERAGED, Choice
+from penode.horizon.selection import Choice
 from penode.models.base import Model
 from penode.training.covariance import sandwich
 from penode.training.fit import Estimate, Fit, HorizonChoice, Rung, unused
 from penode.training.learned_uncertainty import LearnedUncertainty
+from penode.training.outcome import AVERAGED
 from penode.training.plan import Plan
 from penode.validation.coverage import thin
 from penode.validation.free_run import Comparison, compare, free_run_rmse, with_unmeasured

@@ -16,9 +16,6 @@ from penode.training.covariance import bartlett, correlation_length
 #: them is wrong: less of a tie than between rungs that agree.
 _AS_SURE = 1.05
 
-#: Verdicts under which the agreeing rungs are one answer, and their mean is reported.
-AVERAGED = ("plateau", "H = 1 suffices")
-
 
 @dataclass(frozen=True)
 class Choice:

@@ -22,6 +22,7 @@ from penode.report.statements import (
 )
 from penode.report.tables import ladder_table, parameter_table, provenance_table, validation_table
 from penode.training.fit import Fit
+from penode.training.outcome import AVERAGED
 
 _MEANINGS = {"R": "stator resistance"}
 _HARMONIC = 6
@@ -154,6 +155,13 @@ def _key_values(fit: Fit) -> KeyValues:
     return KeyValues(tuple(items))
 
 
+#: Whether the plateau is averaged -> what the band is drawn around.
+_BANDS = {
+    True: "around the mean of the plateau, weighted by precision",
+    False: "the bar of the selected horizon",
+}
+
+
 def _resistance(fit: Fit) -> Section:
     blocks: list[Block] = [
         Figure(
@@ -161,8 +169,8 @@ def _resistance(fit: Fit) -> Section:
             "Each point is a complete identification at one horizon, its bar 1.96 standard "
             "deviations. Where neighbouring points agree, the value no longer depends on how "
             "far ahead the model predicted; that is the plateau. The blue band is the reported "
-            "95 % interval: the bar of the selected horizon, widened by the spread between "
-            "horizons.",
+            f"95 % interval: {_BANDS[fit.horizon.verdict in AVERAGED]}, widened by the spread "
+            "between horizons.",
             parameter_over_ladder(fit, name),
         )
         for name in ("R", *(name for name in fit.parameters if name != "R"))

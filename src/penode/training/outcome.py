@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 
+#: Verdicts under which the horizons that agree are one answer, and their mean is reported.
+AVERAGED = ("plateau", "H = 1 suffices")
+
 
 @dataclass(frozen=True)
 class Estimate:
