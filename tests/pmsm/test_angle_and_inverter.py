@@ -9,17 +9,15 @@ import pytest
 
 import penode
 from penode.arrays import float64
-from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.models.networks import ConvexGradient
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.bench.coenergy_table import true_flux_map
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.flux_maps import FluxMap
-from penode.pmsm.holds import RotorFrame
+from penode.pmsm.holds import HOLDS, Standing
 from penode.pmsm.model import AngleMachine, DeadTimeMachine, Machine, dead_time_shape
 from penode.pmsm.start import weak_start
-from penode.pmsm.structure import steps_a_sample
 from penode.pmsm.study import Study, identify
 from penode.predictors.base import DEFAULT_SOLVER
 from penode.predictors.field import Field
@@ -156,37 +154,46 @@ def test_dead_time_is_4_over_pi_along_a_large_current_on_average():
     np.testing.assert_allclose(mean, 4 / np.pi * np.array([np.cos(2.0), np.sin(2.0)]), atol=2e-3)
 
 
-def test_the_steps_of_a_sample_follow_the_dead_time_across_zero_crossings():
-    """40 samples from everywhere on the circle, against fifty steps a sample."""
-    flux, turn = machines()["dead time"].flux, 0.06
-    machine = with_batch_axis(DeadTimeMachine(flux, 0.01, 3.0, 2.0))
-    theta = np.linspace(0, 2 * np.pi, 700, endpoint=False)
+@pytest.mark.parametrize("part", [(0.0, 0.0), (0.0, 0.02), (0.01, 0.01), (-0.005, 0.1)])
+def test_dead_time_over_a_part_of_a_sample_is_the_mean_there(part):
+    """Against a sum over phase currents that move along straight lines."""
+    phases = phase_currents(CURRENTS, THETA)
+    rates = phase_currents(np.array([-CURRENTS[1], CURRENTS[0]]), THETA)
+    middle, half = part
+    shares = (np.arange(2000) + 0.5) / 1000 - 1
+    mean = np.mean([np.tanh((phases + (middle + s * half) * rates) / 7.0) for s in shares], axis=0)
+    with float64():
+        given = jnp.asarray(np.array(part)[:, None] + 0 * THETA)
+        known = (jnp.asarray(value) for value in (CURRENTS, THETA, [7.0]))
+        found = dead_time_shape(*known, given)
+    np.testing.assert_allclose(found, space_vector(mean, THETA), rtol=0, atol=1e-4)
 
-    def ended(solver):
+
+@pytest.mark.parametrize("name", ["dq", "stationary"])
+def test_stages_that_stand_for_parts_of_a_sample_follow_zero_crossings(name):
+    """40 samples near rest from everywhere on the circle, against fifty steps a sample."""
+    flux, theta, omega = machines()["dead time"].flux, np.linspace(0, 2 * np.pi, 700), 600.0
+    machine = with_batch_axis(DeadTimeMachine(flux, 0.01, 3.0, 2.0))
+    at = np.array([[-120.0], [90.0]]) + 0 * theta
+    with float64():
+        psi = np.asarray(with_batch_axis(flux).flux_and_inductance(jnp.asarray(at[:, :1]))[0])
+    rest = 0.01 * at + omega * np.array([-psi[1], psi[0]]) + 12 / np.pi * at / 150.0
+
+    def ended(solver, hold):
         @jax.jit
         def step(x, angle):
-            still = jnp.ones_like(angle)
-            rows = jnp.stack([-40 * still, 30 * still, turn / 1e-4 * still, angle])
-            return solver.advance(Field(machine, lambda k: rows, RotorFrame(), 1e-4), x[None])
+            rows = jnp.stack([*rest, omega + 0 * angle, angle])
+            return solver.advance(Field(machine, lambda k: rows, hold, 1e-4), x[None])
 
-        x = jnp.asarray(np.array([[-120.0], [90.0]]) + 0 * theta)
+        x = jnp.asarray(at)
         for k in range(40):
-            x = step(x, jnp.asarray(theta + k * turn))
+            x = step(x, jnp.asarray(theta + 1e-4 * omega * k))
         return np.asarray(x)
 
-    run = Experiment("run", 1e-4, {"omega_el": np.full(9, turn / 1e-4)})
     with float64():
-        exact = ended(Substeps(DEFAULT_SOLVER, 50))
-        one, several = (ended(Substeps(DEFAULT_SOLVER, n)) for n in (1, steps_a_sample([run])))
-    assert np.linalg.norm(several - exact) < 0.35 * np.linalg.norm(one - exact)
-
-
-@pytest.mark.parametrize(("rpm", "steps"), [(100, 1), (-1000, 1), (1500, 2), (-3000, 3)])
-def test_a_fast_rotor_gets_several_steps_a_sample(rpm, steps):
-    omega = np.full(100, 4 * rpm * 2 * np.pi / 60)
-    slow = Experiment("slow", 1e-4, {"omega_el": np.full(100, 5.0)})
-    fast = Experiment("fast", 1e-4, {"omega_el": omega})
-    assert steps_a_sample([slow, fast]) == steps
+        exact = ended(Substeps(DEFAULT_SOLVER, 50), HOLDS[name])
+        moments, parts = (ended(DEFAULT_SOLVER, h) for h in (HOLDS[name], Standing(HOLDS[name])))
+    assert np.linalg.norm(parts - exact) < 0.35 * np.linalg.norm(moments - exact)
 
 
 # --- the equation -----------------------------------------------------------------------------

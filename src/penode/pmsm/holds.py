@@ -43,6 +43,40 @@ class StationaryFrame:
         return jnp.concatenate([voltage, u[2:3], _turned_on(u, share * time_step)])
 
 
+@dataclass(frozen=True)
+class Standing:
+    """A hold that also tells for which part of the sample each stage of a Runge-Kutta step stands.
+
+    A phase current crosses zero within a fraction of a sample. The four stages of the classic
+    method would see its sign at three moments, by chance and not without a bias: at 1500 rpm and 10
+    kHz it made R of a 16 mohm machine 0.4 % too small. Of weights 1/6, 1/3, 1/3 and 1/6, the first
+    stage stands for the first sixth of the sample, the middle ones for the next two thirds and the
+    last for the last sixth.
+
+    Attributes
+    ----------
+    hold : Hold
+        What the rows of the input are otherwise; see `HOLDS`.
+    """
+
+    hold: Hold
+
+    def __call__(self, drive: Drive, sample: int, share: float, time_step: float) -> JaxArray:
+        """Return the input (input + 2, batch).
+
+        The rows added are the turn in rad from the moment to the middle of its part, and over half
+        of the part.
+        """
+        u = self.hold(drive, sample, share, time_step)
+        turn = u[2:3] * time_step
+        middle, half = _PARTS.get(share, (0.0, 0.0))
+        return jnp.concatenate([u, middle * turn, half * turn])
+
+
+#: Share of the sample at which a stage is -> from there to the middle of its part, and half of it.
+_PARTS = {0.0: (1 / 12, 1 / 12), 0.5: (0.0, 1 / 3), 1.0: (-1 / 12, 1 / 12)}
+
+
 def _turned_on(u: JaxArray, time: float) -> JaxArray:
     """Return theta_el (1, batch) after a time in s, or no row where the input has none."""
     return u[3:] + u[2] * time

@@ -84,7 +84,9 @@ class DeadTimeMachine(AngleMachine):
 
     While both switches of a leg are off, the phase current decides the voltage; a phase with much
     current loses dU = u_dc t_dead / T over a sample, one near its zero less. Jeong and Park, IEEE
-    Trans. Ind. Electron. 38 (1991) 108, doi:10.1109/41.88903.
+    Trans. Ind. Electron. 38 (1991) 108, doi:10.1109/41.88903. Under the hold
+    `penode.pmsm.holds.Standing` each stage of a step takes the mean over the part of the sample
+    that it stands for.
 
     Attributes
     ----------
@@ -101,12 +103,14 @@ class DeadTimeMachine(AngleMachine):
 
     def terminal_voltage(self, x: JaxArray, u: JaxArray) -> JaxArray:
         """Return u_d and u_q less what the dead time takes, (2, batch) in V."""
-        lost = self.dead_time_voltage * dead_time_shape(x, u[3], self.dead_time_current)
+        lost = self.dead_time_voltage * dead_time_shape(x, u[3], self.dead_time_current, u[4:])
         arriving: JaxArray = u[:2] - lost
         return arriving
 
 
-def dead_time_shape(currents: JaxArray, theta_el: JaxArray, scale: JaxArray) -> JaxArray:
+def dead_time_shape(
+    currents: JaxArray, theta_el: JaxArray, scale: JaxArray, part: JaxArray | None = None
+) -> JaxArray:
     """Return the smooth signs tanh(i/i_0) of the three phase currents as d and q components.
 
     Parameters
@@ -117,6 +121,9 @@ def dead_time_shape(currents: JaxArray, theta_el: JaxArray, scale: JaxArray) -> 
         Electrical angle of the d axis in rad.
     scale : array, shape () or (batch,)
         i_0 in A.
+    part : array, shape (2, batch), optional
+        Turn of the rotor in rad to the middle of a part of the sample, and over half of it, over
+        which the signs are averaged. Without it, or with no rows, they are those of the moment.
 
     Returns
     -------
@@ -126,12 +133,38 @@ def dead_time_shape(currents: JaxArray, theta_el: JaxArray, scale: JaxArray) -> 
     cosine, sine = jnp.cos(theta_el), jnp.sin(theta_el)
     alpha = cosine * currents[0] - sine * currents[1]
     beta = sine * currents[0] + cosine * currents[1]
-    half, root = 0.5 * alpha, np.sqrt(0.75) * beta
-    a, b, c = (jnp.tanh(i / scale) for i in (alpha, root - half, -root - half))
+    phases = _phases(alpha, beta) / scale
+    if part is None or not len(part):
+        a, b, c = jnp.tanh(phases)
+    else:
+        rates = _phases(-beta, alpha) / scale
+        a, b, c = _mean_tanh(phases + part[0] * rates, part[1] * rates)
     sign_alpha, sign_beta = (2 * a - b - c) / 3, (b - c) / np.sqrt(3)
     return jnp.stack(
         [cosine * sign_alpha + sine * sign_beta, cosine * sign_beta - sine * sign_alpha]
     )
+
+
+#: Half the width of the narrowest mean; the closed form divides by it.
+_NARROW = 0.02
+
+
+def _phases(alpha: JaxArray, beta: JaxArray) -> JaxArray:
+    """Return the three phase values (3, batch) of a stationary vector."""
+    half, root = 0.5 * alpha, np.sqrt(0.75) * beta
+    return jnp.stack([alpha, root - half, -root - half])
+
+
+def _mean_tanh(middle: JaxArray, sweep: JaxArray) -> JaxArray:
+    """Return the mean of tanh over all values within a sweep of the middle."""
+    half = jnp.sqrt(sweep**2 + _NARROW**2)
+    return (_log_cosh(middle + half) - _log_cosh(middle - half)) / (2 * half)
+
+
+def _log_cosh(x: JaxArray) -> JaxArray:
+    """Return log(2 cosh x), the integral of tanh, without overflow."""
+    size = jnp.abs(x)
+    return size + jnp.log1p(jnp.exp(-2 * size))
 
 
 def _quarter_turned(vector: JaxArray) -> JaxArray:

@@ -25,8 +25,6 @@ _SIGNIFICANT = 5.0
 _SAMPLES = 4
 #: Guess of i_0, the current below which dead time costs less, as a share of the largest current.
 DEAD_TIME_CURRENT = 0.01
-#: Most rad by which the rotor may turn within a solver's step where phase currents cross zero.
-_TURN = 0.045
 
 
 @dataclass(frozen=True)
@@ -188,19 +186,3 @@ def _complex(vector: FloatArray) -> FloatArray:
 
 def _middle(values: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (values[1:] + values[:-1]))
-
-
-def steps_a_sample(experiments: Sequence[Experiment]) -> int:
-    """Return how many solver's steps a sample follow the dead-time voltage at the zero crossings.
-
-    A phase current crosses zero within a fraction of a sample. The stages of a single step see that
-    by chance, and not without a bias: at 1500 rpm and 10 kHz it made R of a 16 mohm machine 0.4 %
-    too small, with two steps 0.05 %.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        With omega_el (rad/s).
-    """
-    turns = [float(np.abs(e.channels["omega_el"]).max()) * e.time_step for e in experiments]
-    return max(math.ceil(max(turns) / _TURN), 1)

@@ -20,12 +20,10 @@ from penode.identify import Stopped, nobody
 from penode.identify import identify as identify_model
 from penode.pmsm.channels import drive_recording, require_angle
 from penode.pmsm.flux_maps import FLUX_MAPS, check_angle_orders
-from penode.pmsm.holds import HOLDS, check_hold
+from penode.pmsm.holds import HOLDS, Standing, check_hold
 from penode.pmsm.report import machine_report
 from penode.pmsm.start import weak_start
-from penode.pmsm.structure import steps_a_sample, structure_of
-from penode.predictors.base import DEFAULT_SOLVER
-from penode.predictors.one_step import Substeps
+from penode.pmsm.structure import structure_of
 from penode.training.archive import write_atomically
 from penode.training.fit import Fit
 from penode.training.plan import Plan
@@ -102,9 +100,8 @@ class Study:
         else:
             below = [h for h in HORIZONS if h < self.horizon]
             plan = ladder_plan([*below[::3], self.horizon], optimiser, self.seed)
-        steps = steps_a_sample(experiments) if self.inverter else 1
-        solver = Substeps(DEFAULT_SOLVER, steps) if steps > 1 else DEFAULT_SOLVER
-        return replace(plan, solver=solver, hold=HOLDS[self.hold])
+        hold = HOLDS[self.hold]
+        return replace(plan, hold=Standing(hold) if self.inverter else hold)
 
     def check(self, experiments: Sequence[Experiment]) -> None:
         """Refuse recordings without the rotor's angle where the model needs it.
