@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from penode.data.experiment import Experiment
 from penode.data.windows import Contiguous, Jittered
 from penode.horizon.ladder import ladder_plan
-from penode.pmsm.holds import HOLDS
+from penode.pmsm.holds import HOLDS, Standing
 from penode.pmsm.model import Machine
 from penode.pmsm.paper_recipe import Growing, PaperRecipe
 from penode.pmsm.start import nominal_start, weak_start
@@ -73,7 +73,8 @@ class Variant:
             return {h: _paper_plan(h, run, seed, extent) for h in horizons}
         placement = Jittered(seed) if self.jittered else Contiguous()
         alone = Stage(1, LevenbergMarquardt(_EVALUATIONS))
-        plan = Plan((alone,), placement, self.solver, HOLDS["dq"])
+        hold = Standing(HOLDS["dq"]) if self.inverter else HOLDS["dq"]
+        plan = Plan((alone,), placement, self.solver, hold)
         if not self.climbing:
             return {h: replace(plan, stages=(replace(alone, horizon=h),)) for h in horizons}
         stages = ladder_plan(horizons).stages
