@@ -94,8 +94,8 @@ class DeadTimeMachine(AngleMachine):
         dU in V.
     dead_time_current : array, shape ()
         i_0 in A, the phase current at which 76 % of dU are lost. It moves in training but is not
-        reported: a phase current crosses zero within a fraction of a sample, so that the value
-        found depends on the solver's step.
+        reported: a phase current crosses zero within a fraction of a sample, which tells little
+        of it.
     """
 
     dead_time_voltage: Leaf = physical("V")
