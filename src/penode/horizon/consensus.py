@@ -19,6 +19,9 @@ from penode.training.covariance import inverse_normal
 #: Weight of rungs that know their deviations from which on the mean's is given.
 _MOST = 0.5
 
+#: Deviations are cut here, SI units, so that no weight is zero over zero.
+_UNSURE = 1e100
+
 
 @dataclass(frozen=True, eq=False)
 class Consensus:
@@ -39,12 +42,17 @@ class Consensus:
         """Return what agreeing rungs say together.
 
         The variance is that of the weighted influences, in which what horizons share counts as
-        shared and what is their own averages out, and the square of the spread: influences do not
-        show a bias, and what pulls horizons apart pulls their mean.
+        shared and what is their own averages out. Influences do not show a bias: by what the rungs
+        differ more than their deviations explain, the variance is larger (as between studies in a
+        random-effects model: DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2).
         """
         values, weights = _weighed(rungs)
         middle, spread = _middle(values, weights)
-        deviation = np.hypot(weighted_deviation(rungs, weights), spread)
+        own = np.stack([rung.working[: values.shape[1]] for rung in rungs])
+        shared = weighted_deviation(rungs, weights)
+        # The weighted variance around the mean that the rungs' deviations lead one to expect.
+        chance = np.sum(weights * np.minimum(own, _UNSURE) ** 2, axis=0) - shared**2
+        deviation = np.sqrt(shared**2 + np.maximum(spread**2 - np.maximum(chance, 0.0), 0.0))
         known = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
         sure = np.sum(weights * known, axis=0) >= _MOST
         return cls(middle, np.where(sure, deviation, np.inf))
@@ -62,7 +70,7 @@ def _weighed(rungs: Sequence[RungFit]) -> tuple[FloatArray, FloatArray]:
     """Return the physical parameters of rungs and their precisions, both (rung, physical)."""
     physical = len(rungs[0].influence)
     values = np.stack([rung.values[:physical] for rung in rungs])
-    precision = np.clip([rung.working[:physical] for rung in rungs], 1e-100, 1e100) ** -2.0
+    precision = np.clip([rung.working[:physical] for rung in rungs], 1e-100, _UNSURE) ** -2.0
     return values, precision / precision.sum(axis=0)
 
 
