@@ -49,9 +49,10 @@ class Consensus:
         values, weights = _weighed(rungs)
         middle, spread = _middle(values, weights)
         own = np.stack([rung.working[: values.shape[1]] for rung in rungs])
+        own = np.where(np.isfinite(own), own, 0.0)
         shared = weighted_deviation(rungs, weights)
         # The weighted variance around the mean that the rungs' deviations lead one to expect.
-        chance = np.sum(weights * np.minimum(own, _UNSURE) ** 2, axis=0) - shared**2
+        chance = np.sum(weights * own**2, axis=0) - shared**2
         deviation = np.sqrt(shared**2 + np.maximum(spread**2 - np.maximum(chance, 0.0), 0.0))
         known = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
         sure = np.sum(weights * known, axis=0) >= _MOST
