@@ -1,6 +1,11 @@
 """The command ``penode sweep`` as a person uses it."""
 
 import csv
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 from distributed import LocalCluster
@@ -48,6 +53,29 @@ def test_on_a_cluster(recording, penode, tmp_path):
         done = penode(*asked, "--dask", cluster.scheduler_address)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "seed0" / "H1" / "fit" / "fit.npz").exists()
+
+
+def test_ctrl_c_stops_at_once_and_keeps_what_is_finished(recording, tmp_path):
+    program = Path(sys.executable).with_name("penode")
+    asked = ("--horizons", "1,4,5,6,7,8", "--seeds", "1", "--jobs", "1", "--out", tmp_path)
+    process = subprocess.Popen(
+        [program, "sweep", recording, *PLAIN, *asked],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    kept, limit = tmp_path / "seed0" / "H1" / "swept.json", time.monotonic() + 200
+    while process.poll() is None and not kept.exists() and time.monotonic() < limit:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    pressed = time.monotonic()
+    printed, said = process.communicate(timeout=60)
+    assert time.monotonic() - pressed < 5
+    assert process.returncode == 130
+    assert printed == ""
+    assert said.splitlines()[-1] == "Stopped; finished fits are kept. Add --resume to go on."
+    assert kept.exists()
+    assert not (tmp_path / "sweep.csv").exists()
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def _workers(jobs: int, dask: str | None) -> Iterator[Executor]:
         except BaseException:
             executor.shutdown(wait=False, cancel_futures=True)
             for process in multiprocessing.active_children():
-                process.terminate()
+                process.kill()
             raise
 
 

@@ -6,7 +6,7 @@ import io
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, as_completed
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from itertools import product
@@ -24,6 +24,8 @@ from penode.pmsm.study import Study, identify
 from penode.report.quantities import scale_for
 from penode.training.archive import to_json, write_atomically
 
+#: Seconds until Ctrl-C is noticed.
+_NOTICE = 0.2
 _COLOURS = ("coenergy", "inverter", "harmonics")
 
 
@@ -92,7 +94,7 @@ def sweep(
     recordings = [drive_recording(e) for e in experiments]
     study, _ = study.settled(recordings)
     study.check(recordings)
-    waiting: list[Future[Swept]] = []
+    waiting: set[Future[Swept]] = set()
     for horizon, seed in grid:
         one = replace(study, horizon=horizon, seed=seed)
         place, given = folder / f"seed{seed}" / f"H{horizon}", _given(recordings, one)
@@ -100,9 +102,12 @@ def sweep(
         if known is not None:
             yield known
         else:
-            waiting.append(executor.submit(_train, recordings, one, place, given))
-    for future in as_completed(waiting):
-        yield future.result()
+            waiting.add(executor.submit(_train, recordings, one, place, given))
+    while waiting:
+        # A wait without end would not notice Ctrl-C before the next one is done.
+        done, waiting = wait(waiting, timeout=_NOTICE, return_when=FIRST_COMPLETED)
+        for future in done:
+            yield future.result()
 
 
 def write_sweep(found: Sequence[Swept], folder: Path) -> None:
