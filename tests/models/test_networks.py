@@ -102,6 +102,23 @@ def test_each_batch_member_has_its_own_parameters(network, plain, inputs, rng):
         np.testing.assert_allclose(jacobian[:, :, k : k + 1], expected, rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("given", [True, False])
+def test_features_are_further_inputs_of_layers(given, rng):
+    """The Jacobian is that of the map's own inputs, by complex steps."""
+    network, tiny = TanhLayers.random((2 + 4, 12, 6, 2), 5), 1e-30
+    x, features = rng.normal(size=(2, 9)), rng.normal(size=(4, 9)) if given else np.zeros((4, 9))
+    with float64():
+        batched = with_batch_axis(network)
+        value, jacobian = batched.value_and_jacobian(
+            jax.numpy.asarray(x), jax.numpy.asarray(features) if given else None
+        )
+    both = np.concatenate([x, features])
+    np.testing.assert_allclose(value, layers(network, both), rtol=1e-12, atol=1e-14)
+    steps = 1j * tiny * np.eye(6)[:2, :, None]
+    known = np.stack([layers(network, both + step).imag / tiny for step in steps], axis=1)
+    np.testing.assert_allclose(jacobian, known, rtol=1e-11, atol=1e-13)
+
+
 def test_dense_multiplies_columns_and_matrices(rng):
     shared, own = rng.normal(size=(3, 2, 1)), rng.normal(size=(3, 2, 6))
     matrices = rng.normal(size=(2, 4, 6))

@@ -41,6 +41,8 @@ def _sum_of_products(weights: JaxArray, x: JaxArray) -> JaxArray:
 class TanhLayers(eqx.Module):
     """Fully connected network with tanh hidden layers and a linear output layer.
 
+    Features, such as the harmonics of an angle, are further inputs, after those of the map.
+
     Attributes
     ----------
     weights, biases : tuple of arrays, shapes (n_out, n_in) and (n_out,)
@@ -69,10 +71,26 @@ class TanhLayers(eqx.Module):
             biases.append(random.uniform(-bound, bound, n_out))
         return cls(tuple(weights), tuple(biases))
 
-    def value_and_jacobian(self, x: JaxArray) -> tuple[JaxArray, JaxArray]:
-        """Return the output (m, batch) and its Jacobian (m, n, batch) at x (n, batch)."""
-        hidden = jnp.tanh(dense(self.weights[0], x) + self.biases[0])
-        slope = self.weights[0] * (1.0 - hidden**2)[:, None]
+    def value_and_jacobian(
+        self, x: JaxArray, features: JaxArray | None = None
+    ) -> tuple[JaxArray, JaxArray]:
+        """Return the output (m, batch) and its Jacobian (m, n, batch) at x (n, batch).
+
+        Parameters
+        ----------
+        x : array, shape (n, batch)
+            Dimensionless.
+        features : array, shape (feature, batch or 1), optional
+            Dimensionless; all zero where not given.
+        """
+        first, n = self.weights[0], len(x)
+        apart = first.shape[1] > n
+        inner = first[:, :n] if apart else first
+        shift = self.biases[0]
+        if apart and features is not None:
+            shift = shift + dense(first[:, n:], features)
+        hidden = jnp.tanh(dense(inner, x) + shift)
+        slope = inner * (1.0 - hidden**2)[:, None]
         for weights, bias in zip(self.weights[1:-1], self.biases[1:-1], strict=True):
             hidden = jnp.tanh(dense(weights, hidden) + bias)
             slope = dense(weights, slope) * (1.0 - hidden**2)[:, None]
@@ -157,3 +175,7 @@ class ConvexGradient(eqx.Module):
         gradient += jnp.sum(self.directions * pull[:, None], axis=0)
         outer = self.directions[:, :, None] * self.directions[:, None]
         return gradient, self.stiffness + jnp.sum(outer * slope[:, None, None], axis=0)
+
+
+#: Networks that features can shift.
+FeatureNetwork = TanhLayers | ConvexGradient

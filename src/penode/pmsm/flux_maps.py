@@ -11,11 +11,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import JaxArray, float64
+from penode.arrays import FloatArray, JaxArray, float64
 from penode.errors import InputError
 from penode.models.compositions import Gradient, QuadraticSkip
 from penode.models.learned_map import LearnedMap
-from penode.models.networks import ConvexGradient, TanhLayers
+from penode.models.networks import ConvexGradient, FeatureNetwork, TanhLayers
 from penode.models.polynomials import Polynomial
 from penode.models.splines import Spline
 
@@ -53,8 +53,8 @@ class FluxMap(eqx.Module):
     flux_scale : float
         Vs for one unit of the network's output.
     angle_orders : tuple of int
-        Harmonics of the electrical angle in the map; none by default. They need a `ConvexGradient`
-        with two features an order.
+        Harmonics of the electrical angle in the map; none by default. They need a network with two
+        features an order.
     """
 
     network: LearnedMap
@@ -104,23 +104,16 @@ class FluxMap(eqx.Module):
         It equals `flux_and_inductance`, for those who want to write the network down.
         """
         network = self.network
-        if not self.angle_orders or not isinstance(network, ConvexGradient):
+        if not self.angle_orders or not isinstance(network, FeatureNetwork):
             return self
         with float64():
             features = np.asarray(self._features(self._one_period())[0])
-        count = features.shape[1]
-        shifted = np.asarray(network.bias)[:, None] + np.asarray(network.modulation) @ features
-        repeated = replace(
-            network,
-            directions=np.repeat(network.directions, count, axis=0),
-            bias=shifted.ravel(),
-            gain=np.repeat(network.gain, count) / count,
-            modulation=None,
-        )
-        return FluxMap(repeated, self.current_scale, self.flux_scale)
+        if isinstance(network, TanhLayers):
+            return FluxMap(_mean_layers(network, features), self.current_scale, self.flux_scale)
+        return FluxMap(_mean_gradient(network, features), self.current_scale, self.flux_scale)
 
     def _network_at(self, x: JaxArray, features: JaxArray) -> tuple[JaxArray, JaxArray]:
-        if isinstance(self.network, ConvexGradient):
+        if isinstance(self.network, FeatureNetwork):
             return self.network.value_and_jacobian(x, features)
         return self.network.value_and_jacobian(x)
 
@@ -141,6 +134,34 @@ class FluxMap(eqx.Module):
 _ANGLES = 6
 
 
+def _mean_gradient(network: ConvexGradient, features: FloatArray) -> ConvexGradient:
+    """Return the mean of a network over features (feature, angle) as one without."""
+    count = features.shape[1]
+    shifted = np.asarray(network.bias)[:, None] + np.asarray(network.modulation) @ features
+    return replace(
+        network,
+        directions=np.repeat(network.directions, count, axis=0),
+        bias=shifted.ravel(),
+        gain=np.repeat(network.gain, count) / count,
+        modulation=None,
+    )
+
+
+def _mean_layers(network: TanhLayers, features: FloatArray) -> TanhLayers:
+    """Return the mean of a network over features (feature, angle) as one without."""
+    count = features.shape[1]
+    (first, *hidden, last), (shift, *inner, bias) = network.weights, network.biases
+    inputs = np.shape(first)[1] - len(features)
+    shifts = np.asarray(shift) + (np.asarray(first)[:, inputs:] @ features).T
+    weights = [
+        np.tile(np.asarray(first)[:, :inputs], (count, 1)),
+        *(np.kron(np.eye(count), part) for part in hidden),
+        np.tile(np.asarray(last) / count, (1, count)),
+    ]
+    biases = [shifts.ravel(), *(np.tile(part, count) for part in inner), np.asarray(bias)]
+    return TanhLayers(tuple(weights), tuple(biases))
+
+
 @dataclass(frozen=True)
 class FluxMapKind:
     """A family of flux maps a user can name.
@@ -158,7 +179,7 @@ class FluxMapKind:
 
     draw: Callable[[int], LearnedMap]
     reciprocal: bool
-    draw_with_features: Callable[[int, int], ConvexGradient] | None = None
+    draw_with_features: Callable[[int, int], FeatureNetwork] | None = None
 
 
 #: To add a family, add one entry; its network needs `value_and_jacobian`.
@@ -168,7 +189,11 @@ FLUX_MAPS: dict[str, FluxMapKind] = {
         reciprocal=True,
         draw_with_features=lambda seed, features: ConvexGradient.random(2, 16, seed, features),
     ),
-    "mlp": FluxMapKind(lambda seed: TanhLayers.random((2, 6, 4, 2), seed), reciprocal=False),
+    "mlp": FluxMapKind(
+        lambda seed: TanhLayers.random((2, 6, 4, 2), seed),
+        reciprocal=False,
+        draw_with_features=lambda seed, features: TanhLayers.random((2 + features, 12, 6, 2), seed),
+    ),
     "polynomial": FluxMapKind(lambda seed: _reciprocal(Polynomial.zero(2, 1, 8)), reciprocal=True),
     "spline": FluxMapKind(
         lambda seed: _reciprocal(Spline.zero((-1.0, -1.0), (1.0, 1.0), (5, 5), 1)), reciprocal=True

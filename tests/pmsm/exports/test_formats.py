@@ -107,7 +107,9 @@ def test_inverse_map_in_mat_undoes_the_map(machine_fit, tmp_path, rng):
     assert np.abs(machine_fit.flux_map(*found.T) - between.T).max() < 2e-3 * largest
 
 
-@pytest.mark.parametrize(("kind", "orders"), [("coenergy", ()), ("coenergy", (6, 12)), ("mlp", ())])
+@pytest.mark.parametrize(
+    ("kind", "orders"), [("coenergy", ()), ("coenergy", (6, 12)), ("mlp", ()), ("mlp", (6, 12))]
+)
 def test_onnx_is_the_network_itself(machine_fit, tmp_path, kind, orders, rng):
     if kind == "mlp" or orders:
         drawn = draw_flux_map(kind, 3, (300.0, 0.08), orders)
