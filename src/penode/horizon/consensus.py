@@ -42,18 +42,12 @@ class Consensus:
         """Return what agreeing rungs say together.
 
         The variance is that of the weighted influences, in which what horizons share counts as
-        shared and what is their own averages out. Influences do not show a bias: by what the rungs
-        differ more than their deviations explain, the variance is larger (as between studies in a
-        random-effects model: DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2).
+        shared and what is their own averages out, and the square of the spread: influences do not
+        show a bias, and what pulls horizons apart pulls their mean.
         """
         values, weights = _weighed(rungs)
         middle, spread = _middle(values, weights)
-        own = np.stack([rung.working[: values.shape[1]] for rung in rungs])
-        own = np.where(np.isfinite(own), own, 0.0)
-        shared = weighted_deviation(rungs, weights)
-        # The weighted variance around the mean that the rungs' deviations lead one to expect.
-        chance = np.sum(weights * own**2, axis=0) - shared**2
-        deviation = np.sqrt(shared**2 + np.maximum(spread**2 - np.maximum(chance, 0.0), 0.0))
+        deviation = np.hypot(weighted_deviation(rungs, weights), spread)
         known = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
         sure = np.sum(weights * known, axis=0) >= _MOST
         return cls(middle, np.where(sure, deviation, np.inf))
