@@ -20,7 +20,7 @@ from penode.training.covariance import sandwich
 from penode.training.fit import Estimate, Fit, HorizonChoice, Rung, unused
 from penode.training.learned_uncertainty import LearnedUncertainty
 from penode.training.outcome import AVERAGED
-from penode.training.plan import Plan
+from penode.training.plan import Plan, Problem
 from penode.validation.coverage import thin
 from penode.validation.free_run import Comparison, compare, free_run_rmse, with_unmeasured
 from penode.validation.residual_tests import residual_correlations, residual_spectrum
@@ -101,12 +101,9 @@ class Account:
     @cached_property
     def _raw(self) -> FloatArray:
         """The raw parameters reported, shape (parameter,)."""
-        return settled(
-            self.ascent.objective.layout,
-            self.rungs[self.choice.index],
-            self._moving,
-            self._consensus.values,
-        )
+        chosen, ascent = self.rungs[self.choice.index], self.ascent
+        problem = Problem(ascent.objective, ascent.reported, chosen.windows, self._moving)
+        return settled(problem, chosen, self._consensus.values)
 
     @property
     def _moving(self) -> BoolArray:

@@ -5,19 +5,21 @@ horizons of a plateau err in part independently of each other, and their mean is
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from penode.arrays import BoolArray, FloatArray
+from penode.arrays import FloatArray
 from penode.horizon.ladder import RungFit
 from penode.horizon.selection import weighted_deviation
-from penode.models.base import Model
-from penode.models.layout import Layout
-from penode.training.covariance import inverse_normal
+from penode.training.plan import DIVERGED, Optimiser, Problem
+from penode.training.second_order import LevenbergMarquardt
 
 #: Weight of rungs that know their deviations from which on the mean's is given.
 _MOST = 0.5
+
+#: Trains what is learned once more, with the physical parameters held.
+_REFIT = LevenbergMarquardt(evaluations=15)
 
 #: Deviations are cut here, SI units, so that no weight is zero over zero.
 _UNSURE = 1e100
@@ -76,26 +78,25 @@ def _middle(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def settled(
-    layout: Layout[Model], rung: RungFit, moving: BoolArray, values: FloatArray
+    problem: Problem, rung: RungFit, values: FloatArray, optimiser: Optimiser = _REFIT
 ) -> FloatArray:
     """Return raw parameters (parameter,): physical ones as given, the others where loss is least.
 
     Parameters
     ----------
-    layout : Layout
-        Of the rung's model.
+    problem : Problem
+        The rung's.
     rung : RungFit
-        At a minimum; its Gauss-Newton terms tell how the others follow.
-    moving : ndarray of bool, shape (parameter,)
-        Raw parameters that the terms are of.
+        At a minimum, from which the others follow.
     values : ndarray, shape (physical,)
         Physical parameters near the rung's, SI units.
+    optimiser : Optimiser
+        Trains the others.
     """
-    raw, normal = rung.solution.raw, rung.solution.terms.normal
-    found = layout.with_physical(raw, values)
-    given = layout.physical_members[moving]
-    if not given.all():
-        force = normal[np.ix_(~given, given)] @ (found - raw)[moving][given]
-        follow = np.flatnonzero(moving)[~given]
-        found[follow] -= inverse_normal(normal[np.ix_(~given, ~given)]) @ force
-    return found
+    layout = problem.objective.layout
+    start = layout.with_physical(rung.solution.raw, values)
+    others = problem.moving & ~layout.physical_members
+    if np.array_equal(values, rung.values[: len(values)]) or not others.any():
+        return start
+    found = optimiser.minimise(replace(problem, moving=others), start)
+    return start if found.outcome == DIVERGED else found.raw
