@@ -80,3 +80,9 @@ def test_a_terminal_gets_colour_and_folded_sentences(capsys):
     assert "\x1b[32mgood" in lines[0]
     assert len(lines) == 4
     assert "".join(lines).count("warning") == 1
+
+
+def test_commands_start_without_the_plotting_library():
+    """It takes a third of a second, and few commands draw."""
+    code = "import sys, penode.cli.main; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=120).returncode == 0

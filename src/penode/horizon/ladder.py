@@ -13,6 +13,7 @@ from penode.data.windows import Jittered, Windows, cut
 from penode.errors import InputError
 from penode.models.base import Model
 from penode.predictors.base import Predictor
+from penode.training.coarse_to_fine import CoarseToFine
 from penode.training.covariance import (
     Reported,
     hang_on_few_windows,
@@ -43,7 +44,7 @@ def ladder_plan(
         Steps, ascending; the default grows by a factor of about 1.5 up to 200.
     optimiser : Optimiser, optional
         Levenberg-Marquardt by default, with more evaluations for the first rung, which alone
-        starts cold.
+        starts cold; that one trains on every fourth window first.
     seed : int
         Seed of the jittered windows.
 
@@ -54,7 +55,7 @@ def ladder_plan(
     """
     if not horizons or min(horizons) < 1 or list(horizons) != sorted(set(horizons)):
         raise InputError(f"horizons {list(horizons)} came; give ascending whole numbers above 0.")
-    first = optimiser or LevenbergMarquardt(evaluations=60)
+    first = optimiser or CoarseToFine(LevenbergMarquardt(evaluations=60))
     later = optimiser or LevenbergMarquardt(evaluations=25)
     stages = (Stage(horizons[0], first), *(Stage(h, later) for h in horizons[1:]))
     return Plan(stages, Jittered(seed), detour=LevenbergMarquardt(evaluations=15))

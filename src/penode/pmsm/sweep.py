@@ -18,7 +18,6 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.pmsm.channels import drive_recording
-from penode.pmsm.studies.figures import study_figure
 from penode.pmsm.studies.panels import Panel, Series
 from penode.pmsm.study import Study, identify
 from penode.report.quantities import scale_for
@@ -120,6 +119,9 @@ def write_sweep(found: Sequence[Swept], folder: Path) -> None:
     folder : Path
     """
     write_atomically(folder / "sweep.csv", _table(found))
+    # Imported here: the plotting library takes a third of a second, and every command would pay it.
+    from penode.pmsm.studies.figures import study_figure
+
     write_atomically(folder / "sweep.png", study_figure(_panels(found)))
 
 
