@@ -9,6 +9,7 @@ called not identifiable. Ctrl-C prints the table of the draws so far; the same c
 
 import sys
 import time
+from collections import Counter
 from contextlib import suppress
 
 import numpy as np
@@ -84,16 +85,22 @@ def print_table(draws: list[Record]) -> None:
     best = [min(map(abs, draw["by_horizon"].values())) for draw in good]
     ratio = np.median((errors / np.maximum(best, 1e-12)) ** 2)
     print(f"Squared error over that of the best rung: median {ratio:.1f}.")
-    print("              root mean square    95th percentile    mean log error")
+    print("                median    root mean square    95th percentile    mean log error")
     print(_summary("reported", errors))
-    common = set.intersection(*(set(draw["by_horizon"]) for draw in good))
-    for h in sorted(common, key=int):
-        print(_summary(f"H = {h}", np.abs([draw["by_horizon"][h] for draw in good])))
+    horizons = Counter(h for draw in good for h in draw["by_horizon"])
+    for h in sorted((h for h, count in horizons.items() if 2 * count > len(good)), key=int):
+        reached = [draw["by_horizon"][h] for draw in good if h in draw["by_horizon"]]
+        told = f"  ({len(reached)} draws)" if len(reached) < len(good) else ""
+        print(_summary(f"H = {h}", np.abs(reached)) + told)
 
 
 def _summary(name: str, errors: FloatArray) -> str:
-    square, most = np.sqrt(np.mean(errors**2)), np.quantile(errors, 0.95)
-    return f"{name:12s} {100 * square:16.2f} % {100 * most:16.2f} % {_mean_log(errors):17.2f}"
+    half, most = np.quantile(errors, [0.5, 0.95])
+    square = np.sqrt(np.mean(errors**2))
+    return (
+        f"{name:12s} {100 * half:7.2f} % {100 * square:17.2f} % {100 * most:16.2f} % "
+        f"{_mean_log(errors):17.2f}"
+    )
 
 
 def _mean_log(errors: FloatArray) -> float:

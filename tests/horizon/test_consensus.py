@@ -56,7 +56,7 @@ def test_what_rungs_differ_by_widens_the_interval():
     middle = np.average(values, weights=deviations**-2.0)
     spread = np.sqrt(np.average((values - middle) ** 2, weights=deviations**-2.0))
     np.testing.assert_allclose(found.values, [middle])
-    np.testing.assert_allclose(found.deviation, [spread], rtol=1e-5)
+    np.testing.assert_allclose(found.deviation, [spread * np.sqrt(0.5)], rtol=1e-5)
 
 
 def test_one_rung_is_its_own_consensus():

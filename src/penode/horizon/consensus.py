@@ -18,6 +18,10 @@ from penode.training.second_order import LevenbergMarquardt
 #: Weight of rungs that know their deviations from which on the mean's is given.
 _MOST = 0.5
 
+#: Share of the squared spread over a plateau that counts as bias of its mean. Of 32 drawn
+#: recordings 88 % were covered with none of it, 94 % with a quarter, 97 % with half, all with all.
+_BIAS = 0.5
+
 #: Trains what is learned once more, with the physical parameters held.
 _REFIT = LevenbergMarquardt(evaluations=15)
 
@@ -44,12 +48,13 @@ class Consensus:
         """Return what agreeing rungs say together.
 
         The variance is that of the weighted influences, in which what horizons share counts as
-        shared and what is their own averages out, and the square of the spread: influences do not
-        show a bias, and what pulls horizons apart pulls their mean.
+        shared and what is their own averages out, and half the square of the spread: influences do
+        not show a bias, and what pulls horizons apart pulls their mean, but part of the spread is
+        the rungs' own chance, which is counted already.
         """
         values, weights = _weighed(rungs)
         middle, spread = _middle(values, weights)
-        deviation = np.hypot(weighted_deviation(rungs, weights), spread)
+        deviation = np.hypot(weighted_deviation(rungs, weights), np.sqrt(_BIAS) * spread)
         known = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
         sure = np.sum(weights * known, axis=0) >= _MOST
         return cls(middle, np.where(sure, deviation, np.inf))
