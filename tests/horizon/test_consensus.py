@@ -1,6 +1,6 @@
 """What agreeing rungs say together, against closed forms."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from penode.data.windows import Windows
 from penode.horizon.consensus import Consensus, settled
 from penode.horizon.ladder import RungFit
 from penode.training.covariance import Reported
-from penode.training.plan import Problem, Solution
+from penode.training.plan import DIVERGED, Problem, Solution, silent
 from penode.training.second_order import LevenbergMarquardt
 
 SAMPLES = 4000
@@ -127,3 +127,23 @@ def test_a_rung_that_is_its_own_consensus_is_not_trained_again(systems, objectiv
     solution = Solution(system.raw, None, 1, "")
     made = replace(rung(4, 1.0, 1.0, white(1)), values=values, solution=solution)
     np.testing.assert_allclose(settled(problem, made, values, None), system.raw, rtol=1e-12)
+
+
+@dataclass
+class Diverging:
+    """An optimiser that goes astray."""
+
+    def minimise(self, problem, raw, progress=silent):
+        return Solution(raw + 1.0, None, 1, DIVERGED)
+
+
+def test_training_that_diverges_leaves_the_learned_where_they_were(systems, objective_of):
+    system = systems["duffing"]
+    objective, windows = objective_of(system), system.windows(4)
+    layout = objective.layout
+    problem = Problem(objective, None, windows, np.ones(layout.size, dtype=bool))
+    made = replace(rung(4, 1.0, 1.0, white(1)), solution=Solution(system.raw, None, 1, ""))
+    wanted = np.array([0.8, 0.2])
+    with float64():
+        found = settled(problem, made, wanted, Diverging())
+        np.testing.assert_array_equal(found, layout.with_physical(system.raw, wanted))

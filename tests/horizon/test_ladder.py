@@ -7,6 +7,7 @@ import pytest
 
 from penode import Contiguous, InputError, Jittered, Plan, Stage, ladder_plan
 from penode.horizon.ladder import HORIZONS, Ascent, fitting_plan
+from penode.training.coarse_to_fine import CoarseToFine
 from penode.training.covariance import Reported
 from penode.training.plan import DIVERGED, Solution
 from penode.training.second_order import LevenbergMarquardt
@@ -23,6 +24,8 @@ def test_default_ladder_grows_by_about_one_and_a_half_to_200():
     assert ((growth > 1.4) & (growth < 1.7)).all()
     assert plan.placement == Jittered(0)
     assert all(stage.groups is None for stage in plan.stages)
+    thinned = [isinstance(stage.optimiser, CoarseToFine) for stage in plan.stages]
+    assert thinned == [True] + [False] * (len(HORIZONS) - 1)
 
 
 def test_ladder_takes_horizons_optimiser_and_seed():

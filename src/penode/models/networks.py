@@ -38,7 +38,25 @@ def _sum_of_products(weights: JaxArray, x: JaxArray) -> JaxArray:
     return functools.reduce(operator.add, products)
 
 
-class TanhLayers(eqx.Module):
+class FeatureNetwork(eqx.Module):
+    """A network that features, such as the harmonics of an angle, can shift."""
+
+    def value_and_jacobian(
+        self, x: JaxArray, features: JaxArray | None = None
+    ) -> tuple[JaxArray, JaxArray]:
+        """Return the value (m, batch) and its Jacobian (m, n, batch).
+
+        Parameters
+        ----------
+        x : array, shape (n, batch)
+            Dimensionless.
+        features : array, shape (feature, batch or 1), optional
+            Dimensionless; all zero where not given.
+        """
+        raise NotImplementedError
+
+
+class TanhLayers(FeatureNetwork):
     """Fully connected network with tanh hidden layers and a linear output layer.
 
     Features, such as the harmonics of an angle, are further inputs, after those of the map.
@@ -74,15 +92,7 @@ class TanhLayers(eqx.Module):
     def value_and_jacobian(
         self, x: JaxArray, features: JaxArray | None = None
     ) -> tuple[JaxArray, JaxArray]:
-        """Return the output (m, batch) and its Jacobian (m, n, batch) at x (n, batch).
-
-        Parameters
-        ----------
-        x : array, shape (n, batch)
-            Dimensionless.
-        features : array, shape (feature, batch or 1), optional
-            Dimensionless; all zero where not given.
-        """
+        """Return the output (m, batch) and its Jacobian (m, n, batch)."""
         first, n = self.weights[0], len(x)
         apart = first.shape[1] > n
         inner = first[:, :n] if apart else first
@@ -101,7 +111,7 @@ def _float64_if_any(value: Any) -> FloatArray | None:
     return None if value is None else np.array(value, dtype=np.float64)
 
 
-class ConvexGradient(eqx.Module):
+class ConvexGradient(FeatureNetwork):
     """Gradient of a strictly convex scalar: offset + stiffness x + A' (gain * tanh(A x + bias)).
 
     The scalar is offset'x + x' stiffness x / 2 + sum(gain * log cosh(A x + bias)). With a positive
@@ -156,15 +166,7 @@ class ConvexGradient(eqx.Module):
     def value_and_jacobian(
         self, x: JaxArray, features: JaxArray | None = None
     ) -> tuple[JaxArray, JaxArray]:
-        """Return the gradient (n, batch) and the Hessian (n, n, batch) at x (n, batch).
-
-        Parameters
-        ----------
-        x : array, shape (n, batch)
-            Dimensionless.
-        features : array, shape (feature, batch or 1), optional
-            Dimensionless; all zero where not given.
-        """
+        """Return the gradient (n, batch) and the Hessian (n, n, batch)."""
         hidden = dense(self.directions, x) + self.bias
         if features is not None and self.modulation is not None:
             hidden += dense(self.modulation, features)
@@ -175,7 +177,3 @@ class ConvexGradient(eqx.Module):
         gradient += jnp.sum(self.directions * pull[:, None], axis=0)
         outer = self.directions[:, :, None] * self.directions[:, None]
         return gradient, self.stiffness + jnp.sum(outer * slope[:, None, None], axis=0)
-
-
-#: Networks that features can shift.
-FeatureNetwork = TanhLayers | ConvexGradient

@@ -104,7 +104,7 @@ class FluxMap(eqx.Module):
         It equals `flux_and_inductance`, for those who want to write the network down.
         """
         network = self.network
-        if not self.angle_orders or not isinstance(network, FeatureNetwork):
+        if not self.angle_orders or not isinstance(network, TanhLayers | ConvexGradient):
             return self
         with float64():
             features = np.asarray(self._features(self._one_period())[0])

@@ -115,7 +115,6 @@ class Objective:
         self.layout = Layout(model, experiments)
         self.scale = np.asarray(scale, dtype=np.float64)
         self.loss = loss
-        self._compiled = False
         self.error = PredictionError(predictor, self.layout, self.scale, loss, model)
 
     def loss_and_gradient(self, raw: FloatArray, windows: Windows) -> tuple[float, FloatArray]:
@@ -177,9 +176,7 @@ class Objective:
         length = self.chunk * -(-count // (STRANDS * self.chunk))
         firsts = range(0, count, length)
         counts = [min(length, count - first) for first in firsts]
-        if not self._compiled:
-            add_up(0, 0)  # one strand alone, as all would compile the same
-            self._compiled = True
+        add_up(0, 0)  # compiles, where that is still to be done, once
         sums = list(_workers().map(add_up, firsts, counts))
         squares, normal = (np.sum([part[k] for part in sums], axis=0) for k in (0, 1))
         scores = [part[2][:, :used] for part, used in zip(sums, counts, strict=True)]
