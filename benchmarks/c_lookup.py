@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.problem import verdict
 from penode.pmsm.exports.c_header import encode
-from penode.pmsm.flux_grid import FluxGrid, even_axis
+from penode.pmsm.machine.flux_grid import FluxGrid, even_axis
 
 #: Goal for each look-up in ns.
 GOAL = 100

@@ -10,7 +10,7 @@ from penode.pmsm.study import Study, identify
 #: What the data decide, and the smaller model of the paper.
 STUDIES = {
     "decided from the data": Study(),
-    "map of i alone": Study(inverter=False, angle_orders=()),
+    "map of i alone": Study(candidates=(), angle_orders=()),
 }
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.data.windows import Contiguous, Windows, cut
+from penode.pmsm.balance.start import weak_start
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
-from penode.pmsm.model import Machine
-from penode.pmsm.start import weak_start
+from penode.pmsm.machine.model import Machine
 from penode.predictors.base import DEFAULT_SOLVER, Predictor
 from penode.predictors.solver import Solver
 from penode.training.residuals import Objective

@@ -14,9 +14,9 @@ import numpy as np
 
 from benchmarks.problem import paper_recording
 from penode.arrays import FloatArray
-from penode.horizon.ladder import Ascent
-from penode.pmsm.paper_recipe import PaperRecipe
-from penode.pmsm.start import nominal_start
+from penode.horizon.ladder import LadderProblem
+from penode.pmsm.balance.start import nominal_start
+from penode.pmsm.conventional.paper_recipe import PaperRecipe
 from penode.training.first_order import FirstOrder
 from penode.training.plan import Problem
 
@@ -39,7 +39,7 @@ def main(duration: float = DURATION) -> None:
     run = paper_recording(duration)
     starts = [nominal_start([run], seed) for seed in range(SEEDS)]
     plans = [PaperRecipe(lambda _, h=h: h, EPOCHS).plan() for h in HORIZONS]
-    ascent = Ascent.of(starts[0], [run], plans[0], lambda event: None)
+    ascent = LadderProblem.of(starts[0], [run], plans[0], lambda event: None)
     stages = [(p.stages[0].optimiser, ascent.problem(p.stages[0], p)) for p in plans]
     raws = np.stack([ascent.objective.layout.raw(start) for start in starts])
 

@@ -1,10 +1,11 @@
 """Time to an answer: penode's default against the paper's training in torchdiffeq.
 
 ``taskset -c 0 python -m benchmarks.time_to_accuracy`` where benchmarks/requirements.txt is
-installed. The paper's training (`penode.pmsm.paper_recipe`: Adam, horizon grown to 100, 20
-mini-batches) takes hours in torchdiffeq, so its time is extrapolated: penode runs the recipe whole;
-torchdiffeq runs the first epochs at each horizon from where penode stood then, must give the same
-losses, and is timed; its time is the sum over horizons of epochs times seconds an epoch.
+installed. The paper's training (`penode.pmsm.conventional.paper_recipe`: Adam, horizon grown to
+100, 20 mini-batches) takes hours in torchdiffeq, so its time is extrapolated: penode runs the
+recipe whole; torchdiffeq runs the first epochs at each horizon from where penode stood then, must
+give the same losses, and is timed; its time is the sum over horizons of epochs times seconds an
+epoch.
 
 The error is the root mean square over 1 to 100 steps ahead: on a recording that nobody trained on,
 at another speed and along another trajectory, for the default; on the training recording where
@@ -23,23 +24,23 @@ from benchmarks.torch_problem import closed_form, cramer, derivative_of, leaves_
 from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
 from penode.data.windows import Windows
+from penode.fit.fit import Fit
 from penode.horizon.ladder import ladder_plan
 from penode.horizon.selection import Longest
 from penode.identify import identify as identify_model
 from penode.models.layout import Layout
+from penode.pmsm.balance.start import nominal_start
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
-from penode.pmsm.model import Machine
-from penode.pmsm.paper_recipe import PaperRecipe
-from penode.pmsm.start import nominal_start
+from penode.pmsm.conventional.paper_recipe import PaperRecipe
+from penode.pmsm.machine.model import Machine
 from penode.pmsm.study import Study, identify
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import RK4_38
 from penode.training import plan
 from penode.training.covariance import Reported
 from penode.training.first_order import FirstOrder
-from penode.training.fit import Fit
 from penode.training.multi_start import BestOf
 
 HORIZON = 100
@@ -141,7 +142,7 @@ def first_epoch(errors: list[float], wanted: float) -> int | None:
 
 def by_default(run: Experiment) -> Fit:
     """Return what a user gets with a map of the currents alone, as the recipe's is."""
-    return identify([run], study=Study(inverter=False, angle_orders=()))
+    return identify([run], study=Study(candidates=(), angle_orders=()))
 
 
 def by_second_order(run: Experiment) -> Fit:

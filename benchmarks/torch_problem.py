@@ -2,8 +2,8 @@
 
 Kutta's 3/8 rule (which torchdiffeq calls rk4) at one step a sample, the input held from sample to
 sample, float64. torchdiffeq differentiates through its solver (no adjoint). Leaves are those of
-`penode.pmsm.model.Machine` in order: three weights, three biases, if there is a linear map beside
-the network its matrix and offset, and R.
+`penode.pmsm.machine.model.Machine` in order: three weights, three biases, if there is a linear map
+beside the network its matrix and offset, and R.
 """
 
 from collections.abc import Callable, Sequence

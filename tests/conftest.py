@@ -20,16 +20,17 @@ from scipy.optimize import least_squares
 from penode import Experiment, Fit, Model, Predictor, identify, ladder_plan, parameter, physical
 from penode.arrays import Leaf, float64
 from penode.data.windows import cut
+from penode.fit.fit import Estimate, HorizonChoice
 from penode.models.layout import Layout
 from penode.models.networks import ConvexGradient, TanhLayers
 from penode.models.parameters import Positive, with_batch_axis
 from penode.pmsm.bench.machines import COMSOL_300A
-from penode.pmsm.flux_maps import FluxMap
-from penode.pmsm.model import Machine
+from penode.pmsm.machine.flux_maps import FluxMap
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.terms import Resistance
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER, RK4
 from penode.training.covariance import Reported
-from penode.training.fit import Estimate, HorizonChoice
 from penode.training.plan import Problem
 from penode.training.residuals import Objective
 from penode.validation.residual_tests import Spectrum
@@ -251,7 +252,7 @@ def linear_machine():
 
 
 def machine(network, twin):
-    model = Machine(FluxMap(network, 100.0, 0.4), R=0.05)
+    model = Machine(FluxMap(network, 100.0, 0.4), (Resistance(0.05),))
     amplitude = np.array([60.0, 70.0, 40.0, 50.0, 100.0])
     runs = recordings(model, 1e-4, amplitude)
     return System(model, machine_twin(twin, 100.0, 0.4), runs, np.ones(2), 1e-4)
@@ -420,7 +421,7 @@ def machine_fit(true_map) -> Fit:
         flux = layout.plain_model(best)
     estimate = Estimate(0.01, 1e-4, (0.0098, 0.0102), "ohm", 0.9)
     return Fit(
-        Machine(flux, R=0.01),
+        Machine(flux, (Resistance(0.01),)),
         {"R": estimate},
         HorizonChoice(50, "plateau", "Horizons agree.", ()),
         visited.T,

@@ -15,10 +15,10 @@ from penode.pmsm.bench.config import load_config
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
-from penode.pmsm.guess import guess_study
+from penode.pmsm.recording.guess import guess_study
+from penode.pmsm.recording.study_text import study_text
 from penode.pmsm.study import flux_map_csv
 from penode.pmsm.study_file import load_study
-from penode.pmsm.study_text import study_text
 
 ROOT = Path(__file__).parents[1]
 HOW_TO = ROOT / "docs" / "how-to"

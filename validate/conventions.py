@@ -22,9 +22,9 @@ from penode.pmsm.bench.machines import MACHINES, Machine
 from penode.pmsm.bench.references import MOTOR, WHOLE_DISC, Domain, Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.bench.sensors import Resolver, SpeedSensor
-from penode.pmsm.conventions import check_conventions
-from penode.pmsm.frames import abc_from_dq
-from penode.pmsm.name_plate import NamePlate
+from penode.pmsm.conventions.check import check_conventions
+from penode.pmsm.machine.frames import abc_from_dq
+from penode.pmsm.recording.name_plate import NamePlate
 
 FIRST, COUNT = 24, 20
 _U, _I = ("u_d", "u_q"), ("i_d", "i_q")

@@ -15,8 +15,8 @@ from contextlib import suppress
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.fit.fit import Fit
 from penode.pmsm.study import Study, identify
-from penode.training.fit import Fit
 from validate.drawn_recordings import Campaign, draw_campaign
 from validate.ledger import Ledger, Record
 

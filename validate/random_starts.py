@@ -15,12 +15,12 @@ import numpy as np
 
 from penode.data.windows import Jittered
 from penode.errors import InputError
+from penode.fit.fit import Fit
 from penode.identify import identify
 from penode.models.base import Model
-from penode.pmsm.start import weak_start
+from penode.pmsm.balance.start import weak_start
 from penode.pmsm.study import Study
 from penode.pmsm.study import identify as identify_machine
-from penode.training.fit import Fit
 from penode.training.plan import Plan, Stage
 from penode.training.second_order import LevenbergMarquardt
 from validate.drawn_recordings import Drawn, draw_recording
@@ -51,7 +51,7 @@ def best_known(drawn: Drawn, fit: Fit, seed: int) -> Fit:
 def result_of(number: int) -> Record:
     """Identify one recording and judge the loss."""
     drawn, began = draw_recording(number), time.perf_counter()
-    study = Study(seed=number, inverter=False, angle_orders=())
+    study = Study(seed=number, candidates=(), angle_orders=())
     try:
         fit = identify_machine([drawn.run], study=study)
     except InputError as error:

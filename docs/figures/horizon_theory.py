@@ -14,8 +14,8 @@ import numpy as np
 from penode import Contiguous, Experiment, Jittered, Model, Predictor, ladder_plan, physical
 from penode.arrays import Leaf
 from penode.data.windows import cut
-from penode.horizon.ladder import Ascent
-from penode.horizon.prefilter import linearised, prefilter_view
+from penode.horizon.ladder import LadderProblem
+from penode.horizon.loss_weighting import linearised, prefilter_view
 from penode.models.parameters import parameter
 from penode.training.covariance import Reported
 from penode.training.plan import Problem
@@ -210,7 +210,7 @@ def resistances_over_ladder(run: Experiment, horizons: range, placement, groups)
     plan = ladder_plan(list(horizons))
     stages = tuple(replace(stage, groups=groups) for stage in plan.stages)
     plan = replace(plan, placement=placement, stages=stages)
-    ascent = Ascent.of(truth(), [run], plan, lambda event: None)
+    ascent = LadderProblem.of(truth(), [run], plan, lambda event: None)
     rungs = ascent.climb(plan, ascent.objective.layout.raw(truth()))
     return [1e3 * float(rung.values[0]) for rung in rungs]
 

@@ -5,13 +5,13 @@ from penode.data.experiment import Experiment
 from penode.data.load import load
 from penode.data.windows import Contiguous, Jittered, Windows
 from penode.errors import InputError
+from penode.fit.fit import Fit
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import ladder_plan
 from penode.identify import identify
 from penode.models.base import Model
 from penode.models.parameters import nuisance, parameter, physical
 from penode.predictors.base import Predictor
-from penode.training.fit import Fit
 from penode.training.plan import Plan, Stage
 
 __all__ = [

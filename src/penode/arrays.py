@@ -1,4 +1,4 @@
-"""Array aliases, the axis names used in shape annotations, and the scope of float64.
+"""Array aliases, axis names of shape annotations, the scope of float64, and threads of BLAS.
 
 Axis names: ``time``, ``channel``, ``state``, ``input``, ``output``, ``parameter``, ``window``,
 ``batch``. Outside compiled code arrays are ``(time, channel)``; inside it they are batch-last,
@@ -7,11 +7,13 @@ Axis names: ``time``, ``channel``, ``state``, ``input``, ``output``, ``parameter
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import Any, TypeAlias
+from functools import wraps
+from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import jax
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
@@ -29,3 +31,21 @@ def float64() -> AbstractContextManager[None]:
     """Return a context in which JAX computes in float64; its global settings stay untouched."""
     context: Callable[[bool], AbstractContextManager[None]] = jax.enable_x64
     return context(True)
+
+
+_Given = ParamSpec("_Given")
+_Returned = TypeVar("_Returned")
+
+
+def one_blas_thread(function: Callable[_Given, _Returned]) -> Callable[_Given, _Returned]:
+    """Decorate a function to run BLAS in one thread.
+
+    Matrices are small here, and threads that wait for each other cost more than they save.
+    """
+
+    @wraps(function)
+    def limited(*arguments: _Given.args, **named: _Given.kwargs) -> _Returned:
+        with threadpool_limits(1, "blas"):
+            return function(*arguments, **named)
+
+    return limited

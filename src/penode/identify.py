@@ -1,34 +1,26 @@
-"""The main path: model + experiments + plan -> Fit, one line a stage."""
+"""The main path: prepare, climb, select, cross-check, assemble."""
 
 import time
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
-from threadpoolctl import threadpool_limits
-
+from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
 from penode.errors import InputError
-from penode.horizon.account import Account, stopped
-from penode.horizon.cross_checks import beside_anchor, beside_direct
+from penode.fit.fit import Fit
+from penode.horizon.assemble import Assembly
+from penode.horizon.cross_checks import cross_check
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import (
-    Ascent,
+    LadderProblem,
     Observer,
-    RungFit,
-    StoppedClimb,
     fitting_plan,
+    ignore_events,
     ladder_plan,
 )
-from penode.horizon.selection import Choice, Plateau, Selector
+from penode.horizon.selection import Plateau, Selector, choose
 from penode.models.base import Model
-from penode.training.fit import Fit
 from penode.training.plan import Plan
 from penode.validation.free_run import require_predictable
-
-
-def nobody(event: Mapping[str, Any]) -> None:
-    """Observe nothing."""
-
 
 DEFAULT_SELECTOR = Plateau()
 
@@ -47,6 +39,7 @@ class Stopped(KeyboardInterrupt):
         self.fit = fit
 
 
+@one_blas_thread
 def identify(
     start: Model | Start,
     experiments: Sequence[Experiment],
@@ -54,9 +47,9 @@ def identify(
     plan: Plan | None = None,
     selector: Selector = DEFAULT_SELECTOR,
     validation: Sequence[Experiment] = (),
-    observer: Observer = nobody,
+    observer: Observer = ignore_events,
 ) -> Fit:
-    """Find physical parameters and learned maps, and the horizon that makes them right.
+    """Estimate physical parameters and learned maps, at the horizon that makes them right.
 
     Parameters
     ----------
@@ -71,7 +64,7 @@ def identify(
     validation : sequence of Experiment
         Recordings that are predicted but not trained on.
     observer : callable
-        Told of each evaluation and rung.
+        Receives an event for each evaluation and horizon.
 
     Returns
     -------
@@ -90,30 +83,14 @@ def identify(
         raise InputError("no recording came; give at least one.")
     start = start if isinstance(start, Start) else Start(start)
     plan = plan or fitting_plan(ladder_plan(), experiments)
-    ascent = Ascent.of(start.model, experiments, plan, observer)
+    problem = LadderProblem.of(start.model, experiments, plan, observer)
     for unseen in validation:
-        require_predictable(ascent.objective.predictor, start.model, unseen)
+        require_predictable(problem.objective.predictor, start.model, unseen)
 
-    first = ascent.objective.layout.raw(start.model)
-
-    def account(rungs: Sequence[RungFit], choice: Choice, found: tuple[str, ...] = ()) -> Fit:
-        provenance = {
-            "training_time_s": time.monotonic() - began,
-            "placement": str(plan.placement),
-            "solver": str(plan.solver),
-        }
-        return Account(ascent, start, plan, rungs, choice, found).fit(validation, provenance)
-
-    try:
-        # Matrices are small, and threads that wait for each other cost more than they bring.
-        with threadpool_limits(1, "blas"):
-            rungs = ascent.climb(plan, first)
-            choice = selector.select(rungs)
-            chosen = rungs[choice.index]
-            found = beside_anchor(chosen, ascent.objective.layout.physical, start.anchor)
-            if choice.index:
-                found += beside_direct(ascent, plan, chosen, first)
-    except StoppedClimb as stop:
-        best = account(stop.rungs, stopped(selector.select(stop.rungs), plan))
-        raise Stopped(best) from stop
-    return account(rungs, choice, found)
+    climb = problem.climb(plan, problem.objective.layout.raw(start.model))
+    choice = choose(selector, climb, plan)
+    contradictions = cross_check(problem, plan, climb, choice, start)
+    fit = Assembly(problem, start, plan, climb.fits, choice, contradictions).fit(validation, began)
+    if climb.interrupted:
+        raise Stopped(fit)
+    return fit

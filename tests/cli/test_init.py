@@ -12,7 +12,7 @@ from scipy.io import savemat
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
-from penode.pmsm.frames import abc_from_dq
+from penode.pmsm.machine.frames import abc_from_dq
 
 POLE_PAIRS = 5
 

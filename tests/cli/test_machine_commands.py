@@ -8,11 +8,11 @@ import pytest
 
 from penode.data.save import save
 from penode.errors import InputError
+from penode.fit.archive import write_atomically
 from penode.pmsm.bench.config import load_config
 from penode.pmsm.exports.formats import FORMATS
-from penode.pmsm.simulated_drive import deviation
+from penode.pmsm.simulation.simulated_drive import deviation
 from penode.pmsm.study import flux_map_csv
-from penode.training.archive import write_atomically
 
 
 @pytest.fixture

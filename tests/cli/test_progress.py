@@ -9,8 +9,8 @@ from rich.console import Console
 from penode.cli.ladder_view import LadderView
 from penode.cli.progress import Interrupted, watched
 from penode.errors import InputError
+from penode.fit.archive import write_atomically
 from penode.horizon.checkpoint import Checkpoint
-from penode.training.archive import write_atomically
 
 EARLIER = '{"elapsed_s": 0.1, "event": "start"}\n'
 

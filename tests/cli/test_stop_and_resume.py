@@ -13,10 +13,10 @@ import pytest
 import penode as library
 from penode.cli import identify as command_line
 from penode.data.save import save
+from penode.fit.archive import write_atomically
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
-from penode.training.archive import write_atomically
 
 LADDER = [1, 5, 18, 40]  # of --horizon 40
 

@@ -7,10 +7,10 @@ import pytest
 
 from penode.arrays import float64
 from penode.data.windows import Windows
-from penode.horizon.consensus import Consensus, settled
-from penode.horizon.ladder import RungFit
+from penode.horizon.consensus import Consensus, retrained
+from penode.horizon.ladder import HorizonFit
 from penode.training.covariance import Reported
-from penode.training.plan import DIVERGED, Problem, Solution, silent
+from penode.training.plan import DIVERGED, Problem, Solution, ignore_progress
 from penode.training.second_order import LevenbergMarquardt
 
 SAMPLES = 4000
@@ -25,7 +25,7 @@ def rung(horizon, value, deviation, noise):
     influence = noise[None, : len(starts)] * deviation / np.sqrt(len(starts))
     values, known = np.array([value]), np.array([deviation])
     solution = Solution(np.zeros(1), None, 1, "Made by hand.")
-    return RungFit(horizon, solution, values, known, known, influence, windows, None, None)
+    return HorizonFit(horizon, solution, values, known, known, influence, windows, None, None)
 
 
 def white(seed):
@@ -107,7 +107,7 @@ def test_what_is_not_physical_follows_to_where_the_loss_is_least(systems, object
     with float64():
         before = np.asarray(layout.physical_values(layout.values(system.raw)))
         wanted = before * np.array([1.05, 0.95])
-        found = settled(problem, made, wanted, LevenbergMarquardt(200, tolerance=1e-6))
+        found = retrained(problem, made, wanted, LevenbergMarquardt(200, tolerance=1e-6))
         np.testing.assert_allclose(layout.physical_values(layout.values(found)), wanted)
     np.testing.assert_array_equal((found - system.raw)[~moving], 0.0)
     replaced = objective.gauss_newton(layout.with_physical(system.raw, wanted), windows)
@@ -126,14 +126,14 @@ def test_a_rung_that_is_its_own_consensus_is_not_trained_again(systems, objectiv
         values = np.asarray(objective.layout.physical_values(objective.layout.values(system.raw)))
     solution = Solution(system.raw, None, 1, "")
     made = replace(rung(4, 1.0, 1.0, white(1)), values=values, solution=solution)
-    np.testing.assert_allclose(settled(problem, made, values, None), system.raw, rtol=1e-12)
+    np.testing.assert_allclose(retrained(problem, made, values, None), system.raw, rtol=1e-12)
 
 
 @dataclass
 class Diverging:
     """An optimiser that goes astray."""
 
-    def minimise(self, problem, raw, progress=silent):
+    def minimise(self, problem, raw, progress=ignore_progress):
         return Solution(raw + 1.0, None, 1, DIVERGED)
 
 
@@ -145,5 +145,5 @@ def test_training_that_diverges_leaves_the_learned_where_they_were(systems, obje
     made = replace(rung(4, 1.0, 1.0, white(1)), solution=Solution(system.raw, None, 1, ""))
     wanted = np.array([0.8, 0.2])
     with float64():
-        found = settled(problem, made, wanted, Diverging())
+        found = retrained(problem, made, wanted, Diverging())
         np.testing.assert_array_equal(found, layout.with_physical(system.raw, wanted))

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from penode.horizon.cross_checks import Anchor, beside_anchor, beside_direct
-from penode.horizon.ladder import Ascent, RungFit, ladder_plan
+from penode.horizon.cross_checks import Anchor, check_against_anchor, check_path_dependence
+from penode.horizon.ladder import HorizonFit, LadderProblem, ladder_plan
 from penode.training.second_order import LevenbergMarquardt
 
 
 def rung(horizon, value, deviation):
     nothing = dict.fromkeys(("solution", "influence", "windows", "predictor", "model"))
     values, working = np.array([value]), np.array([deviation])
-    return RungFit(horizon=horizon, values=values, deviation=working, working=working, **nothing)
+    return HorizonFit(horizon=horizon, values=values, deviation=working, working=working, **nothing)
 
 
 LADDER = [rung(1, 5.0, 0.1), rung(4, 9.7, 0.2), rung(16, 10.1, 0.3)]
@@ -35,23 +35,25 @@ def test_an_unsure_anchor_lets_one_step_stand():
 
 
 def test_a_contradiction_is_told_with_both_numbers():
-    (sentence,) = beside_anchor(LADDER[0], ("R",), {"R": (10.0, 0.2)})
+    (sentence,) = check_against_anchor(LADDER[0], ("R",), {"R": (10.0, 0.2)})
     assert sentence.startswith("R = 5 contradicts 10 ± 0.2")
-    assert beside_anchor(LADDER[2], ("R",), {"R": (10.0, 0.2)}) == ()
-    assert beside_anchor(LADDER[0], ("R",), {}) == ()
+    assert check_against_anchor(LADDER[2], ("R",), {"R": (10.0, 0.2)}) == ()
+    assert check_against_anchor(LADDER[0], ("R",), {}) == ()
 
 
 def test_another_minimum_reached_directly_is_told(systems):
     """A ladder that was left at a poor place, and a start from which the minimum is reached."""
     system = systems["linear machine"]
     plan = ladder_plan((4,))
-    ascent = Ascent.of(system.model, system.recorded_again(0.05), plan, lambda event: None)
-    start = ascent.objective.layout.raw(system.model)
-    at_the_minimum = ascent.climb(plan, start)[0]
-    assert beside_direct(ascent, plan, at_the_minimum, start) == ()
+    problem = LadderProblem.of(system.model, system.recorded_again(0.05), plan, lambda event: None)
+    start = problem.objective.layout.raw(system.model)
+    at_the_minimum = problem.climb(plan, start).fits[0]
+    assert check_path_dependence(problem, plan, at_the_minimum, start) == ()
     wrong = replace(system.model, R=np.array(3 * system.model.R))
     stuck = replace(plan.stages[0], optimiser=LevenbergMarquardt(evaluations=1))
-    poor = ascent.climb(replace(plan, stages=(stuck,)), ascent.objective.layout.raw(wrong))[0]
-    told = beside_direct(ascent, plan, poor, start)
+    poor = problem.climb(replace(plan, stages=(stuck,)), problem.objective.layout.raw(wrong)).fits[
+        0
+    ]
+    told = check_path_dependence(problem, plan, poor, start)
     assert any(sentence.startswith("R depends on the path") for sentence in told)
-    assert beside_direct(ascent, replace(plan, detour=None), poor, start) == ()
+    assert check_path_dependence(problem, replace(plan, detour=None), poor, start) == ()

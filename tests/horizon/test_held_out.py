@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from penode.horizon.held_out import FREE_RUN, HeldOut
-from penode.horizon.ladder import RungFit
+from penode.horizon.ladder import HorizonFit
 from penode.predictors.base import Predictor
 
 
@@ -19,7 +19,7 @@ def ladder(systems):
         models = [replace(system.model, R=np.array(system.model.R * (1 + e))) for e in errors]
         unseen = dict.fromkeys(("solution", "values", "deviation", "working", "influence"))
         return [
-            RungFit(
+            HorizonFit(
                 horizon=2**k,
                 windows=None,
                 predictor=Predictor(system.time_step),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from penode import Contiguous, InputError, Jittered, Plan, Stage, ladder_plan
-from penode.horizon.ladder import HORIZONS, Ascent, fitting_plan
+from penode.horizon.ladder import HORIZONS, LadderProblem, fitting_plan
 from penode.training.coarse_to_fine import CoarseToFine
 from penode.training.covariance import Reported
 from penode.training.plan import DIVERGED, Solution
@@ -72,21 +72,21 @@ class Scripted:
 
 
 @pytest.fixture
-def ascent(systems, objective_of):
+def problem(systems, objective_of):
     system = systems["linear machine"]
     objective = objective_of(system)
     reported = Reported(objective.layout, np.zeros((1, 2)))
-    return Ascent(objective, reported, system.model, system.experiments, observer=[].append)
+    return LadderProblem(objective, reported, system.model, system.experiments, observer=[].append)
 
 
-def told(ascent):
-    return ascent.observer.__self__
+def told(problem):
+    return problem.observer.__self__
 
 
-def test_each_rung_starts_where_the_one_before_ended(systems, ascent):
+def test_each_rung_starts_where_the_one_before_ended(systems, problem):
     system, script = systems["linear machine"], Scripted([0.01, 0.02, 0.04])
     stages = tuple(Stage(h, script) for h in (1, 3, 7))
-    rungs = ascent.climb(Plan(stages, Contiguous()), system.raw)
+    rungs = problem.climb(Plan(stages, Contiguous()), system.raw).fits
     starts = np.stack([raw for _, raw in script.calls])
     np.testing.assert_allclose(starts - system.raw, np.array([[0.0], [0.01], [0.03]]) + np.zeros(4))
     assert [rung.horizon for rung in rungs] == [1, 3, 7]
@@ -96,9 +96,9 @@ def test_each_rung_starts_where_the_one_before_ended(systems, ascent):
     assert rungs[1].windows.horizon == 3
 
 
-def test_a_rung_carries_its_values_deviations_and_influences(systems, ascent):
+def test_a_rung_carries_its_values_deviations_and_influences(systems, problem):
     system = systems["linear machine"]
-    (rung,) = ascent.climb(Plan((Stage(7, Scripted([0.0])),)), system.raw)
+    (rung,) = problem.climb(Plan((Stage(7, Scripted([0.0])),)), system.raw).fits
     np.testing.assert_allclose(rung.values, [2e-3, 3e-3, 0.2, 0.05], rtol=1e-12)
     residual, slope = system.sensitivities("rk4", system.raw, rung.windows)
     rows = np.moveaxis(slope, 2, -1).reshape(-1, 4)
@@ -110,38 +110,38 @@ def test_a_rung_carries_its_values_deviations_and_influences(systems, ascent):
     assert rung.deviation.shape == (4,)
 
 
-def test_groups_of_a_stage_move_and_the_rest_stays(systems, ascent):
+def test_groups_of_a_stage_move_and_the_rest_stays(systems, problem):
     system = systems["linear machine"]
     stages = (Stage(1, Scripted([0.5]), ("magnet",)), Stage(2, Scripted([0.25]), ("physical",)))
-    rungs = ascent.climb(Plan(stages), system.raw)
+    rungs = problem.climb(Plan(stages), system.raw).fits
     moved = rungs[-1].solution.raw - system.raw
     np.testing.assert_allclose(moved, [0.25, 0.25, 0.25, 0.5], rtol=1e-12)
 
 
-def test_a_group_that_the_model_has_not_is_refused(systems, ascent):
+def test_a_group_that_the_model_has_not_is_refused(systems, problem):
     stage = Stage(1, Scripted([0.5]), ("physical", "magnets"))
     with pytest.raises(InputError, match="magnets"):
-        ascent.climb(Plan((stage,)), systems["linear machine"].raw)
+        problem.climb(Plan((stage,)), systems["linear machine"].raw)
 
 
-def test_a_divergence_ends_the_climb_with_the_rungs_before_it(systems, ascent):
+def test_a_divergence_ends_the_climb_with_the_rungs_before_it(systems, problem):
     script = Scripted([0.0, None, 0.0])
     stages = tuple(Stage(h, script) for h in (1, 3, 7))
-    rungs = ascent.climb(Plan(stages), systems["linear machine"].raw)
+    rungs = problem.climb(Plan(stages), systems["linear machine"].raw).fits
     assert [rung.horizon for rung in rungs] == [1]
     assert len(script.calls) == 2
 
 
-def test_a_divergence_at_the_first_rung_is_told_in_a_sentence(systems, ascent):
+def test_a_divergence_at_the_first_rung_is_told_in_a_sentence(systems, problem):
     with pytest.raises(InputError, match=r"diverge already at horizon 3; check the units"):
-        ascent.climb(Plan((Stage(3, Scripted([None])),)), systems["linear machine"].raw)
+        problem.climb(Plan((Stage(3, Scripted([None])),)), systems["linear machine"].raw)
 
 
-def test_the_observer_hears_evaluations_and_rungs(systems, ascent):
+def test_the_observer_hears_evaluations_and_rungs(systems, problem):
     system = systems["linear machine"]
     stages = tuple(Stage(h, Scripted([0.0])) for h in (2, 5))
-    rungs = ascent.climb(Plan(stages), system.raw)
-    events = told(ascent)
+    rungs = problem.climb(Plan(stages), system.raw).fits
+    events = told(problem)
     assert [e["event"] for e in events] == ["evaluation", "rung"] * 2
     evaluation, finished = events[2:]
     assert (evaluation["horizon"], evaluation["stage"], evaluation["stages"]) == (5, 2, 2)

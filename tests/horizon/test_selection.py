@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 
 from penode.data.windows import Windows
-from penode.horizon.ladder import RungFit
+from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import Choice, Longest, Plateau, paired_deviation
 from penode.training.plan import Solution
 
@@ -30,7 +30,7 @@ def rung(horizon, values, deviation, influence=None):
         influence = noise * deviation[0] / np.sqrt(count)
     solution = Solution(np.zeros(1), None, 1, "Made by hand.")
     nothing = (None, None)  # neither is looked at
-    return RungFit(horizon, solution, values, deviation, deviation, influence, windows, *nothing)
+    return HorizonFit(horizon, solution, values, deviation, deviation, influence, windows, *nothing)
 
 
 def ladder(horizons, values, deviations):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from penode import Experiment, ladder_plan
-from penode.horizon.ladder import Ascent
+from penode.horizon.ladder import LadderProblem
 from penode.horizon.spectral import Spectral
 
 HORIZONS = (1, 4, 8, 16, 32, 64, 128)
@@ -27,8 +27,8 @@ def recording(system, disturbance, noise):
 
 
 def climb(system, run):
-    ascent = Ascent.of(system.model, [run], ladder_plan(HORIZONS), lambda event: None)
-    return ascent.climb(ladder_plan(HORIZONS), system.raw)
+    problem = LadderProblem.of(system.model, [run], ladder_plan(HORIZONS), lambda event: None)
+    return problem.climb(ladder_plan(HORIZONS), system.raw).fits
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from penode.arrays import float64
+from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
-from penode.pmsm.model import Machine
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.terms import Resistance
 
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 OMEGA, EXTRA = 210.0, 0.03
@@ -28,7 +30,7 @@ def gauged(machine):
     flux = machine.flux
     skew = EXTRA / OMEGA * flux.current_scale / flux.flux_scale * J
     network = replace(flux.network, stiffness=flux.network.stiffness + skew)
-    return Machine(replace(flux, network=network), machine.R + EXTRA)
+    return Machine(replace(flux, network=network), (Resistance(machine.terms[0].R + EXTRA),))
 
 
 @pytest.fixture
@@ -40,7 +42,7 @@ def case(rng):
 
 def derivative(model, currents, inputs):
     with float64():
-        return np.asarray(with_batch_axis(model).derivative(currents, inputs))
+        return np.asarray(with_batch_axis(model).derivative(currents, Inputs(inputs, model.inputs)))
 
 
 def test_the_gauged_map_is_psi_plus_the_rotated_current(machine, gauged, case):
@@ -65,7 +67,7 @@ def test_without_a_current_slope_nothing_does(machine, gauged, case):
     """Voltages that hold the current: the gauged machine stands still on them too."""
     currents, inputs = case
     psi = machine.maps()["flux_map"](*currents)
-    holding = np.vstack([machine.R * currents + OMEGA * J @ psi, inputs[2:]])
+    holding = np.vstack([machine.terms[0].R * currents + OMEGA * J @ psi, inputs[2:]])
     for model in (machine, gauged):
         assert np.abs(derivative(model, currents, holding)).max() < 1e-9
 
@@ -75,13 +77,13 @@ def test_skew_read_out_gives_the_resistance_back(machine, gauged, case):
     for model in (machine, gauged):
         inductance = model.maps()["differential_inductance"](*case[0])
         skew = np.mean(inductance[0, 1] - inductance[1, 0]) / 2
-        assert model.R + OMEGA * skew == pytest.approx(machine.R, abs=1e-12)
-    assert gauged.R > machine.R + 0.9 * EXTRA
+        assert model.terms[0].R + OMEGA * skew == pytest.approx(machine.terms[0].R, abs=1e-12)
+    assert gauged.terms[0].R > machine.terms[0].R + 0.9 * EXTRA
 
 
 def test_at_another_speed_the_gauge_shows(machine, gauged, case):
     currents, inputs = case
     psi = machine.maps()["flux_map"](*currents)
-    holding = np.vstack([machine.R * currents - OMEGA * J @ psi, -inputs[2:]])
+    holding = np.vstack([machine.terms[0].R * currents - OMEGA * J @ psi, -inputs[2:]])
     assert np.abs(derivative(machine, currents, holding)).max() < 1e-9
     assert np.abs(derivative(gauged, currents, holding)).max() > 100.0

@@ -9,16 +9,16 @@ import pytest
 
 import penode
 from penode.errors import InputError
+from penode.fit import archive
+from penode.fit import fit as fit_module
 from penode.pmsm import study as study_module
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.study import GRID, Study, flux_map_csv, identify, write
-from penode.training import archive
-from penode.training import fit as fit_module
 
 
 @pytest.fixture(scope="module")
 def fit(slow_run, unseen_run):
-    study = Study(horizon=27, inverter=False, angle_orders=())
+    study = Study(horizon=27, candidates=(), angle_orders=())
     return identify([slow_run], pole_pairs=5, study=study, validation=[unseen_run])
 
 
@@ -39,7 +39,7 @@ def test_free_run_on_unseen_speed_stays_close(fit):
 
 
 def test_unconstrained_map_at_one_speed_is_called_unanswerable(slow_run):
-    study = Study(flux_map="mlp", horizon=1, inverter=False, angle_orders=())
+    study = Study(flux_map="mlp", horizon=1, candidates=(), angle_orders=())
     fit = identify([slow_run], study=study)
     assert fit.horizon.verdict == "not identifiable"
     assert not fit.horizon.answered
@@ -64,7 +64,11 @@ def test_everything_written_reads_back(fit, slow_run, tmp_path):
     write(fit, tmp_path)
     result = json.loads((tmp_path / "result.json").read_text())
     assert result["parameters"]["R"]["value"] == fit.parameters["R"].value
-    assert set(result["metrics"]["train"][slow_run.name]) == {"one_step_rmse_A", "free_run_rmse_A"}
+    assert set(result["metrics"]["train"][slow_run.name]) == {
+        "one_step_rmse_A",
+        "free_run_rmse_A",
+        "states",
+    }
     assert "<html" in (tmp_path / "report.html").read_text()
     again = penode.Fit.load(tmp_path)
     np.testing.assert_array_equal(again.flux_map(50.0, -80.0), fit.flux_map(50.0, -80.0))
@@ -97,7 +101,7 @@ def test_a_stuck_current_is_warned_of(slow_run):
     held = slow_run.channels["i_d"].copy()
     held[3000:3400] = held[3000]
     run = replace(slow_run, channels={**slow_run.channels, "i_d": held})
-    plain = Study(horizon=1, inverter=False, angle_orders=())
+    plain = Study(horizon=1, candidates=(), angle_orders=())
     warnings = identify([run], study=plain).warnings
     assert any("i_d" in warning for warning in warnings)
 

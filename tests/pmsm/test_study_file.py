@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from penode.errors import InputError
+from penode.pmsm.machine.terms import DeadTime
 from penode.pmsm.study import Study
 from penode.pmsm.study_file import load_study
 
@@ -62,7 +63,9 @@ def test_settings_and_channels_are_read(config):
         f'hold = "stationary"\n{CHANNELS}{SPEED}'
     )
     asked = load_study(path)
-    assert asked.study == Study("spline", 9, 3, 4, inverter=True, hold="stationary")
+    assert asked.study == Study(
+        "spline", 9, 3, 4, terms=(DeadTime(),), candidates=(), hold="stationary"
+    )
     run = asked.load(path.parent / "run.csv")
     np.testing.assert_allclose(run.channels["omega_el"], 3 * 1000 * np.pi / 30, rtol=1e-14)
     np.testing.assert_array_equal(run.channels["i_d"], FILE["Id"])

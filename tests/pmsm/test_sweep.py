@@ -16,7 +16,7 @@ from penode.pmsm.bench.run import simulate
 from penode.pmsm.study import Study, identify
 from penode.pmsm.sweep import grid_of, sweep, write_sweep
 
-PLAIN = Study(inverter=False, angle_orders=())
+PLAIN = Study(candidates=(), angle_orders=())
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def test_each_is_the_identification_at_that_horizon_from_that_seed(run, fit, ask
 def test_what_is_left_to_the_data_is_decided_once(run, asked, tmp_path):
     swept([run], Study(), grid_of((1, 2), 2), tmp_path)
     assert [(s.horizon, s.seed) for s in asked] == [(1, 0), (1, 1), (2, 0), (2, 1)]
-    assert {(s.inverter, s.angle_orders) for s in asked} == {(False, ())}
+    assert {(s.terms, s.candidates, s.angle_orders) for s in asked} == {((), (), ())}
 
 
 def test_only_what_was_made_in_the_same_way_is_kept(run, asked, tmp_path):

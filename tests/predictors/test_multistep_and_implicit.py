@@ -70,8 +70,9 @@ def test_implicit_steps_solve_their_equations(solver, run):
 
 def test_implicit_midpoint_stays_stable_on_a_stiff_system(run):
     stiff = Oscillator(1.0, 1e4)
-    assert compare(Predictor(STEP, ImplicitMidpoint()), stiff, run, "train").free_run_rmse < 10
-    assert compare(Predictor(STEP), stiff, run, "train").free_run_rmse == np.inf
+    implicit = compare(Predictor(STEP, ImplicitMidpoint()), stiff, run, "train")
+    assert implicit.free_run_errors["x"] < 10
+    assert compare(Predictor(STEP), stiff, run, "train").diverged
 
 
 def test_sub_steps_need_a_one_step_solver():

@@ -18,7 +18,7 @@ class Given:
     def __init__(self, function, width):
         self.function, self.width = function, width
 
-    def __call__(self, x, sample=0, share=0.0):
+    def __call__(self, x, sample=0, fraction=0.0, part=None):
         return self.function(x)
 
 

@@ -1,9 +1,11 @@
 """Tableaus are checked data: what is not an explicit method of weight one is refused."""
 
+import itertools
+
 import numpy as np
 import pytest
 
-from penode.predictors.tableaus import EULER, RK4, ButcherTableau
+from penode.predictors.tableaus import EULER, RK4, RUNGE_KUTTA, ButcherTableau
 
 
 @pytest.mark.parametrize(
@@ -51,3 +53,31 @@ def test_order_conditions(tableau):
     for order in range(1, tableau.order + 1):
         for found, wanted in conditions[order]:
             assert found == pytest.approx(wanted, abs=1e-15)
+
+
+@pytest.mark.parametrize("table", RUNGE_KUTTA, ids=lambda t: t.name)
+def test_stages_cover_the_step_once_and_lie_in_their_middle_on_average(table):
+    """What holds for a while within a step is weighed by how long it holds, and at its time."""
+    if None in table.parts:
+        assert set(table.parts) == {None}
+        assert min(table.b) < 0
+        return
+    weighed = [(part, b) for part, b in zip(table.parts, table.b, strict=True) if b > 0]
+    if table.order == 1:
+        assert table.parts == ((0.0, 0.0),)
+        return
+    lengths = {part: part[1] - part[0] for part, _ in weighed}
+    for part, length in lengths.items():
+        assert sum(b for other, b in weighed if other == part) == pytest.approx(length, abs=1e-15)
+    ends = sorted(lengths)
+    assert [ends[0][0], ends[-1][1]] == pytest.approx([0.0, 1.0])
+    assert all(a[1] == pytest.approx(b[0]) for a, b in itertools.pairwise(ends))
+    middles = [0.5 * sum(part) for part in table.parts]
+    assert np.dot(table.b, middles) == pytest.approx(np.dot(table.b, table.nodes), abs=1e-14)
+
+
+def test_parts_of_the_classic_method():
+    sixth = pytest.approx((0.0, 1 / 6))
+    assert RK4.parts[0] == sixth
+    assert RK4.parts[1] == RK4.parts[2] == pytest.approx((1 / 6, 5 / 6))
+    assert RK4.parts[3] == pytest.approx((5 / 6, 1.0))

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from penode.training.fit import Estimate, HorizonChoice, Rung
+from penode.fit.fit import Estimate, HorizonChoice, HorizonSummary
 from penode.validation.free_run import Comparison
 from penode.validation.residual_tests import Spectrum
 
@@ -15,7 +15,7 @@ HORIZONS = (1, 2, 5, 10, 20, 50, 100)
 def rung(horizon, mass, std, free_run_rmse=0.02):
     parameters = {"mass": mass, "friction": 3.2e-3}
     deviations = {"mass": std, "friction": 1e-4}
-    return Rung(horizon, parameters, deviations, 0.013, free_run_rmse, 7, "Converged.")
+    return HorizonSummary(horizon, parameters, deviations, 0.013, free_run_rmse, 7, "Converged.")
 
 
 @pytest.fixture

@@ -6,6 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from penode.fit.fit import Estimate
+from penode.report.quantities import number
 from penode.report.statements import (
     estimate_text,
     free_run_value,
@@ -16,7 +18,6 @@ from penode.report.statements import (
     verdict_notice,
 )
 from penode.report.tables import ladder_table, parameter_table, provenance_table, validation_table
-from penode.training.fit import Estimate
 
 GAP = "\N{NO-BREAK SPACE}"
 
@@ -69,8 +70,12 @@ def test_columns_name_a_unit_only_where_all_states_share_it(comparison):
 def test_recordings_not_used_for_training_count_first(comparison):
     worse = dataclasses.replace(comparison, free_run=comparison.free_run + 1.0)
     unseen = dataclasses.replace(comparison, role="validation", name="unseen.csv")
-    assert free_run_value([worse, unseen]).value == unseen.free_run_rmse
-    assert free_run_value([worse]).value == worse.free_run_rmse
+    shown = free_run_value([worse, unseen])
+    assert "not used for training" in shown.detail
+    x, v = unseen.free_run_errors.values()
+    assert shown.text == f"x {number(x)}{GAP}m, v {number(v)}{GAP}m/s"
+    same = dataclasses.replace(worse, units=("A", "A"))
+    assert free_run_value([same]).value == same.free_run_rmse
     assert free_run_value([]) is None
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from penode.training.coarse_to_fine import CoarseToFine
-from penode.training.plan import DIVERGED, Solution, silent
+from penode.training.plan import DIVERGED, Solution, ignore_progress
 from penode.training.second_order import LevenbergMarquardt
 
 OFF = np.array([0.0, 0.0, 0.0, -0.03])
@@ -19,7 +19,7 @@ class Scripted:
     outcome: str = "As told."
     calls: list = field(default_factory=list)
 
-    def minimise(self, problem, raw, progress=silent):
+    def minimise(self, problem, raw, progress=ignore_progress):
         self.calls.append((problem.windows, raw))
         return Solution(raw + 1, problem.gauss_newton(raw), 9, self.outcome)
 

@@ -84,7 +84,7 @@ class Coil(Model):
 
     def derivative(self, x, u):
         d, q = self.L + self.S * (1 - jnp.tanh(x) ** 2)
-        v = u - self.R * x
+        v = u.values - self.R * x
         rates = [q * v[0] - self.M * v[1], d * v[1] - self.M * v[0]]
         return jnp.stack(rates) / (d * q - self.M**2)
 

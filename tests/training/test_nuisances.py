@@ -30,7 +30,7 @@ class Lag(Model):
     b: Leaf = physical("K/s")
 
     def derivative(self, x, u):
-        return self.b * u - self.a * x
+        return self.b * u.values - self.a * x
 
     def corrected(self, measured):
         return measured - self.offset

@@ -214,7 +214,7 @@ class Rolling(Model):
     c: Leaf = physical("1/s")
 
     def derivative(self, x, u):
-        return u - self.c * x - self.learned(x)
+        return u.values - self.c * x - self.learned(x)
 
     def learned(self, x):
         return (self.friction[0] + self.friction[1] * x[0] + self.friction[2] * x[0] ** 3)[None]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from penode import Contiguous, Jittered, Plan, Stage
-from penode.training.plan import silent
+from penode.training.plan import ignore_progress
 from penode.training.second_order import LevenbergMarquardt
 
 
@@ -37,4 +37,4 @@ def test_windows_are_jittered_unless_asked_otherwise():
     assert stage.groups is None
     assert Plan((stage,)).placement == Jittered(0)
     assert Plan((stage,), Contiguous()).placement == Contiguous()
-    assert silent(np.zeros(1), 0.0) is None
+    assert ignore_progress(np.zeros(1), 0.0) is None

@@ -13,7 +13,7 @@ from penode.models.parameters import with_batch_axis
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import AB3, EULER
-from penode.validation.free_run import Comparison, compare, free_run_rmse, look_ahead
+from penode.validation.free_run import Comparison, compare, free_run_errors, look_ahead
 
 
 def predictor_of(system):
@@ -32,8 +32,10 @@ def test_predictions_are_those_of_the_numpy_twin(systems, name):
     np.testing.assert_array_equal(found.one_step[0], measured[0])
     np.testing.assert_allclose(found.one_step[1:], ahead, rtol=0, atol=1e-12 * np.abs(ahead).max())
     np.testing.assert_allclose(found.free_run, free, rtol=0, atol=1e-12 * np.abs(free).max())
-    assert found.one_step_rmse == pytest.approx(np.sqrt(np.mean((ahead - measured[1:]) ** 2)))
-    assert found.free_run_rmse == pytest.approx(np.sqrt(np.mean((free - measured)[1:] ** 2)))
+    for k, state in enumerate(system.model.states):
+        one_step, whole = (ahead - measured[1:])[:, k], (free - measured)[1:, k]
+        assert found.one_step_errors[state] == pytest.approx(np.sqrt(np.mean(one_step**2)))
+        assert found.free_run_errors[state] == pytest.approx(np.sqrt(np.mean(whole**2)))
     assert (found.name, found.role, found.time_step) == (run.name, "validation", run.time_step)
     assert (found.states, found.units) == (system.model.states, system.model.state_units)
 
@@ -53,10 +55,11 @@ def test_a_free_run_that_diverges_has_an_infinite_error(systems):
     run = system.experiments[1]
     found = compare(predictor_of(system), unstable, run, "train")
     assert found.free_run_rmse == np.inf
+    assert found.diverged
     assert np.isfinite(found.one_step_rmse)
-    both = free_run_rmse(predictor_of(system), [[system.model] * 2, [unstable] * 2], [run, run])
-    assert np.isfinite(both[0])
-    assert both[1] == np.inf
+    both = free_run_errors(predictor_of(system), [[system.model] * 2, [unstable] * 2], [run, run])
+    assert np.isfinite(both[0]).all()
+    assert (both[1] == np.inf).all()
 
 
 def test_free_run_error_weighs_recordings_by_their_length(systems):
@@ -64,8 +67,21 @@ def test_free_run_error_weighs_recordings_by_their_length(systems):
     runs = system.experiments
     parts = [compare(predictor_of(system), system.model, run, "train") for run in runs]
     errors = np.concatenate([(p.measured - p.free_run)[1:] for p in parts])
-    found = free_run_rmse(predictor_of(system), [[system.model] * len(runs)], runs)
-    assert found[0] == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-12)
+    found = free_run_errors(predictor_of(system), [[system.model] * len(runs)], runs)
+    np.testing.assert_allclose(found[0], np.sqrt(np.mean(errors**2, axis=0)), rtol=1e-12)
+
+
+def test_errors_are_pooled_over_states_of_one_unit_alone(systems):
+    """Amperes and amperes make a root mean square; metres and metres per second make none."""
+    zeros, apart = np.zeros((3, 2)), np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 4.0]])
+    alike = Comparison("run", "train", 1.0, ("i_d", "i_q"), ("A", "A"), zeros, apart, apart)
+    assert alike.one_step_errors == {"i_d": 3.0, "i_q": 4.0}
+    assert (alike.unit, alike.one_step_rmse) == ("A", pytest.approx(np.sqrt(12.5)))
+    mixed = replace(alike, units=("m", "m/s"))
+    assert mixed.free_run_errors == {"i_d": 3.0, "i_q": 4.0}
+    assert mixed.unit is None
+    assert np.isnan([mixed.one_step_rmse, mixed.free_run_rmse]).all()
+    assert not mixed.diverged
 
 
 def test_a_missing_channel_is_named(systems):
@@ -181,7 +197,7 @@ def test_a_wrong_first_sample_is_estimated_away(free):
     np.testing.assert_allclose(found.free_run, truth, rtol=0, atol=1e-8)
     held = compare(Predictor(STEP), Seen(2.0), run)
     np.testing.assert_array_equal(held.free_run[0], run.stack(("x", "v"))[0])
-    assert held.free_run_rmse > 0.05
+    assert max(held.free_run_errors.values()) > 0.05
 
 
 def test_an_unmeasured_state_is_estimated_and_not_compared():

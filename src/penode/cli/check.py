@@ -11,10 +11,10 @@ from rich.text import Text
 
 from penode.cli.rows import print_rows
 from penode.errors import InputError
-from penode.pmsm.recording_check import RecordingCheck, check_recordings
+from penode.fit.archive import write_atomically
+from penode.pmsm.precheck.recording_check import RecordingCheck, check_recordings
 from penode.pmsm.study_file import load_study
 from penode.report.quantities import number
-from penode.training.archive import write_atomically
 
 _output = Console()
 
@@ -41,11 +41,18 @@ def check_command(
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"{picture}: suffix {picture.suffix!r} came; use .png.")
     asked = load_study(config)
-    found = check_recordings([asked.load(run) for run in runs], asked)
+    found = check_recordings(
+        [asked.load(run) for run in runs],
+        flux_map=asked.study.flux_map,
+        terms=asked.study.terms,
+        candidates=asked.study.candidates,
+        pole_pairs=asked.mapping.pole_pairs,
+        plate=asked.name_plate,
+    )
     drawn = picture is not None and found.excitation is not None
     if picture is not None and found.excitation is not None and found.prospects is not None:
         # Imported here: the plotting library takes a third of a second, and few commands draw.
-        from penode.pmsm.check_picture import check_picture
+        from penode.pmsm.precheck.check_picture import check_picture
 
         write_atomically(picture, check_picture(found.drives, found.excitation, found.prospects))
     if as_json:

@@ -9,9 +9,9 @@ from rich.console import Console
 
 from penode.cli.machine_fit import load_machine
 from penode.errors import InputError
-from penode.pmsm.comparison import compare_maps, compare_resistances
-from penode.pmsm.flux_grid import read_grid
-from penode.training.archive import write_atomically
+from penode.fit.archive import write_atomically
+from penode.pmsm.comparison.map_comparison import compare_maps, compare_resistances
+from penode.pmsm.machine.flux_grid import read_grid
 
 _output = Console()
 
@@ -37,7 +37,7 @@ def compare_command(
         other = load_machine(second)
         maps, resistance = compare_maps(fit, other), compare_resistances(fit, other)
     # Imported here: the plotting library takes a third of a second, and few commands draw.
-    from penode.pmsm.comparison_picture import comparison_picture
+    from penode.pmsm.comparison.comparison_picture import comparison_picture
 
     write_atomically(out, comparison_picture(maps, f"{second}\nless {first}"))
     if as_json:

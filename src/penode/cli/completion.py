@@ -4,8 +4,9 @@ from pathlib import Path
 
 from penode.pmsm.bench.config import shipped_configs
 from penode.pmsm.exports.formats import FORMATS
-from penode.pmsm.flux_maps import FLUX_MAPS
-from penode.pmsm.holds import HOLDS
+from penode.pmsm.machine.flux_maps import FLUX_MAPS
+from penode.pmsm.machine.holds import HOLDS
+from penode.pmsm.machine.terms import TERMS
 from penode.pmsm.study import PURPOSES
 
 
@@ -27,6 +28,11 @@ def formats() -> list[str]:
 def holds() -> list[str]:
     """Return the frames in which a voltage may be held."""
     return list(HOLDS)
+
+
+def terms() -> list[str]:
+    """Return the terms of the voltage equation."""
+    return list(TERMS)
 
 
 def purposes() -> list[str]:

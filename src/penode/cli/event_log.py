@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
-from penode.training.archive import write_atomically
+from penode.fit.archive import write_atomically
 
 
 class EventLog:

@@ -10,7 +10,7 @@ from penode.arrays import FloatArray
 from penode.cli.completion import formats
 from penode.cli.machine_fit import doubt, load_machine
 from penode.pmsm.exports.formats import FORMATS, export
-from penode.pmsm.flux_grid import interpolation_error
+from penode.pmsm.machine.flux_grid import interpolation_error
 from penode.report.quantities import number
 
 _output, _errors = Console(), Console(stderr=True)

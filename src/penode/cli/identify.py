@@ -8,7 +8,16 @@ import typer
 from rich.console import Console
 
 from penode.cli.completion import purposes
-from penode.cli.options import AngleOrders, Config, FluxMapOption, HoldOption, Inverter, Runs, given
+from penode.cli.options import (
+    AngleOrders,
+    Config,
+    FluxMapOption,
+    HoldOption,
+    Inverter,
+    Runs,
+    Terms,
+    given,
+)
 from penode.cli.progress import watched
 from penode.cli.signature import signed
 from penode.cli.summary import print_fit
@@ -33,6 +42,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     ] = None,
     flux_map: FluxMapOption = None,
     inverter: Inverter = None,
+    terms: Terms = None,
     angle_orders: AngleOrders = None,
     hold: HoldOption = None,
     purpose: Annotated[
@@ -69,6 +79,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         flux_map=flux_map,
         seed=seed,
         inverter=inverter,
+        terms=terms,
         angle_orders=angle_orders,
         hold=hold,
         purpose=purpose,

@@ -8,9 +8,9 @@ from rich.console import Console
 
 from penode.data.load import read
 from penode.errors import InputError
-from penode.pmsm.guess import StudyGuess, guess_study
-from penode.pmsm.study_text import study_text
-from penode.training.archive import write_atomically
+from penode.fit.archive import write_atomically
+from penode.pmsm.recording.guess import StudyGuess, guess_study
+from penode.pmsm.recording.study_text import study_text
 
 _output = Console()
 

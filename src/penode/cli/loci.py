@@ -10,10 +10,10 @@ from rich.console import Console
 
 from penode.cli.machine_fit import doubt, load_machine
 from penode.errors import InputError
-from penode.pmsm.control_loci import ControlLoci, Locus, control_loci, loci_csv
-from penode.pmsm.controlled_machine import ControlledMachine
+from penode.fit.archive import write_atomically
+from penode.pmsm.control.controlled_machine import ControlledMachine
+from penode.pmsm.control.loci import ControlLoci, Locus, control_loci, loci_csv
 from penode.report.quantities import number
-from penode.training.archive import write_atomically
 
 _output, _errors = Console(), Console(stderr=True)
 
@@ -40,7 +40,7 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     machine = ControlledMachine.of(fit, pole_pairs)
     loci = control_loci(machine, i_max, u_max)
     # Imported here: the plotting library takes a third of a second, and few commands draw.
-    from penode.pmsm.loci_picture import loci_picture
+    from penode.pmsm.control.loci_picture import loci_picture
 
     write_atomically(out, loci_picture(machine, loci, str(folder)))
     if csv is not None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from penode.errors import InputError
-from penode.training.fit import Fit
+from penode.fit.fit import Fit
 
 
 def load_machine(folder: Path) -> Fit:

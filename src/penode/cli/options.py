@@ -5,10 +5,11 @@ from typing import Annotated, Any
 
 import typer
 
-from penode.cli.completion import flux_maps, holds
+from penode.cli.completion import flux_maps, holds, terms
 from penode.errors import InputError
-from penode.pmsm.flux_maps import FLUX_MAPS
-from penode.pmsm.holds import HOLDS
+from penode.pmsm.machine.flux_maps import FLUX_MAPS
+from penode.pmsm.machine.holds import HOLDS
+from penode.pmsm.machine.terms import TERMS
 
 Runs = Annotated[
     list[Path], typer.Argument(help="Recordings to train on: csv, parquet, mat, mf4, tdms.")
@@ -28,6 +29,15 @@ Inverter = Annotated[
     typer.Option(
         help="Identify the inverter's dead-time voltage; needs theta_el.",
         show_default="decided from the data",
+    ),
+]
+Terms = Annotated[
+    str | None,
+    typer.Option(
+        help=f"Terms of the voltage equation beside R and rotation, or in place of R: "
+        f"{', '.join(TERMS)}. With commas.",
+        show_default="resistance; dead_time is decided from the data",
+        autocompletion=terms,
     ),
 ]
 AngleOrders = Annotated[
@@ -50,6 +60,8 @@ HoldOption = Annotated[
 def given(**options: Any) -> dict[str, Any]:
     """Return the options that came, which overrule a study file; harmonics as numbers."""
     came = {name: option for name, option in options.items() if option is not None}
+    if "terms" in came:
+        came["terms"] = [name.strip() for name in came["terms"].split(",")]
     if "angle_orders" in came:
         text = came["angle_orders"]
         came["angle_orders"] = () if text in ("", "none") else whole_numbers("angle-orders", text)

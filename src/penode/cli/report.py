@@ -6,9 +6,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from penode.pmsm.report import machine_report
-from penode.training.archive import write_atomically
-from penode.training.fit import Fit
+from penode.fit.archive import write_atomically
+from penode.fit.fit import Fit
+from penode.pmsm.report.machine_report import machine_report
 
 _output = Console()
 

@@ -5,7 +5,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from penode.training.fit import Fit
+from penode.fit.fit import Fit
 
 
 def signed(fit: Fit, began: float) -> Fit:

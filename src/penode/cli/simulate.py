@@ -11,14 +11,14 @@ from penode.cli.completion import simulations
 from penode.data.experiment import Experiment
 from penode.data.save import require_suffix
 from penode.errors import InputError
+from penode.fit.archive import write_atomically
 from penode.pmsm.bench.config import Simulation, load_config
 from penode.pmsm.bench.run import Recording
-from penode.pmsm.channels import drive_recording
-from penode.pmsm.simulated_drive import Deviation, deviation, share_beyond, torque_of
-from penode.pmsm.simulated_files import write_recording
+from penode.pmsm.recording.channels import drive_recording
+from penode.pmsm.simulation.simulated_drive import Deviation, deviation, share_beyond, torque_of
+from penode.pmsm.simulation.simulated_files import write_recording
 from penode.pmsm.study_file import load_study
 from penode.report.quantities import number
-from penode.training.archive import write_atomically
 
 _output, _errors = Console(), Console(stderr=True)
 
@@ -66,11 +66,11 @@ def simulate_command(
     story, table = write_recording(recording, out)
     # Imported here: the plotting library takes a third of a second, and nothing else uses it.
     if picture is not None:
-        from penode.pmsm.recording_picture import recording_picture
+        from penode.pmsm.simulation.recording_picture import recording_picture
 
         write_atomically(picture, recording_picture(recording))
     if over_time is not None:
-        from penode.pmsm.drive_picture import drive_picture
+        from penode.pmsm.simulation.drive_picture import drive_picture
 
         write_atomically(over_time, drive_picture(recording, recorded))
     seconds = len(recording.experiment) * recording.experiment.time_step

@@ -7,9 +7,9 @@ from rich.console import Console
 from rich.text import Text
 
 from penode.cli.rows import print_rows
+from penode.fit.fit import Estimate, Fit
 from penode.pmsm.demo import Demo
 from penode.report.quantities import decimals_for, fixed, number, scale_for
-from penode.training.fit import Estimate, Fit
 
 
 def print_fit(console: Console, fit: Fit, folder: Path) -> None:

@@ -22,6 +22,7 @@ from penode.cli.options import (
     HoldOption,
     Inverter,
     Runs,
+    Terms,
     given,
     whole_numbers,
 )
@@ -44,6 +45,7 @@ def sweep_command(  # noqa: PLR0913 (an argument an option)
     config: Config = None,
     flux_map: FluxMapOption = None,
     inverter: Inverter = None,
+    terms: Terms = None,
     angle_orders: AngleOrders = None,
     hold: HoldOption = None,
     jobs: Annotated[int, typer.Option(help="Processes side by side.")] = 1,
@@ -63,7 +65,9 @@ def sweep_command(  # noqa: PLR0913 (an argument an option)
 
     Example: penode sweep run.csv --horizons 1,10,100 --seeds 3 --out sweep
     """
-    options = given(flux_map=flux_map, inverter=inverter, angle_orders=angle_orders, hold=hold)
+    options = given(
+        flux_map=flux_map, inverter=inverter, terms=terms, angle_orders=angle_orders, hold=hold
+    )
     asked = load_study(config, options)
     grid = grid_of(whole_numbers("horizons", horizons), seeds)
     recordings = [asked.load(run) for run in runs]

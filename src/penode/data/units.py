@@ -12,7 +12,7 @@ from penode.errors import InputError
 
 @dataclass(frozen=True)
 class Unit:
-    """One unit: ``SI value = value * numerator / denominator``.
+    """One unit: ``SI value = value * numerator / denominator + offset``.
 
     Two numbers, because a division by 1000 is rounded once, and a product with 1e-3 twice.
 
@@ -21,11 +21,14 @@ class Unit:
     si : str
         SI unit of the same quantity.
     numerator, denominator : float
+    offset : float
+        In the SI unit. Temperatures count in degC, as drive engineers do.
     """
 
     si: str
     numerator: float = 1.0
     denominator: float = 1.0
+    offset: float = 0.0
 
     def to_si(self, values: FloatArray, factor: float = 1.0) -> FloatArray:
         """Return values in SI units.
@@ -37,7 +40,8 @@ class Unit:
         factor : float
             What one count of the values is in this unit.
         """
-        return values * (factor * self.numerator) / self.denominator
+        scaled = values * (factor * self.numerator) / self.denominator
+        return scaled + self.offset if self.offset else scaled
 
 
 #: Name -> unit. Files may put brackets around a name and spell it as `_ALIASES` lists.
@@ -60,12 +64,23 @@ UNITS: Mapping[str, Unit] = MappingProxyType(
         "deg/s": Unit("rad/s", math.pi, 180.0),
         "rpm": Unit("rad/s", 2.0 * math.pi, 60.0),
         "Hz": Unit("rad/s", 2.0 * math.pi),
+        "degC": Unit("degC"),
+        "K": Unit("degC", offset=-273.15),
+        "degF": Unit("degC", 5.0, 9.0, -160.0 / 9.0),
         "1": Unit("1"),
         "%": Unit("1", denominator=100.0),
     }
 )
 _ALIASES = {
     "-": "1",
+    "°C": "degC",
+    "\N{DEGREE CELSIUS}": "degC",
+    "C": "degC",
+    "celsius": "degC",
+    "Celsius": "degC",
+    "kelvin": "K",
+    "Kelvin": "K",
+    "°F": "degF",
     "sec": "s",
     "second": "s",
     "seconds": "s",

@@ -14,9 +14,17 @@ import numpy as np
 
 from penode.arrays import FloatArray, float64
 from penode.errors import InputError
+from penode.fit.archive import to_json, write_atomically
 from penode.horizon.ladder import Observer
-from penode.training.archive import to_json, write_atomically
-from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Progress, Solution, silent
+from penode.training.plan import (
+    DIVERGED,
+    Optimiser,
+    Plan,
+    Problem,
+    Progress,
+    Solution,
+    ignore_progress,
+)
 
 SCHEMA = "penode-checkpoint/1"
 
@@ -146,7 +154,9 @@ class _Kept:
     number: int
     journal: _Journal
 
-    def minimise(self, problem: Problem, raw: FloatArray, progress: Progress = silent) -> Solution:
+    def minimise(
+        self, problem: Problem, raw: FloatArray, progress: Progress = ignore_progress
+    ) -> Solution:
         """Return the kept solution, or the optimiser's."""
         if self.number == 0:
             self.journal.recognise(problem, raw)

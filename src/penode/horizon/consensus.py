@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.horizon.ladder import RungFit
+from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import weighted_deviation
 from penode.training.plan import DIVERGED, Optimiser, Problem
 from penode.training.second_order import LevenbergMarquardt
@@ -44,7 +44,7 @@ class Consensus:
     deviation: FloatArray
 
     @classmethod
-    def of(cls, rungs: Sequence[RungFit]) -> "Consensus":
+    def of(cls, rungs: Sequence[HorizonFit]) -> "Consensus":
         """Return what agreeing rungs say together.
 
         The variance is that of the weighted influences, in which what horizons share counts as
@@ -60,7 +60,7 @@ class Consensus:
         return cls(middle, np.where(sure, deviation, np.inf))
 
     @classmethod
-    def around(cls, chosen: RungFit, rungs: Sequence[RungFit]) -> "Consensus":
+    def around(cls, chosen: HorizonFit, rungs: Sequence[HorizonFit]) -> "Consensus":
         """Return what one rung says, less sure by the spread of those it is chosen from."""
         values, weights = _weighed(rungs)
         _, spread = _middle(values, weights)
@@ -68,7 +68,7 @@ class Consensus:
         return cls(chosen.values[:physical], np.hypot(chosen.deviation[:physical], spread))
 
 
-def _weighed(rungs: Sequence[RungFit]) -> tuple[FloatArray, FloatArray]:
+def _weighed(rungs: Sequence[HorizonFit]) -> tuple[FloatArray, FloatArray]:
     """Return the physical parameters of rungs and their precisions, both (rung, physical)."""
     physical = len(rungs[0].influence)
     values = np.stack([rung.values[:physical] for rung in rungs])
@@ -82,8 +82,8 @@ def _middle(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatA
     return middle, np.sqrt(np.sum(weights * (values - middle) ** 2, axis=0))
 
 
-def settled(
-    problem: Problem, rung: RungFit, values: FloatArray, optimiser: Optimiser = _REFIT
+def retrained(
+    problem: Problem, rung: HorizonFit, values: FloatArray, optimiser: Optimiser = _REFIT
 ) -> FloatArray:
     """Return raw parameters (parameter,): physical ones as given, the others where loss is least.
 
@@ -91,7 +91,7 @@ def settled(
     ----------
     problem : Problem
         The rung's.
-    rung : RungFit
+    rung : HorizonFit
         At a minimum, from which the others follow.
     values : ndarray, shape (physical,)
         Physical parameters near the rung's, SI units.

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.horizon.ladder import Ascent, RungFit
+from penode.horizon.identifiability import Start
+from penode.horizon.ladder import Climb, HorizonFit, LadderProblem
 from penode.horizon.selection import Choice
 from penode.training.plan import DIVERGED, Plan, Stage
 
@@ -31,7 +32,7 @@ class Anchor:
     values: FloatArray
     deviation: FloatArray
 
-    def select(self, rungs: Sequence[RungFit]) -> Choice:
+    def select(self, rungs: Sequence[HorizonFit]) -> Choice:
         """Return the choice among rungs, shortest horizon first."""
         count = len(self.values)
         gaps = np.array(
@@ -57,45 +58,71 @@ class Anchor:
         return Choice(agreeing[0], verdict, reason, agreeing)
 
 
-def beside_anchor(
-    rung: RungFit, names: Sequence[str], anchor: Mapping[str, tuple[float, float]]
+def cross_check(
+    problem: LadderProblem, plan: Plan, climb: Climb, choice: Choice, start: Start
+) -> tuple[str, ...]:
+    """Return what contradicts the choice, a sentence each; nothing after an interrupted climb.
+
+    Parameters
+    ----------
+    problem : LadderProblem
+        What was climbed.
+    plan : Plan
+        Its `detour` trains once more from the start; nothing is checked so without one.
+    climb : Climb
+    choice : Choice
+        Its horizon fit is checked.
+    start : Start
+        Where the ladder began, with its anchor.
+    """
+    if climb.interrupted:
+        return ()
+    chosen, layout = climb.fits[choice.index], problem.objective.layout
+    contradictions = check_against_anchor(chosen, layout.physical, start.anchor)
+    if choice.index:
+        contradictions += check_path_dependence(problem, plan, chosen, layout.raw(start.model))
+    return contradictions
+
+
+def check_against_anchor(
+    rung: HorizonFit, names: Sequence[str], anchor: Mapping[str, tuple[float, float]]
 ) -> tuple[str, ...]:
     """Return a sentence for each physical parameter that contradicts its anchor.
 
     Parameters
     ----------
-    rung : RungFit
+    rung : HorizonFit
         The chosen one.
     names : sequence of str
         Physical parameters.
     anchor : mapping of str to (float, float)
         Value and deviation, SI units.
     """
-    told = []
+    contradictions = []
     for k, name in enumerate(names):
         value, deviation = anchor.get(name, (np.nan, np.nan))
         gap = abs(rung.values[k] - value) / np.hypot(rung.working[k], deviation)
         if gap > _APART:
-            told.append(
-                f"{name} = {rung.values[k]:.4g} contradicts {value:.4g} ± {deviation:.2g}, which "
-                "the weak form of the balance finds without any training; something is missing "
-                "in the model or wrong in the recording."
+            contradictions.append(
+                f"{name} = {rung.values[k]:.4g} contradicts {value:.4g} ± {deviation:.2g}, the "
+                "estimate of the weak form of the balance without any training; something is "
+                "missing in the model or wrong in the recording."
             )
-    return tuple(told)
+    return tuple(contradictions)
 
 
-def beside_direct(
-    ascent: Ascent, plan: Plan, chosen: RungFit, start: FloatArray
+def check_path_dependence(
+    problem: LadderProblem, plan: Plan, chosen: HorizonFit, start: FloatArray
 ) -> tuple[str, ...]:
     """Train once more at the chosen horizon from the start, and return what contradicts the ladder.
 
     Parameters
     ----------
-    ascent : Ascent
+    problem : LadderProblem
         What the ladder was climbed with.
     plan : Plan
-        Its `detour` trains; there is nothing to tell without one.
-    chosen : RungFit
+        Its `detour` trains; nothing is checked without one.
+    chosen : HorizonFit
         The ladder's.
     start : ndarray, shape (parameter,)
         Raw parameters at which the ladder began.
@@ -104,12 +131,12 @@ def beside_direct(
     if optimiser is None:
         return ()
     stage = next(stage for stage in plan.stages if stage.horizon == chosen.horizon)
-    problem = ascent.problem(Stage(stage.horizon, optimiser, stage.groups), plan)
-    direct = optimiser.minimise(problem, start)
+    again = problem.problem(Stage(stage.horizon, optimiser, stage.groups), plan)
+    direct = optimiser.minimise(again, start)
     if direct.outcome == DIVERGED or not direct.terms.loss <= chosen.solution.terms.loss:
         return ()  # the ladder is no worse: its path served
-    names = ascent.objective.layout.physical
-    gap = ascent.reported.values(direct.raw)[: len(names)] - chosen.values[: len(names)]
+    names = problem.objective.layout.physical
+    gap = problem.reported.values(direct.raw)[: len(names)] - chosen.values[: len(names)]
     far = np.abs(gap) > chosen.working[: len(names)]
     lower = 100 * (1 - direct.terms.loss / chosen.solution.terms.loss)
     return tuple(

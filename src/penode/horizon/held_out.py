@@ -8,7 +8,7 @@ import numpy as np
 
 from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
-from penode.horizon.ladder import RungFit
+from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import Choice
 from penode.models.parameters import with_batch_axis
 from penode.validation.free_run import compare, look_ahead
@@ -41,7 +41,7 @@ class HeldOut:
     experiments: Sequence[Experiment]
     look_aheads: tuple[int, ...] = (1, 10, 100)
 
-    def select(self, rungs: Sequence[RungFit]) -> Choice:
+    def select(self, rungs: Sequence[HorizonFit]) -> Choice:
         """Return the choice among rungs, shortest horizon first."""
         scores = np.stack([self.scores(rung) for rung in rungs])
         mean = scores.mean(axis=1)
@@ -62,7 +62,7 @@ class HeldOut:
         )
         return Choice(index, "predicts best", reason, agreeing)
 
-    def scores(self, rung: RungFit) -> FloatArray:
+    def scores(self, rung: HorizonFit) -> FloatArray:
         """Return the mean logarithmic error of a rung in each regime, shape (regime,)."""
         each = [
             np.stack([self._squares(rung, experiment, steps) for steps in self.look_aheads])
@@ -74,7 +74,7 @@ class HeldOut:
             logs = [0.5 * np.log(squares.mean(axis=1)).mean() for squares in each]
         return np.asarray(np.nan_to_num(logs, nan=np.inf))
 
-    def _squares(self, rung: RungFit, experiment: Experiment, steps: int) -> FloatArray:
+    def _squares(self, rung: HorizonFit, experiment: Experiment, steps: int) -> FloatArray:
         """Return the squared error of each sample (time,), states over their deviations."""
         model, predictor = rung.model, rung.predictor
         if steps == FREE_RUN or model.unmeasured:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from penode.models.base import Model
 
@@ -25,12 +26,18 @@ class Start:
         units: the weak form, for instance.
     repair : str
         The cheapest change of the recording or the model that would help, as a sentence.
+    facts : mapping
+        Joins the provenance of the fit: how the model came about.
+    warnings : tuple of str
+        Joins those of the fit: what is odd in the recordings, a sentence each.
     """
 
     model: Model
     identifiability: Mapping[str, float] = field(default_factory=dict)
     anchor: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     repair: str = "Record another regime, or use a learned map with more structure."
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     @property
     def indistinguishable(self) -> tuple[str, ...]:

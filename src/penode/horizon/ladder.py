@@ -16,7 +16,7 @@ from penode.predictors.base import Predictor
 from penode.training.coarse_to_fine import CoarseToFine
 from penode.training.covariance import (
     Reported,
-    hang_on_few_windows,
+    dominated_by_few_windows,
     influence,
     sandwich_deviation,
     working_deviation,
@@ -27,8 +27,13 @@ from penode.training.second_order import LevenbergMarquardt
 from penode.validation.coverage import thin
 from penode.validation.free_run import with_unmeasured
 
-#: Told an event, such as one evaluation or a finished rung, as plain values.
+#: Receives an event, such as one evaluation or a finished horizon, as plain values.
 Observer = Callable[[Mapping[str, Any]], None]
+
+
+def ignore_events(event: Mapping[str, Any]) -> None:
+    """Observe nothing."""
+
 
 HORIZONS = (1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200)
 
@@ -69,7 +74,7 @@ def fitting_plan(plan: Plan, experiments: Sequence[Experiment]) -> Plan:
 
 
 @dataclass(frozen=True, eq=False)
-class RungFit:
+class HorizonFit:
     """One rung of a climbed ladder.
 
     Attributes
@@ -103,23 +108,37 @@ class RungFit:
     model: Model
 
 
-class StoppedClimb(KeyboardInterrupt):
-    """Ctrl-C during a climb of which some rungs were finished.
+@dataclass(frozen=True, eq=False)
+class Climb:
+    """A climbed ladder.
 
-    Parameters
+    Attributes
     ----------
-    rungs : tuple of RungFit
-        Finished ones; at least one.
+    fits : tuple of HorizonFit
+        Shortest horizon first; at least one.
+    interrupted : bool
+        Whether a person stopped it by Ctrl-C before its end.
     """
 
-    def __init__(self, rungs: tuple[RungFit, ...]):
-        super().__init__(f"stopped after horizon {rungs[-1].horizon}")
-        self.rungs = rungs
+    fits: tuple[HorizonFit, ...]
+    interrupted: bool = False
 
 
 @dataclass(frozen=True, eq=False)
-class Ascent:
-    """What a climb needs: objective, reported quantities, recordings, and who is told."""
+class LadderProblem:
+    """The same fit at several horizons, made concrete.
+
+    Attributes
+    ----------
+    objective : Objective
+    reported : Reported
+        Quantities by which convergence is judged.
+    model : Model
+        Its structure; its values are not kept.
+    experiments : sequence of Experiment
+    observer : callable
+        Receives an event for each evaluation and horizon.
+    """
 
     objective: Objective
     reported: Reported
@@ -130,7 +149,7 @@ class Ascent:
     @classmethod
     def of(
         cls, model: Model, experiments: Sequence[Experiment], plan: Plan, observer: Observer
-    ) -> "Ascent":
+    ) -> "LadderProblem":
         """Return what a plan's climb needs on recordings of one time step.
 
         Raises
@@ -150,37 +169,33 @@ class Ascent:
         reported = Reported(objective.layout, thin(visited, most=100))
         return cls(objective, reported, model, experiments, observer)
 
-    def climb(self, plan: Plan, raw: FloatArray) -> tuple[RungFit, ...]:
-        """Run the stages in order from raw (parameter,), ending early at a divergence.
-
-        Returns
-        -------
-        tuple of RungFit
-            Finished rungs; at least one.
+    def climb(self, plan: Plan, raw: FloatArray) -> Climb:
+        """Run the stages in order from raw (parameter,), ending early at a divergence or Ctrl-C.
 
         Raises
         ------
         InputError
             If already the first stage diverges.
-        StoppedClimb
-            On Ctrl-C after the first rung, with the rungs finished until then.
+        KeyboardInterrupt
+            On Ctrl-C before the first horizon is finished.
         """
-        rungs: list[RungFit] = []
+        rungs: list[HorizonFit] = []
+        interrupted = False
         try:
             self._climb(plan, raw, rungs)
-        except KeyboardInterrupt as interrupt:
+        except KeyboardInterrupt:
             if not rungs:
                 raise
             self.observer({"event": "stop", "horizon": rungs[-1].horizon})
-            raise StoppedClimb(tuple(rungs)) from interrupt
+            interrupted = True
         if not rungs:
             raise InputError(
                 f"the predictions diverge already at horizon {plan.stages[0].horizon}; check the "
                 "units and signs of the channels, or start from a better model."
             )
-        return tuple(rungs)
+        return Climb(tuple(rungs), interrupted)
 
-    def _climb(self, plan: Plan, raw: FloatArray, rungs: list[RungFit]) -> None:
+    def _climb(self, plan: Plan, raw: FloatArray, rungs: list[HorizonFit]) -> None:
         """Append finished rungs until the plan ends or a stage diverges."""
         for number, stage in enumerate(plan.stages):
             problem = self.problem(stage, plan)
@@ -205,17 +220,17 @@ class Ascent:
         moving = self.objective.layout.members(stage.groups)
         return Problem(self.objective, self.reported, windows, moving)
 
-    def _finish(self, horizon: int, problem: Problem, solution: Solution) -> RungFit:
+    def _finish(self, horizon: int, problem: Problem, solution: Solution) -> HorizonFit:
         jacobian = problem.reported_jacobian(solution.raw)
         values, physical = self.reported.values(solution.raw), self.objective.layout.physical
         deviation = self._deviation(problem, solution, jacobian)
         working = working_deviation(solution.terms, jacobian, problem.windows)
-        few = hang_on_few_windows(solution.terms, jacobian[: len(physical)])
+        few = dominated_by_few_windows(solution.terms, jacobian[: len(physical)])
         deviation[: len(few)][few] = working[: len(few)][few] = np.inf
         share = influence(solution.terms, jacobian[: len(physical)])
         with float64():
             model = self.objective.layout.plain_model(solution.raw)
-        return RungFit(
+        return HorizonFit(
             horizon=horizon,
             solution=solution,
             values=values,
@@ -227,7 +242,7 @@ class Ascent:
             model=model,
         )
 
-    def _tell(self, rung: RungFit, share: tuple[int, int]) -> None:
+    def _tell(self, rung: HorizonFit, share: tuple[int, int]) -> None:
         names = self.objective.layout.physical
         self.observer(
             {

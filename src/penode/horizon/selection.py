@@ -1,7 +1,7 @@
 """Selection of the horizon: interchangeable small objects, each two-sided where it can be."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Protocol
 
@@ -9,8 +9,9 @@ import numpy as np
 from scipy.special import ndtri
 
 from penode.arrays import FloatArray
-from penode.horizon.ladder import RungFit
+from penode.horizon.ladder import Climb, HorizonFit
 from penode.training.covariance import bartlett, correlation_length
+from penode.training.plan import Plan
 
 #: Runs whose least errors are within this factor are equally sure. Runs disagree, so that one of
 #: them is wrong: less of a tie than between rungs that agree.
@@ -26,7 +27,7 @@ class Choice:
     index : int
         Selected rung.
     verdict, reason : str
-        See `penode.training.fit.HorizonChoice`.
+        See `penode.fit.fit.HorizonChoice`.
     agreeing : tuple of int
         Indices of the rungs that agree with the selected one, itself included.
     """
@@ -37,10 +38,29 @@ class Choice:
     agreeing: tuple[int, ...]
 
 
+def choose(selector: "Selector", climb: Climb, plan: Plan) -> Choice:
+    """Return a selector's choice, marked as preliminary where the climb was interrupted.
+
+    Parameters
+    ----------
+    selector : Selector
+    climb : Climb
+    plan : Plan
+        What was to be climbed.
+    """
+    choice = selector.select(climb.fits)
+    if not climb.interrupted:
+        return choice
+    reason = f"The ladder was not climbed to its end. So far: {choice.reason}"
+    if choice.verdict == "fixed":
+        reason = f"The horizon asked for, {plan.stages[-1].horizon}, was not reached."
+    return replace(choice, verdict="stopped", reason=reason)
+
+
 class Selector(Protocol):
     """Anything that picks a rung of a climbed ladder."""
 
-    def select(self, rungs: Sequence[RungFit]) -> Choice:
+    def select(self, rungs: Sequence[HorizonFit]) -> Choice:
         """Return the choice among rungs, shortest horizon first."""
         ...
 
@@ -49,7 +69,7 @@ class Selector(Protocol):
 class Longest:
     """The longest horizon reached, for a user who named it."""
 
-    def select(self, rungs: Sequence[RungFit]) -> Choice:
+    def select(self, rungs: Sequence[HorizonFit]) -> Choice:
         """Return the last rung."""
         horizon = rungs[-1].horizon
         last = len(rungs) - 1
@@ -86,7 +106,7 @@ class Plateau:
     factor: float = 4.0
     tie: float = 1.25
 
-    def select(self, rungs: Sequence[RungFit]) -> Choice:
+    def select(self, rungs: Sequence[HorizonFit]) -> Choice:
         """Return the choice among rungs, shortest horizon first."""
         run = self._run(rungs)
         error = _expected_errors([rungs[k] for k in run])
@@ -110,7 +130,7 @@ class Plateau:
         )
         return Choice(index, "plateau", reason, run)
 
-    def _run(self, rungs: Sequence[RungFit]) -> tuple[int, ...]:
+    def _run(self, rungs: Sequence[HorizonFit]) -> tuple[int, ...]:
         """Return the run to choose in: a plateau if there is one, else the longest."""
         runs = _runs(_agreement(rungs, self.level), len(rungs))
         span = {run: rungs[run[-1]].horizon / rungs[run[0]].horizon for run in runs}
@@ -122,7 +142,7 @@ class Plateau:
         return max(sure, key=lambda run: (span[run], run[0]))
 
 
-def _expected_errors(rungs: Sequence[RungFit]) -> FloatArray:
+def _expected_errors(rungs: Sequence[HorizonFit]) -> FloatArray:
     """Return the expected root mean squared error of each rung, shape (rung,), up to a factor.
 
     Physical parameters have one vote and the learned map another: the geometric mean of both.
@@ -139,7 +159,7 @@ def _expected_errors(rungs: Sequence[RungFit]) -> FloatArray:
     return np.asarray(np.exp(0.5 * np.mean(votes, axis=0))) if votes else np.ones(len(rungs))
 
 
-def _agreement(rungs: Sequence[RungFit], level: float) -> set[tuple[int, int]]:
+def _agreement(rungs: Sequence[HorizonFit], level: float) -> set[tuple[int, int]]:
     pairs = list(combinations(range(len(rungs)), 2))
     physical = len(rungs[0].influence)
     limit = -ndtri(0.5 * level / max(len(pairs) * physical, 1))
@@ -152,12 +172,12 @@ def _agreement(rungs: Sequence[RungFit], level: float) -> set[tuple[int, int]]:
     return agreeing
 
 
-def paired_deviation(a: RungFit, b: RungFit) -> FloatArray:
+def paired_deviation(a: HorizonFit, b: HorizonFit) -> FloatArray:
     """Return the deviation of the difference of two rungs' physical parameters, SI units."""
     return weighted_deviation([a, b], np.array([[1.0], [-1.0]]))
 
 
-def weighted_deviation(rungs: Sequence[RungFit], weights: FloatArray) -> FloatArray:
+def weighted_deviation(rungs: Sequence[HorizonFit], weights: FloatArray) -> FloatArray:
     """Return the deviation of a weighted sum of rungs' physical parameters, (physical,), SI units.
 
     The influences are summed over bins of time by the middle of their windows, and their weighted
@@ -165,7 +185,7 @@ def weighted_deviation(rungs: Sequence[RungFit], weights: FloatArray) -> FloatAr
 
     Parameters
     ----------
-    rungs : sequence of RungFit
+    rungs : sequence of HorizonFit
         Of the same recordings.
     weights : ndarray, shape (rung, physical) or (rung, 1)
     """
@@ -178,7 +198,7 @@ def weighted_deviation(rungs: Sequence[RungFit], weights: FloatArray) -> FloatAr
     return np.sqrt([bartlett(row[None], bandwidth)[0, 0] for row in series])
 
 
-def _binned(rung: RungFit, width: int) -> FloatArray:
+def _binned(rung: HorizonFit, width: int) -> FloatArray:
     middle = rung.windows.starts + rung.horizon // 2
     bins = -(-len(rung.windows.states) // width)
     sums = [np.bincount(middle // width, row, minlength=bins) for row in rung.influence]

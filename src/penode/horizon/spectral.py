@@ -17,8 +17,8 @@ import numpy as np
 from penode.arrays import FloatArray, JaxArray, float64
 from penode.data.experiment import Experiment
 from penode.data.windows import Windows
-from penode.horizon.ladder import RungFit
-from penode.horizon.prefilter import linearised, prefilter_view
+from penode.horizon.ladder import HorizonFit
+from penode.horizon.loss_weighting import linearised, prefilter_view
 from penode.horizon.selection import Choice
 from penode.models.base import Model
 from penode.models.layout import Layout
@@ -38,7 +38,7 @@ _RUNGS, _FACTOR = 3, 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Pulls:
+class BiasForecast:
     """What moves the physical parameters at each horizon, SI units.
 
     Attributes
@@ -81,7 +81,7 @@ class Spectral:
     experiments: Sequence[Experiment]
     seed: int = 0
 
-    def select(self, rungs: Sequence[RungFit]) -> Choice:
+    def select(self, rungs: Sequence[HorizonFit]) -> Choice:
         """Return the choice among rungs, shortest horizon first."""
         pulls = self.pulls(rungs)
         expected = np.exp(np.mean(np.log(np.maximum(pulls.expected, 1e-300)), axis=1))
@@ -103,12 +103,12 @@ class Spectral:
         )
         return Choice(index, "plateau" if chosen > 1 else "H = 1 suffices", reason, agreeing)
 
-    def pulls(self, rungs: Sequence[RungFit]) -> Pulls:
+    def pulls(self, rungs: Sequence[HorizonFit]) -> BiasForecast:
         """Return what moves the physical parameters at each rung.
 
         Parameters
         ----------
-        rungs : sequence of RungFit
+        rungs : sequence of HorizonFit
             Shortest horizon first.
         """
         physical = len(rungs[0].influence)
@@ -118,14 +118,14 @@ class Spectral:
         pulled = partial(_Puller.of(truth).pulls, rungs)
         quiet = _simulated(truth, [np.zeros_like(part) for part in lines])
         both = [pulled(_on_sensors(quiet, [sign * part for part in noise])) for sign in (1, -1)]
-        return Pulls(
+        return BiasForecast(
             horizons=tuple(rung.horizon for rung in rungs),
             lines=pulled(_simulated(truth, lines)),
             starts=np.mean(both, axis=0),
             chance=chance,
         )
 
-    def _worst(self, rungs: Sequence[RungFit]) -> FloatArray:
+    def _worst(self, rungs: Sequence[HorizonFit]) -> FloatArray:
         """Return the logarithm of what lines can pull at most at each rung, shape (rung,).
 
         By Cauchy and Schwarz |A^-1 S'r|^2 <= A^-1 r'r, r being the lines' part of the residual.
@@ -148,7 +148,7 @@ class Spectral:
             worst.append(np.log(np.maximum(squares, 1e-300)).mean())
         return np.array(worst)
 
-    def _disturbances(self, truth: RungFit) -> tuple[list[FloatArray], list[FloatArray]]:
+    def _disturbances(self, truth: HorizonFit) -> tuple[list[FloatArray], list[FloatArray]]:
         """Return the lines (time, state), and noise on the states as large as the rest allows."""
         random, lines, noise = np.random.default_rng(self.seed), [], []
         for experiment in self.experiments:
@@ -175,7 +175,7 @@ def _lines(residual: FloatArray, time_step: float) -> FloatArray:
     return np.asarray(np.fft.irfft(np.where(chosen, spectrum, 0.0), count, axis=0))
 
 
-def _simulated(truth: RungFit, disturbances: Sequence[FloatArray]) -> FloatArray:
+def _simulated(truth: HorizonFit, disturbances: Sequence[FloatArray]) -> FloatArray:
     """Return the states (time, state) of all recordings, simulated with disturbances."""
     windows, first, parts = truth.windows, 0, []
     for disturbance in disturbances:
@@ -223,7 +223,7 @@ class _Puller:
     slopes: FloatArray
 
     @classmethod
-    def of(cls, truth: RungFit) -> "_Puller":
+    def of(cls, truth: HorizonFit) -> "_Puller":
         states = truth.windows.states
         scale = residual_scale(truth.model, states, DEFAULT_LOSS)
         objective = Objective(truth.predictor, truth.model, scale)
@@ -231,7 +231,7 @@ class _Puller:
         slopes = Reported(objective.layout, states[:1]).jacobian(raw)
         return cls(objective, raw, slopes[: len(objective.layout.physical)])
 
-    def pulls(self, rungs: Sequence[RungFit], states: FloatArray) -> FloatArray:
+    def pulls(self, rungs: Sequence[HorizonFit], states: FloatArray) -> FloatArray:
         """Return one Gauss-Newton step on simulated states at each rung, (rung, physical)."""
         return np.stack([self._pull(replace(rung.windows, states=states)) for rung in rungs])
 

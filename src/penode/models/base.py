@@ -2,11 +2,13 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import equinox as eqx
 
 from penode.arrays import JaxArray
+from penode.models.inputs import Inputs
 
 
 class Model(eqx.Module):
@@ -23,26 +25,34 @@ class Model(eqx.Module):
         Channel names of the state x and the input u, in the order of their rows.
     state_units : tuple of str
         SI units of the states.
+    input_rates : mapping of str to str
+        Inputs that go on between samples, such as the angle of a rotor, and for each the input that
+        is its rate of change (none by default). All others act as the hold says.
     unmeasured : tuple of str
         States that no sensor measures (none by default): nothing is compared with them, and each
         window estimates where they start. A channel of that name is taken as a first guess.
     """
 
     states: ClassVar[tuple[str, ...]]
-    inputs: ClassVar[tuple[str, ...]]
     state_units: ClassVar[tuple[str, ...]]
     unmeasured: ClassVar[tuple[str, ...]] = ()
+    input_rates: ClassVar[Mapping[str, str]] = MappingProxyType({})
+
+    @property
+    @abstractmethod
+    def inputs(self) -> tuple[str, ...]:
+        """Channel names of the input u; a class attribute where they do not depend on fields."""
 
     @abstractmethod
-    def derivative(self, x: JaxArray, u: JaxArray) -> JaxArray:
+    def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
         """Return dx/dt.
 
         Parameters
         ----------
         x : array, shape (state, batch)
             State, SI units.
-        u : array, shape (input, batch)
-            Input, SI units.
+        u : Inputs, rows of shape (batch,)
+            Input, SI units: ``u["force"]``, or ``u[0]`` in the order of `inputs`.
 
         Returns
         -------

@@ -34,7 +34,8 @@ class Layout(Generic[AnyModule]):
     Attributes
     ----------
     names : tuple of str
-        Dotted path of each parameter.
+        Of each parameter. One that is reported has the name of its field, ``R`` and not
+        ``terms[0].R``, where no other such has it too; all others have their dotted path.
     settings : tuple of Setting
         One for each name.
     size : int
@@ -45,8 +46,9 @@ class Layout(Generic[AnyModule]):
 
     def __init__(self, model: AnyModule, experiments: int = 1):
         pairs, self._structure = jax.tree_util.tree_flatten_with_path(model)
-        self.names = tuple(jax.tree_util.keystr(path).lstrip(".") for path, _ in pairs)
         self.settings: tuple[Setting, ...] = tuple(setting_at(model, path) for path, _ in pairs)
+        paths = [jax.tree_util.keystr(path).lstrip(".") for path, _ in pairs]
+        self.names = _public_names(paths, self.settings)
         for name, (_, leaf) in zip(self.names, pairs, strict=True):
             if not isinstance(leaf, (np.ndarray, jax.Array)):
                 raise InputError(
@@ -229,6 +231,18 @@ class Layout(Generic[AnyModule]):
 
     def _entries(self) -> tuple[tuple[Setting, slice, tuple[int, ...], int], ...]:
         return tuple(zip(self.settings, self._raw, self._shapes, self._copies, strict=True))
+
+
+def _public_names(paths: Sequence[str], settings: Sequence[Setting]) -> tuple[str, ...]:
+    """Return the field's name for what is reported, the whole path where that is ambiguous."""
+    fields = [
+        path.rpartition(".")[2] if s.physical or s.per_experiment else ""
+        for path, s in zip(paths, settings, strict=True)
+    ]
+    return tuple(
+        name if name and fields.count(name) == 1 else path
+        for name, path in zip(fields, paths, strict=True)
+    )
 
 
 def _inverse(name: str, transform: Transform, value: FloatArray) -> FloatArray:

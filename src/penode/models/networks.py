@@ -8,14 +8,13 @@ import functools
 import operator
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, Leaf
+from penode.arrays import JaxArray, Leaf
 from penode.models.parameters import Positive, PositiveDefinite, parameter
 
 
@@ -107,10 +106,6 @@ class TanhLayers(FeatureNetwork):
         return dense(self.weights[-1], hidden) + self.biases[-1], dense(self.weights[-1], slope)
 
 
-def _float64_if_any(value: Any) -> FloatArray | None:
-    return None if value is None else np.array(value, dtype=np.float64)
-
-
 class ConvexGradient(FeatureNetwork):
     """Gradient of a strictly convex scalar: offset + stiffness x + A' (gain * tanh(A x + bias)).
 
@@ -137,7 +132,7 @@ class ConvexGradient(FeatureNetwork):
     directions: Leaf = parameter()
     bias: Leaf = parameter()
     gain: Leaf = parameter(transform=Positive())
-    modulation: Leaf | None = eqx.field(default=None, converter=_float64_if_any)
+    modulation: Leaf | None = parameter(default=None)
 
     @classmethod
     def random(cls, inputs: int, units: int, seed: int, features: int = 0) -> "ConvexGradient":

@@ -155,6 +155,8 @@ class Setting:
         Belief about every entry; `penode.training.penalties.Priors` brings it into a loss.
     per_experiment : bool
         Whether every recording has a value of its own.
+    meaning : str
+        What it is, in a few words for a report.
     """
 
     unit: str = ""
@@ -163,14 +165,20 @@ class Setting:
     transform: Transform = Identity()
     prior: Normal | None = None
     per_experiment: bool = False
+    meaning: str = ""
 
 
 _DEFAULT = Setting()
 AnyModule = TypeVar("AnyModule", bound=eqx.Module)
+Tree = TypeVar("Tree")
 
 
-def _float64(value: Any) -> FloatArray:
-    return np.array(value, dtype=np.float64)
+#: Stands for a field that has to be given.
+_REQUIRED: Any = object()
+
+
+def _float64(value: Any) -> FloatArray | None:
+    return None if value is None else np.array(value, dtype=np.float64)
 
 
 def parameter(
@@ -180,6 +188,7 @@ def parameter(
     physical: bool = False,
     transform: Transform = _DEFAULT.transform,
     prior: Normal | None = None,
+    default: Any = _REQUIRED,
 ) -> Any:
     """Declare a field of a `Model` (or of a network inside it) as a trained parameter.
 
@@ -195,20 +204,46 @@ def parameter(
         Constraint, such as `Positive`, `Bounded` or `PositiveDefinite`.
     prior : Normal, optional
         Belief about every entry.
+    default : float, array or None, optional
+        Value of a field that is not given; None for a parameter that a model may lack.
 
     Returns
     -------
     dataclass field
         Converts its value to a float64 array at construction.
     """
-    return _declare(Setting(unit, group, physical, transform, prior))
+    return _declare(Setting(unit, group, physical, transform, prior), default)
 
 
 def physical(
-    unit: str, transform: Transform = _DEFAULT.transform, prior: Normal | None = None
+    unit: str,
+    transform: Transform = _DEFAULT.transform,
+    prior: Normal | None = None,
+    *,
+    default: Any = _REQUIRED,
+    meaning: str = "",
 ) -> Any:
-    """Declare a scalar physical parameter, reported with an interval; see `parameter`."""
-    return _declare(Setting(unit, "physical", physical=True, transform=transform, prior=prior))
+    """Declare a scalar physical parameter, reported with an interval; see `parameter`.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit.
+    transform : Transform
+        Constraint.
+    prior : Normal, optional
+        Belief about it.
+    default : float, optional
+        Value of a field that is not given.
+    meaning : str
+        What it is, in a few words for a report, such as ``"stator resistance"``.
+
+    Returns
+    -------
+    dataclass field
+    """
+    setting = Setting(unit, "physical", True, transform, prior, meaning=meaning)
+    return _declare(setting, default)
 
 
 def nuisance(
@@ -237,8 +272,9 @@ def nuisance(
     )
 
 
-def _declare(setting: Setting) -> Any:
-    return eqx.field(converter=_float64, metadata={"setting": setting})
+def _declare(setting: Setting, default: Any = _REQUIRED) -> Any:
+    given = {} if default is _REQUIRED else {"default": default}
+    return eqx.field(converter=_float64, metadata={"setting": setting}, **given)
 
 
 def setting_at(model: eqx.Module, path: Sequence[Any]) -> Setting:
@@ -259,7 +295,7 @@ def settings(model: eqx.Module) -> Any:
     return jax.tree_util.tree_map_with_path(lambda path, _: setting_at(model, path), model)
 
 
-def with_batch_axis(model: AnyModule) -> AnyModule:
-    """Return the model with one trailing axis of length 1 on every parameter."""
-    batched: AnyModule = jax.tree.map(lambda leaf: leaf[..., None], model)
+def with_batch_axis(model: Tree) -> Tree:
+    """Return a model, or a tree of such, with one trailing axis of length 1 on every parameter."""
+    batched: Tree = jax.tree.map(lambda leaf: leaf[..., None], model)
     return batched

@@ -7,14 +7,13 @@ import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.data.save import save
-from penode.horizon.ladder import Observer
-from penode.identify import nobody
+from penode.fit.fit import Fit
+from penode.horizon.ladder import Observer, ignore_events
 from penode.pmsm.bench.coenergy_table import true_flux_map
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.study import identify
-from penode.training.fit import Fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +66,7 @@ def record(folder: Path) -> tuple[Experiment, tuple[Experiment, ...]]:
     return named[0], tuple(named[1:])
 
 
-def run_demo(folder: Path, observer: Observer = nobody) -> Demo:
+def run_demo(folder: Path, observer: Observer = ignore_events) -> Demo:
     """Record, identify, and compare with the truth that the identification never saw.
 
     Parameters

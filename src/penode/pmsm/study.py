@@ -4,28 +4,29 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
+from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
 from penode.data.quality import inspect
 from penode.errors import InputError
+from penode.fit.archive import write_atomically
+from penode.fit.fit import Fit
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.held_out import LOOK_AHEADS, HeldOut
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import HORIZONS, Observer, fitting_plan, ladder_plan
+from penode.horizon.ladder import HORIZONS, Observer, fitting_plan, ignore_events, ladder_plan
 from penode.horizon.selection import Longest, Plateau, Selector
-from penode.identify import Stopped, nobody
 from penode.identify import identify as identify_model
-from penode.pmsm.channels import drive_recording, require_angle
-from penode.pmsm.flux_maps import FLUX_MAPS, check_angle_orders
-from penode.pmsm.holds import HOLDS, Standing, check_hold
-from penode.pmsm.report import machine_report
-from penode.pmsm.start import weak_start
-from penode.pmsm.structure import structure_of
-from penode.training.archive import write_atomically
-from penode.training.fit import Fit
+from penode.pmsm.balance.start import weak_start
+from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
+from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
+from penode.pmsm.machine.holds import HOLDS, check_hold
+from penode.pmsm.machine.terms import DeadTime, Term, completed, term_name
+from penode.pmsm.recording.channels import drive_recording, require_channels
+from penode.pmsm.report.machine_report import machine_report
 from penode.training.plan import Plan
 from penode.training.second_order import LevenbergMarquardt
 
@@ -42,16 +43,17 @@ class Study:
     Attributes
     ----------
     flux_map : str
-        A key of `penode.pmsm.flux_maps.FLUX_MAPS`.
+        A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
     horizon : int or None
         Steps of one sample; None selects it from the data.
     pole_pairs : int or None
         For the torque; None where it is not needed.
     seed : int
         Seed of network draws and window placement.
-    inverter : bool or None
-        Identify the inverter's dead-time voltage too; the recordings need theta_el. None decides
-        from the data.
+    terms : tuple of Term
+        Of the voltage equation, beside resistance and rotation or in their place.
+    candidates : tuple of Term
+        Terms that the data decide; dead time by default.
     angle_orders : tuple of int or None
         Harmonics of the electrical angle in the flux map, such as (6, 12); they need theta_el.
         None decides from the data.
@@ -66,14 +68,16 @@ class Study:
     Raises
     ------
     InputError
-        If a name is unknown, the horizon is below 1, or the map cannot have angle orders.
+        If a name is unknown, the horizon is below 1, the map cannot have angle orders, or two
+        terms have one role.
     """
 
     flux_map: str = "coenergy"
     horizon: int | None = None
     pole_pairs: int | None = None
     seed: int = 0
-    inverter: bool | None = None
+    terms: tuple[Term, ...] = ()
+    candidates: tuple[Term, ...] = CANDIDATES
     angle_orders: tuple[int, ...] | None = None
     hold: str = "dq"
     purpose: str = "parameters"
@@ -88,6 +92,7 @@ class Study:
         if self.purpose not in PURPOSES:
             raise InputError(f"purpose {self.purpose!r} came; choose one of {', '.join(PURPOSES)}.")
         check_hold(self.hold)
+        completed(self.terms)
         check_angle_orders(self.flux_map, self.angle_orders or ())
 
     def plan(self, experiments: Sequence[Experiment]) -> Plan:
@@ -100,38 +105,28 @@ class Study:
         else:
             below = [h for h in HORIZONS if h < self.horizon]
             plan = ladder_plan([*below[::3], self.horizon], optimiser, self.seed)
-        hold = HOLDS[self.hold]
-        return replace(plan, hold=Standing(hold) if self.inverter else hold)
+        return replace(plan, hold=HOLDS[self.hold])
 
     def check(self, experiments: Sequence[Experiment]) -> None:
-        """Refuse recordings without the rotor's angle where the model needs it.
+        """Refuse recordings without a channel that the model needs.
 
         Raises
         ------
         InputError
-            If theta_el is missing.
+            If a channel of a term, or theta_el for angle orders, is missing or not credible.
         """
-        purposes = {
-            "the inverter term": self.inverter,
-            "a map with angle orders": self.angle_orders,
-        }
-        for purpose in (p for p, wanted in purposes.items() if wanted):
-            for experiment in experiments:
-                require_angle(experiment, purpose)
+        require_channels(experiments, self.terms, self.angle_orders or ())
 
-    def settled(self, experiments: Sequence[Experiment]) -> tuple["Study", tuple[str, ...]]:
+    def decided(self, experiments: Sequence[Experiment]) -> tuple["Study", tuple[str, ...]]:
         """Return the study with what was left to the data decided, and why, a sentence a term."""
-        if self.inverter is not None and self.angle_orders is not None:
+        if not self.candidates and self.angle_orders is not None:
             return self, ()
-        found = structure_of(experiments, self.flux_map)
-        study, reasons = self, list[str]()
-        if self.inverter is None:
-            study = replace(study, inverter=found.inverter)
-            reasons += found.inverter_reasons
+        structure = structure_of(experiments, self.flux_map, self.terms, self.candidates)
+        study, reasons = replace(self, terms=structure.terms, candidates=()), structure.term_reasons
         if self.angle_orders is None:
-            study = replace(study, angle_orders=found.angle_orders)
-            reasons += found.angle_reasons
-        return study, tuple(reasons)
+            study = replace(study, angle_orders=structure.angle_orders)
+            reasons += structure.angle_reasons
+        return study, reasons
 
     def selector(self, experiments: Sequence[Experiment]) -> Selector:
         """Return the rule that picks the horizon, given what it may predict."""
@@ -145,13 +140,14 @@ class Study:
 DEFAULT_STUDY = Study()
 
 
+@one_blas_thread
 def identify(
     experiments: Sequence[Experiment],
     *,
     pole_pairs: int | None = None,
     study: Study = DEFAULT_STUDY,
     validation: Sequence[Experiment] = (),
-    observer: Observer = nobody,
+    observer: Observer = ignore_events,
     checkpoint: Checkpoint | None = None,
 ) -> Fit:
     """Find the resistance and the flux-linkage map of a machine from drive recordings.
@@ -164,7 +160,7 @@ def identify(
     pole_pairs : int, optional
         For the torque; overrides the study's.
     study : Study
-        Flux map, inverter, hold, horizon and seed.
+        Flux map, terms, hold, horizon and seed.
     validation : sequence of Experiment
         Recordings that are predicted but not trained on.
     observer : callable
@@ -187,38 +183,51 @@ def identify(
     recordings = [drive_recording(e) for e in experiments]
     unseen = [drive_recording(e) for e in validation]
     study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
-    # Matrices are small, and threads that wait for each other cost more than they bring.
-    with threadpool_limits(1, "blas"):
-        study, reasons = study.settled(recordings)
+    study.check([*recordings, *unseen])
+    study, reasons = study.decided(recordings)
     study.check([*recordings, *unseen])
     observer({"event": "start", "recordings": [e.name for e in recordings]})
     plan = study.plan(recordings)
     if checkpoint is not None:
         plan = checkpoint.over(plan, observer)
-    with threadpool_limits(1, "blas"):
-        start = _start(recordings, study)
-    try:
-        fit = identify_model(
-            start,
-            recordings,
-            plan=plan,
-            selector=study.selector(unseen or recordings),
-            validation=unseen,
-            observer=observer,
+    return identify_model(
+        _start(recordings, study, reasons),
+        recordings,
+        plan=plan,
+        selector=study.selector(unseen or recordings),
+        validation=unseen,
+        observer=observer,
+    )
+
+
+def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:
+    """Return the convex start, with what was asked for and what is odd in the recordings."""
+    machine, balance = weak_start(
+        recordings,
+        study.flux_map,
+        study.seed,
+        angle_orders=study.angle_orders or (),
+        terms=study.terms,
+    )
+    repair = "Add a recording at another speed, or reverse the speed."
+    if not FLUX_MAPS[study.flux_map].reciprocal:
+        repair = (
+            f"Use the reciprocal map (--flux-map coenergy). Or: {repair[0].lower()}{repair[1:]}"
         )
-    except Stopped as stop:
-        raise Stopped(_with_facts(stop.fit, recordings, study, reasons)) from stop
-    return _with_facts(fit, recordings, study, reasons)
+    inspected = ("i_d", "i_q", "u_d", "u_q")
+    odd = tuple(finding.sentence for e in recordings for finding in inspect(e, inspected))
+    facts = _facts(recordings, study, reasons)
+    return Start(machine, balance.independence, balance.physical, repair, facts, odd)
 
 
-def _with_facts(
-    fit: Fit, recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]
-) -> Fit:
-    """Add what was asked for, and what is odd in the recordings."""
+def _facts(
+    recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]
+) -> dict[str, Any]:
     speed = float(np.median(np.abs(recordings[0].channels["omega_el"])))
     facts = {
         "flux_map": study.flux_map,
-        "inverter": study.inverter,
+        "inverter": any(isinstance(term, DeadTime) for term in study.terms),
+        "terms": [term_name(term) for term in completed(study.terms)],
         "angle_orders": list(study.angle_orders or ()),
         "structure": list(reasons),
         "hold": study.hold,
@@ -227,26 +236,7 @@ def _with_facts(
         "pole_pairs": study.pole_pairs,
         "electrical_frequency_hz": speed / (2 * np.pi),
     }
-    known = {name: fact for name, fact in facts.items() if fact is not None}
-    found = tuple(f.sentence for e in recordings for f in inspect(e, ("i_d", "i_q", "u_d", "u_q")))
-    provenance = {**fit.provenance, **known}
-    return replace(fit, warnings=(*fit.warnings, *found), provenance=provenance)
-
-
-def _start(recordings: Sequence[Experiment], study: Study) -> Start:
-    machine, balance = weak_start(
-        recordings,
-        study.flux_map,
-        study.seed,
-        angle_orders=study.angle_orders or (),
-        inverter=bool(study.inverter),
-    )
-    repair = "Add a recording at another speed, or reverse the speed."
-    if not FLUX_MAPS[study.flux_map].reciprocal:
-        repair = (
-            f"Use the reciprocal map (--flux-map coenergy). Or: {repair[0].lower()}{repair[1:]}"
-        )
-    return Start(machine, balance.independence, balance.physical, repair)
+    return {name: fact for name, fact in facts.items() if fact is not None}
 
 
 def write(fit: Fit, folder: str | Path) -> None:

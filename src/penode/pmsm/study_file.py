@@ -12,8 +12,9 @@ from penode.data.mapping import Origin
 from penode.data.table import TIME
 from penode.data.units import did_you_mean
 from penode.errors import InputError
-from penode.pmsm.drive_mapping import RECORDED, DriveMapping, DriveOrigin
-from penode.pmsm.name_plate import NamePlate
+from penode.pmsm.machine.terms import DeadTime, terms_of
+from penode.pmsm.recording.drive_mapping import RECORDED, DriveMapping, DriveOrigin
+from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.study import DEFAULT_STUDY, Study
 
 #: Entries of a channel and what they hold.
@@ -36,6 +37,9 @@ _HOLDS: Mapping[str, Callable[[Any], bool]] = {
     "a whole number": lambda value: _is_whole(value),
     "a whole number from 1": lambda value: _is_whole(value) and value >= 1,
     "true or false": lambda value: isinstance(value, bool),
+    "names in brackets": lambda value: (
+        isinstance(value, list) and all(isinstance(one, str) for one in value)
+    ),
     "whole numbers in brackets": lambda value: (
         isinstance(value, list) and all(map(_is_whole, value))
     ),
@@ -49,6 +53,7 @@ _SETTINGS = {
     "pole_pairs": "a whole number from 1",
     "seed": "a whole number",
     "inverter": "true or false",
+    "terms": "names in brackets",
     "angle_orders": "whole numbers in brackets",
     "hold": "text",
     "purpose": "text",
@@ -90,7 +95,7 @@ def load_study(path: str | Path | None = None, given: Mapping[str, Any] | None =
     path : str or Path, optional
         A TOML file; without one, canonical columns and the default study.
     given : mapping of str to object, optional
-        Fields of `Study` that override the file.
+        Entries that override the file's.
 
     Returns
     -------
@@ -102,18 +107,22 @@ def load_study(path: str | Path | None = None, given: Mapping[str, Any] | None =
         If there is no such file, it is not TOML, or an entry is unknown, missing or of the wrong
         kind; the message names the file and the entry, and suggests the nearest known one.
     """
-    read = StudyFile() if path is None else _read(Path(path))
-    return replace(read, study=replace(read.study, **(given or {})))
+    entries = {} if path is None else _entries(Path(path))
+    read = _read(path, entries)
+    return replace(read, study=_study({**entries, **given})) if given else read
 
 
-def _read(path: Path) -> StudyFile:
+def _entries(path: Path) -> dict[str, Any]:
     try:
-        entries = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise InputError(f"{path}: the study file cannot be read ({reason}); check it.") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
+
+
+def _read(path: str | Path | None, entries: dict[str, Any]) -> StudyFile:
     try:
         return _study_file(entries)
     except InputError as error:
@@ -124,15 +133,25 @@ def _study_file(entries: dict[str, Any]) -> StudyFile:
     _check("entry", entries, _SETTINGS)
     _require_known("channel", entries.get("channels", {}), RECORDED)
     channels = {name: _channel(name, e) for name, e in entries.get("channels", {}).items()}
+    mapping = DriveMapping(channels, entries.get("pole_pairs"), "resample" in entries)
+    plate = entries.get("name_plate", {})
+    _check("name_plate:", plate, _NAME_PLATE)
+    return StudyFile(_study(entries), mapping, NamePlate(**plate))
+
+
+def _study(entries: Mapping[str, Any]) -> Study:
+    """Return the study of entries of a file, some of them overridden by options."""
     settings = {f.name: entries[f.name] for f in fields(Study) if f.name in entries}
     if settings.get("horizon") == "auto":
         settings["horizon"] = None
     if "angle_orders" in settings:
         settings["angle_orders"] = tuple(settings["angle_orders"])
-    mapping = DriveMapping(channels, entries.get("pole_pairs"), "resample" in entries)
-    plate = entries.get("name_plate", {})
-    _check("name_plate:", plate, _NAME_PLATE)
-    return StudyFile(Study(**settings), mapping, NamePlate(**plate))
+    terms = terms_of(settings.get("terms", ()))
+    if "inverter" in entries:  # a word for dead time, which is otherwise left to the data
+        settings["candidates"] = ()
+        terms = tuple(term for term in terms if not isinstance(term, DeadTime))
+        terms += (DeadTime(),) if entries["inverter"] else ()
+    return Study(**{**settings, "terms": terms})
 
 
 def _channel(name: str, entry: Any) -> DriveOrigin:

@@ -17,11 +17,11 @@ import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.errors import InputError
-from penode.pmsm.channels import drive_recording
+from penode.fit.archive import to_json, write_atomically
+from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.studies.panels import Panel, Series
 from penode.pmsm.study import Study, identify
 from penode.report.quantities import scale_for
-from penode.training.archive import to_json, write_atomically
 
 #: Seconds until Ctrl-C is noticed.
 _NOTICE = 0.2
@@ -91,7 +91,7 @@ def sweep(
         If a recording cannot be used.
     """
     recordings = [drive_recording(e) for e in experiments]
-    study, _ = study.settled(recordings)
+    study, _ = study.decided(recordings)
     study.check(recordings)
     waiting: set[Future[Swept]] = set()
     for horizon, seed in grid:
@@ -120,7 +120,7 @@ def write_sweep(found: Sequence[Swept], folder: Path) -> None:
     """
     write_atomically(folder / "sweep.csv", _table(found))
     # Imported here: the plotting library takes a third of a second, and every command would pay it.
-    from penode.pmsm.studies.figures import study_figure
+    from penode.pmsm.studies.study_figure import study_figure
 
     write_atomically(folder / "sweep.png", study_figure(_panels(found)))
 

@@ -4,7 +4,11 @@ from dataclasses import dataclass, replace
 
 from penode.arrays import JaxArray
 from penode.models.base import Model
+from penode.models.inputs import Inputs
 from penode.predictors.holds import Drive, Hold
+
+#: Part of a solver's step that a stage stands for: its beginning and end as fractions of the step.
+Part = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -21,8 +25,8 @@ class Field:
         The input between samples.
     time_step : float
         Sampling interval in s.
-    first, part : float
-        Where the solver's step begins, and its length, as shares of the interval.
+    first, length : float
+        Where the solver's step begins, and its length, as fractions of the interval.
     """
 
     model: Model
@@ -30,14 +34,16 @@ class Field:
     hold: Hold
     time_step: float
     first: float = 0.0
-    part: float = 1.0
+    length: float = 1.0
 
     @property
     def width(self) -> float:
         """Length of the solver's step in s."""
-        return self.time_step * self.part
+        return self.time_step * self.length
 
-    def __call__(self, x: JaxArray, sample: int = 0, share: float = 0.0) -> JaxArray:
+    def __call__(
+        self, x: JaxArray, sample: int = 0, fraction: float = 0.0, part: Part | None = None
+    ) -> JaxArray:
         """Return the derivative (state, batch) of x (state, batch).
 
         Parameters
@@ -45,13 +51,34 @@ class Field:
         x : array, shape (state, batch)
         sample : int
             Offset of the interval from k.
-        share : float
+        fraction : float
             Place within the solver's step, 0 to 1.
+        part : tuple of float, optional
+            Part of the solver's step that this derivative stands for, in fractions of the step;
+            without it, a model that asks for the part is refused (`Inputs.part_for`).
         """
-        place = self.first + self.part * share
-        return self.model.derivative(x, self.hold(self.drive, sample, place, self.time_step))
+        place = self.first + self.length * fraction
+        u = self.hold(self._inputs, sample, place, self.time_step)
+        u = self._moved_on(u, sample, place)
+        return self.model.derivative(x, u.over(None if part is None else self._span(part, place)))
 
     def split(self, number: int, count: int) -> "Field":
         """Return the field over part `number` of `count` equal parts of the step."""
-        part = self.part / count
-        return replace(self, first=self.first + number * part, part=part)
+        length = self.length / count
+        return replace(self, first=self.first + number * length, length=length)
+
+    def _inputs(self, offset: int) -> Inputs:
+        return Inputs(self.drive(offset), self.model.inputs)
+
+    def _moved_on(self, u: Inputs, sample: int, place: float) -> Inputs:
+        """Return the inputs with those that have a rate moved on from the interval's start."""
+        moving = {n: r for n, r in self.model.input_rates.items() if n in u.names}
+        if not moving or place == 0.0:
+            return u
+        start, elapsed = self._inputs(sample), place * self.time_step
+        return u.replaced(**{n: start[n] + start[rate] * elapsed for n, rate in moving.items()})
+
+    def _span(self, part: Part, place: float) -> tuple[float, float]:
+        """Return a part of the step in s after a place in the interval."""
+        begin, end = ((self.first + self.length * at - place) * self.time_step for at in part)
+        return begin, end

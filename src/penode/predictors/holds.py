@@ -4,25 +4,33 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+import jax
+
 from penode.arrays import JaxArray
+from penode.models.inputs import Inputs
 
 #: Gives the input (input, batch) at sample k + offset, gathered only when asked for.
 Drive = Callable[[int], JaxArray]
 
 
 class Hold(Protocol):
-    """The input at a time between two samples."""
+    """The input at a time between two samples.
 
-    def __call__(self, drive: Drive, sample: int, share: float, time_step: float) -> JaxArray:
-        """Return the input (input, batch) at sample k + `sample`, plus `share` of the interval.
+    Inputs with a rate of their own (`penode.Model.input_rates`) go on whatever a hold says.
+    """
+
+    def __call__(
+        self, drive: Callable[[int], Inputs], sample: int, fraction: float, time_step: float
+    ) -> Inputs:
+        """Return the input at sample k + `sample`, plus a fraction of the interval.
 
         Parameters
         ----------
         drive : callable
-            Input by offset from sample k.
+            Input by offset from sample k, its rows of shape (batch,).
         sample : int
             Offset of the interval's first sample.
-        share : float
+        fraction : float
             0 at the interval's start, 1 at its end (still within it).
         time_step : float
             Length of the interval in s.
@@ -34,7 +42,9 @@ class Hold(Protocol):
 class ZeroOrder:
     """Constant from each sample to the next."""
 
-    def __call__(self, drive: Drive, sample: int, share: float, time_step: float) -> JaxArray:
+    def __call__(
+        self, drive: Callable[[int], Inputs], sample: int, fraction: float, time_step: float
+    ) -> Inputs:
         """Return the input at the interval's start."""
         return drive(sample)
 
@@ -43,8 +53,15 @@ class ZeroOrder:
 class FirstOrder:
     """Straight from each sample to the next."""
 
-    def __call__(self, drive: Drive, sample: int, share: float, time_step: float) -> JaxArray:
+    def __call__(
+        self, drive: Callable[[int], Inputs], sample: int, fraction: float, time_step: float
+    ) -> Inputs:
         """Return the input on the line between the interval's ends."""
-        if share == 0.0:
+        if fraction == 0.0:
             return drive(sample)
-        return (1.0 - share) * drive(sample) + share * drive(sample + 1)
+        between: Inputs = jax.tree.map(
+            lambda begin, end: (1.0 - fraction) * begin + fraction * end,
+            drive(sample),
+            drive(sample + 1),
+        )
+        return between

@@ -38,7 +38,7 @@ class ImplicitMidpoint:
 
         def defect(arguments: tuple[Model, JaxArray], z: JaxArray) -> JaxArray:
             at, x = replace(field, model=arguments[0]), arguments[1]
-            return z - x - at.width * at(0.5 * (x + z), share=0.5)
+            return z - x - at.width * at(0.5 * (x + z), fraction=0.5, part=(0.0, 1.0))
 
         return solve_implicit(defect, (field.model, history[0]), history[0])
 
@@ -62,7 +62,8 @@ class Trapezoidal:
 
         def defect(arguments: tuple[Model, JaxArray], z: JaxArray) -> JaxArray:
             at, x = replace(field, model=arguments[0]), arguments[1]
-            return z - x - 0.5 * at.width * (at(x) + at(z, share=1.0))
+            begin, end = at(x, part=(0.0, 0.5)), at(z, fraction=1.0, part=(0.5, 1.0))
+            return z - x - 0.5 * at.width * (begin + end)
 
         return solve_implicit(defect, (field.model, history[0]), history[0])
 

@@ -31,10 +31,11 @@ class RungeKutta:
 
     def advance(self, field: Field, history: JaxArray) -> JaxArray:
         """Return the next state (state, batch) from history (1, state, batch)."""
-        x = history[0]
-        slopes = [field(x)]
-        for row, node in zip(self.table.a, self.table.nodes[1:], strict=True):
-            slopes.append(field(x + field.width * weighted(row, slopes), share=node))
+        x, table = history[0], self.table
+        slopes = [field(x, part=table.parts[0])]
+        for row, node, part in zip(table.a, table.nodes[1:], table.parts[1:], strict=True):
+            at = x + field.width * weighted(row, slopes)
+            slopes.append(field(at, fraction=node, part=part))
         return x + field.width * weighted(self.table.b, slopes)
 
 

@@ -3,6 +3,7 @@
 To add a method, add one table here; `penode.predictors.one_step` and `multistep` run them all.
 """
 
+import itertools
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -43,8 +44,29 @@ class ButcherTableau:
 
     @property
     def nodes(self) -> tuple[float, ...]:
-        """Times of the stages as shares of the step (row sums of a)."""
+        """Times of the stages as fractions of the step (row sums of a)."""
         return (0.0, *(sum(row) for row in self.a))
+
+    @property
+    def parts(self) -> tuple[tuple[float, float] | None, ...]:
+        """Part of the step that each stage stands for, as its beginning and end.
+
+        Stages follow each other in the order of their nodes, each as long as its weight; those of
+        one node share one part. Together they cover the step once, so that a quantity that jumps
+        within it is weighed by how long it holds. A stage without weight stands for its moment; so
+        does that of Euler's method, of which the part lies wholly after it. Where a weight is
+        negative no stage stands for any part, and all are None.
+        """
+        lengths: dict[float, float] = {}
+        for node, weight in sorted(zip(self.nodes, self.b, strict=True)):
+            lengths[node] = lengths.get(node, 0.0) + weight
+        if min(lengths.values()) < 0:
+            return (None,) * len(self.b)
+        if self.order == 1:
+            return tuple((node, node) for node in self.nodes)
+        ends = dict(zip(lengths, itertools.accumulate(lengths.values()), strict=True))
+        part = {n: (ends[n] - lengths[n], ends[n]) if lengths[n] else (n, n) for n in lengths}
+        return tuple(part[node] for node in self.nodes)
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ import numpy as np
 import plotly.graph_objects as go
 
 from penode.arrays import BoolArray, FloatArray, IntArray
+from penode.fit.fit import Fit
+from penode.fit.outcome import NORMAL_95
 from penode.report import palette, panels
 from penode.report.quantities import Scale, decimals_for, fixed, scale_for, symbol
-from penode.training.fit import Fit
 
-_TWO_SIDED_95 = 1.96
 #: A close-up of the plateau is drawn where it enlarges at least this much.
 _ENLARGEMENT = 3.0
 
@@ -38,7 +38,7 @@ class _Ladder:
         return cls(
             np.array([rung.horizon for rung in rungs], dtype=np.int64),
             values * scale.factor,
-            _TWO_SIDED_95 * np.where(np.isfinite(std), std, 0.0) * scale.factor,
+            NORMAL_95 * np.where(np.isfinite(std), std, 0.0) * scale.factor,
             choice.selected,
             choice.plateau if choice.answered and len(choice.plateau) > 1 else (),
             np.array(estimate.interval_95) * scale.factor,

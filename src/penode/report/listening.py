@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.horizon.prefilter import PrefilterView
+from penode.horizon.loss_weighting import PrefilterView
 from penode.report.quantities import number
 from penode.validation.residual_lines import Line
 

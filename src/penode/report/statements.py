@@ -5,9 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from penode.fit.fit import Estimate, Fit, HorizonChoice
+from penode.fit.outcome import NORMAL_95
 from penode.report.document import KeyValue, Notice
 from penode.report.quantities import Scale, decimals_for, fixed, number, scale_for, with_unit
-from penode.training.fit import Estimate, Fit, HorizonChoice
 from penode.validation.free_run import Comparison
 from penode.validation.residual_tests import Spectrum
 
@@ -155,7 +156,7 @@ def _agrees(choice: HorizonChoice, name: str) -> bool:
     chosen = rungs[choice.selected]
     gaps = [
         abs(rungs[horizon].parameters[name] - chosen.parameters[name])
-        <= 1.96 * (rungs[horizon].std[name] + chosen.std[name])
+        <= NORMAL_95 * (rungs[horizon].std[name] + chosen.std[name])
         for horizon in choice.plateau
         if horizon in rungs
     ]
@@ -177,9 +178,8 @@ def overlay_title(comparison: Comparison) -> str:
     """
     seen = "not used for training" if comparison.role == "validation" else "used for training"
     name = f"{comparison.name} ({seen})"
-    if math.isfinite(comparison.free_run_rmse):
-        error = f"{number(comparison.free_run_rmse)}{_SPACE}{comparison.units[0]}".rstrip()
-        return f"{name}: the free run errs by {error} rms"
+    if not comparison.diverged:
+        return f"{name}: the free run errs by {_free_run_text(comparison)} rms"
     broken = np.flatnonzero(~np.isfinite(comparison.free_run).all(axis=1))
     time = float(broken[0]) * comparison.time_step if broken.size else 0.0
     return f"{name}: the free run diverges after {with_unit(time, 's')}"
@@ -230,16 +230,33 @@ def free_run_value(comparisons: Sequence[Comparison]) -> KeyValue | None:
     chosen = unseen or list(comparisons)
     if not chosen:
         return None
-    worst = max(chosen, key=lambda one: one.free_run_rmse)
+    worst = max(chosen, key=_relative_free_run)
     kind = "not used for training" if unseen else "used for training"
     some = f"worst of {len(chosen)} recordings {kind}" if len(chosen) > 1 else f"recording {kind}"
-    if not math.isfinite(worst.free_run_rmse):
+    if worst.diverged:
         return KeyValue("Free run, rms error", "diverged", f"{worst.name}, {some}", doubtful=True)
-    largest = float(np.sqrt(np.sum(worst.measured**2, axis=1)).max()) or 1.0
-    share = number(100 * worst.free_run_rmse / largest, 2)
+    share = number(100 * _relative_free_run(worst), 2)
     detail = f"{share}{_SPACE}% of the largest value; {some}"
-    text = f"{number(worst.free_run_rmse)}{_SPACE}{worst.units[0]}".rstrip()
-    return KeyValue("Free run, rms error", text, detail, worst.free_run_rmse)
+    value = worst.free_run_rmse if worst.unit is not None else None
+    return KeyValue("Free run, rms error", _free_run_text(worst), detail, value)
+
+
+def _free_run_text(comparison: Comparison) -> str:
+    """Return the free-run error: one figure where all states share a unit, else one a state."""
+    if comparison.unit is not None:
+        return f"{number(comparison.free_run_rmse)}{_SPACE}{comparison.unit}".rstrip()
+    errors = zip(comparison.free_run_errors.items(), comparison.units, strict=True)
+    return ", ".join(f"{name} {number(e)}{_SPACE}{unit}".rstrip() for (name, e), unit in errors)
+
+
+def _relative_free_run(comparison: Comparison) -> float:
+    """Return the free-run error over the largest value: pooled, or the worst state's."""
+    largest = np.abs(comparison.measured).max(axis=0)
+    if comparison.unit is not None:
+        size = float(np.sqrt(np.sum(comparison.measured**2, axis=1)).max())
+        return comparison.free_run_rmse / (size or 1.0)
+    errors = np.array(list(comparison.free_run_errors.values()))
+    return float(np.max(errors / np.where(largest > 0, largest, 1.0)))
 
 
 def _span(bounds: tuple[float, float], scale: Scale, decimals: int) -> str:

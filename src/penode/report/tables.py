@@ -4,9 +4,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.report.document import Cell, Row, Table
 from penode.report.quantities import decimals_for, fixed, number, scale_for
-from penode.training.fit import Estimate, Fit, HorizonChoice, Rung
 from penode.validation.free_run import Comparison
 
 _SPACE = "\N{NO-BREAK SPACE}"
@@ -180,7 +180,7 @@ def _parameter_row(name: str, estimate: Estimate, meaning: str) -> Row:
     )
 
 
-def _estimate_cells(rung: Rung, name: str, factor: float) -> list[Cell]:
+def _estimate_cells(rung: HorizonSummary, name: str, factor: float) -> list[Cell]:
     if name not in rung.parameters:
         return [Cell("–", kind="number")] * 2
     value, std = rung.parameters[name], rung.std.get(name, math.nan)

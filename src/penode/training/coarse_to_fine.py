@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.training.plan import DIVERGED, Optimiser, Problem, Progress, Solution, silent
+from penode.training.plan import DIVERGED, Optimiser, Problem, Progress, Solution, ignore_progress
 
 #: Residuals a moving parameter that are left at least.
 _LEFT = 150
@@ -27,7 +27,9 @@ class CoarseToFine:
     optimiser: Optimiser
     most: int = 4
 
-    def minimise(self, problem: Problem, raw: FloatArray, progress: Progress = silent) -> Solution:
+    def minimise(
+        self, problem: Problem, raw: FloatArray, progress: Progress = ignore_progress
+    ) -> Solution:
         """Lower the loss from `raw` (parameter,); coarse evaluations count by their share."""
         windows, error = problem.windows, problem.objective.error
         residuals = len(windows) * windows.horizon * len(error.compared)

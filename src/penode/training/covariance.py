@@ -134,7 +134,7 @@ def sandwich_deviation(
     return working_deviation(terms, jacobian, windows)
 
 
-def hang_on_few_windows(terms: GaussNewtonTerms, jacobian: FloatArray) -> BoolArray:
+def dominated_by_few_windows(terms: GaussNewtonTerms, jacobian: FloatArray) -> BoolArray:
     """Return which reported quantities, shape (reported,), one or two windows of many decide.
 
     A rollout that comes near a singularity is so sensitive to the parameters that it outweighs all

@@ -10,7 +10,7 @@ import numpy as np
 import optax
 
 from penode.arrays import FloatArray, IntArray, JaxArray, float64
-from penode.training.plan import DIVERGED, Problem, Progress, Solution, silent
+from penode.training.plan import DIVERGED, Problem, Progress, Solution, ignore_progress
 from penode.training.prediction_error import Batch, compiled_windows
 from penode.training.residuals import Objective
 
@@ -40,7 +40,9 @@ class FirstOrder:
     seed: int = 0
     physical_scale: float = 1.0
 
-    def minimise(self, problem: Problem, raw: FloatArray, progress: Progress = silent) -> Solution:
+    def minimise(
+        self, problem: Problem, raw: FloatArray, progress: Progress = ignore_progress
+    ) -> Solution:
         """Lower the loss from `raw` (parameter,); the last parameters are given back.
 
         Returns
@@ -51,7 +53,7 @@ class FirstOrder:
         return self.minimise_together(problem, raw[None], progress)[0]
 
     def minimise_together(
-        self, problem: Problem, raws: FloatArray, progress: Progress = silent
+        self, problem: Problem, raws: FloatArray, progress: Progress = ignore_progress
     ) -> list[Solution]:
         """Lower the loss from several starts at once, in one program.
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from penode.arrays import FloatArray
 from penode.models.base import Model
-from penode.training.plan import DIVERGED, Optimiser, Problem, Progress, Solution, silent
+from penode.training.plan import DIVERGED, Optimiser, Problem, Progress, Solution, ignore_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,9 @@ class BestOf:
     optimiser: Optimiser
     starts: tuple[Model, ...]
 
-    def minimise(self, problem: Problem, raw: FloatArray, progress: Progress = silent) -> Solution:
+    def minimise(
+        self, problem: Problem, raw: FloatArray, progress: Progress = ignore_progress
+    ) -> Solution:
         """Return the best solution from `raw` (parameter,) or a further start."""
         layout, held = problem.objective.layout, ~problem.moving
         raws = [raw, *(layout.raw(start) for start in self.starts)]

@@ -36,7 +36,7 @@ class Penalty(Protocol):
 
 @dataclass(frozen=True)
 class WeightDecay:
-    """Pulls a group of parameters to zero.
+    """BiasForecast a group of parameters to zero.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Priors:
 
 @dataclass(frozen=True, eq=False)
 class Smoothness:
-    """Pulls the learned map to a straight one, by its second differences along each state.
+    """BiasForecast the learned map to a straight one, by its second differences along each state.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Smoothness:
 
 @dataclass(frozen=True, eq=False)
 class SoftReciprocity:
-    """Pulls the learned map's Jacobian towards a symmetric one: a map from an energy.
+    """BiasForecast the learned map's Jacobian towards a symmetric one: a map from an energy.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ _ROUNDING = 1e-15
 DIVERGED = "The rollouts diverge."
 
 
-def silent(raw: FloatArray, loss: float) -> None:
+def ignore_progress(raw: FloatArray, loss: float) -> None:
     """Report nothing."""
 
 
@@ -101,7 +101,9 @@ class Solution:
 class Optimiser(Protocol):
     """Anything that lowers the loss of a `Problem`."""
 
-    def minimise(self, problem: Problem, raw: FloatArray, progress: Progress = silent) -> Solution:
+    def minimise(
+        self, problem: Problem, raw: FloatArray, progress: Progress = ignore_progress
+    ) -> Solution:
         """Return the best parameters found from `raw` (parameter,)."""
         ...
 

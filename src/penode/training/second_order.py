@@ -6,7 +6,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.training.covariance import marquardt_scale, working_deviation
-from penode.training.plan import DIVERGED, Problem, Progress, Solution, silent
+from penode.training.plan import DIVERGED, Problem, Progress, Solution, ignore_progress
 from penode.training.residuals import GaussNewtonTerms
 
 _LARGEST_DAMPING = 1e10
@@ -41,7 +41,9 @@ class LevenbergMarquardt:
     tolerance: float = 0.1
     damping: float = 1e-3
 
-    def minimise(self, problem: Problem, raw: FloatArray, progress: Progress = silent) -> Solution:
+    def minimise(
+        self, problem: Problem, raw: FloatArray, progress: Progress = ignore_progress
+    ) -> Solution:
         """Lower the loss from `raw`.
 
         Parameters

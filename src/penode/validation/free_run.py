@@ -49,14 +49,41 @@ class Comparison:
     free_run: FloatArray
 
     @property
+    def one_step_errors(self) -> dict[str, float]:
+        """Root mean squared one-step error of each state, in its unit."""
+        return self._errors(self.one_step)
+
+    @property
+    def free_run_errors(self) -> dict[str, float]:
+        """Root mean squared free-run error of each state, in its unit; infinite if it diverged."""
+        return self._errors(self.free_run)
+
+    @property
+    def unit(self) -> str | None:
+        """The unit that all states share; None where they differ."""
+        return self.units[0] if len(set(self.units)) == 1 else None
+
+    @property
     def one_step_rmse(self) -> float:
-        """Root mean squared one-step error over all states, in the states' unit."""
-        return rmse(self.measured[1:], self.one_step[1:])
+        """Root mean squared one-step error over all states; nan where their units differ."""
+        return self._pooled(self.one_step)
 
     @property
     def free_run_rmse(self) -> float:
-        """Root mean squared free-run error over all states; infinite after a divergence."""
-        return rmse(self.measured[1:], self.free_run[1:])
+        """The same of the free run; infinite if it diverged."""
+        return self._pooled(self.free_run)
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the free run left the range of numbers."""
+        return not np.isfinite(list(self.free_run_errors.values())).all()
+
+    def _errors(self, predicted: FloatArray) -> dict[str, float]:
+        pairs = zip(self.states, self.measured[1:].T, predicted[1:].T, strict=True)
+        return {name: rmse(column, other) for name, column, other in pairs}
+
+    def _pooled(self, predicted: FloatArray) -> float:
+        return rmse(self.measured[1:], predicted[1:]) if self.unit is not None else np.nan
 
 
 def with_unmeasured(experiment: Experiment, model: Model) -> Experiment:
@@ -146,10 +173,10 @@ def compare(
     )
 
 
-def free_run_rmse(
+def free_run_errors(
     predictor: Predictor, fits: Sequence[Sequence[Model]], experiments: Sequence[Experiment]
 ) -> FloatArray:
-    """Return the free-run error of each fit over all recordings, shape (fit,).
+    """Return the free-run error of each fit and measured state over all recordings.
 
     Parameters
     ----------
@@ -160,13 +187,14 @@ def free_run_rmse(
 
     Returns
     -------
-    ndarray, shape (fit,)
-        Infinite where a free run diverged.
+    ndarray, shape (fit, state)
+        Root mean squares in the states' units; infinite where a free run diverged.
     """
-    squares, count = np.zeros(len(fits)), 0
+    rows = _measured_rows(fits[0][0])
+    squares, count = np.zeros((len(fits), len(rows))), 0
     for models, experiment in zip(zip(*fits, strict=True), experiments, strict=True):
-        squares += _free_run_squares(predictor, models, experiment)
-        count += (len(experiment) - predictor.past) * len(_measured_rows(models[0]))
+        squares += _free_run_squares(predictor, models, experiment)[:, rows]
+        count += len(experiment) - predictor.past
     with np.errstate(invalid="ignore"):
         found = np.sqrt(squares / count)
     return np.asarray(np.where(np.isfinite(found), found, np.inf))
@@ -179,10 +207,14 @@ def _measured_rows(model: Model) -> list[int]:
 def _free_run_squares(
     predictor: Predictor, models: Sequence[Model], experiment: Experiment
 ) -> FloatArray:
-    """Return the sum of squared free-run errors of each model on a recording, shape (model,)."""
+    """Return the sums of squared free-run errors of each model on a recording, (model, state)."""
     if models[0].unmeasured:  # each estimates its own start
-        runs = [compare(predictor, model, experiment) for model in models]
-        return np.array([np.sum((r.measured - r.free_run)[predictor.past :] ** 2) for r in runs])
+        squares = np.full((len(models), len(models[0].states)), np.nan)
+        for row, model in zip(squares, models, strict=True):
+            run = compare(predictor, model, experiment)
+            gap = (run.measured - run.free_run)[predictor.past :]
+            row[_measured_rows(model)] = np.sum(gap**2, axis=0)
+        return squares
     with float64():
         recorded = [experiment.stack(names).T for names in (models[0].states, models[0].inputs)]
         together: Model = jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *models)
@@ -204,11 +236,12 @@ def _squares(predictor: Predictor, models: Model, measured: JaxArray, inputs: Ja
 
     def visit(k: JaxArray, history: JaxArray, _: None, total: JaxArray) -> JaxArray:
         gap = models.corrected(at(measured, k + past)) - history[0]
-        return total + jnp.sum(gap**2, axis=0)
+        return total + gap**2
 
     first = [models.corrected(at(measured, jnp.asarray(past - 1 - j))) for j in range(past)]
     samples = measured.shape[1] - past
-    return rollout(step, jnp.stack(first), samples, visit, jnp.zeros(batch, measured.dtype))
+    nothing = jnp.zeros((len(measured), batch), measured.dtype)
+    return rollout(step, jnp.stack(first), samples, visit, nothing).T
 
 
 @partial(jax.jit, static_argnums=0)

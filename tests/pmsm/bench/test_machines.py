@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from penode.pmsm.bench.machines import TRACTION_300A, torque
-from penode.pmsm.frames import dq_from_abc
+from penode.pmsm.machine.frames import dq_from_abc
 
 SIXTY_DEGREES = np.linspace(0.0, np.pi / 3, 24, endpoint=False)
 

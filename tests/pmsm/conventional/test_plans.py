@@ -8,6 +8,7 @@ from penode.data.windows import Contiguous
 from penode.errors import InputError
 from penode.pmsm.conventional.current_predictor import CurrentPredictor
 from penode.pmsm.conventional.neural_ode import NeuralODE
+from penode.pmsm.machine.terms import DeadTime
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER, RK4
 
@@ -29,7 +30,8 @@ def test_the_current_predictor_takes_one_euler_step_with_dead_time(dead_time_run
     i_d, i_q, u_d, u_q, omega, theta = run.stack(
         ("i_d", "i_q", "u_d", "u_q", "omega_el", "theta_el")
     )[:-1].T
-    scale = float(fit.model.dead_time_current)
+    (term,) = (one for one in fit.model.terms if isinstance(one, DeadTime))
+    scale = float(term.dead_time_current)
     shapes = [
         dead_time_shape(i, t, scale) for i, t in zip(np.stack([i_d, i_q], 1), theta, strict=True)
     ]

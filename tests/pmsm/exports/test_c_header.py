@@ -10,7 +10,7 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from penode.pmsm.exports.c_header import encode, identifier
-from penode.pmsm.flux_grid import tabulate
+from penode.pmsm.machine.flux_grid import tabulate
 
 PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "export-to-a-controller.md"
 GCC = shutil.which("gcc")

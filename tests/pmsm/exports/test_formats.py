@@ -12,9 +12,10 @@ from scipy.io import loadmat
 from penode.errors import InputError
 from penode.pmsm.bench.map_import import read_flux_table
 from penode.pmsm.exports.formats import FORMATS, export
-from penode.pmsm.flux_grid import read_grid
-from penode.pmsm.flux_maps import draw_flux_map
-from penode.pmsm.model import AngleMachine, Machine
+from penode.pmsm.machine.flux_grid import read_grid
+from penode.pmsm.machine.flux_maps import draw_flux_map
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.terms import Resistance
 from penode.pmsm.study import flux_map_csv
 
 
@@ -113,8 +114,7 @@ def test_inverse_map_in_mat_undoes_the_map(machine_fit, tmp_path, rng):
 def test_onnx_is_the_network_itself(machine_fit, tmp_path, kind, orders, rng):
     if kind == "mlp" or orders:
         drawn = draw_flux_map(kind, 3, (300.0, 0.08), orders)
-        machine = AngleMachine if orders else Machine
-        machine_fit = replace(machine_fit, model=machine(drawn, R=0.01))
+        machine_fit = replace(machine_fit, model=Machine(drawn, (Resistance(0.01),)))
     path, grid = written(machine_fit, "onnx", tmp_path)
     session = onnxruntime.InferenceSession(path)
     currents = np.concatenate([rng.uniform(-400, 400, (300, 2)), grid.mesh.reshape(2, -1).T])
@@ -128,7 +128,7 @@ def test_onnx_is_the_network_itself(machine_fit, tmp_path, kind, orders, rng):
 
 def test_onnx_refuses_maps_with_other_operations(machine_fit, tmp_path):
     other = draw_flux_map("polynomial", 0, (300.0, 0.08))
-    fit = replace(machine_fit, model=Machine(other, R=0.01))
+    fit = replace(machine_fit, model=Machine(other, (Resistance(0.01),)))
     with pytest.raises(InputError, match="export npz, mat or c instead"):
         written(fit, "onnx", tmp_path)
 

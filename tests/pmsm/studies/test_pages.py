@@ -10,9 +10,9 @@ import pytest
 from penode.errors import InputError
 from penode.pmsm.studies import reproduce as module
 from penode.pmsm.studies.extent import QUICK
-from penode.pmsm.studies.figures import COLOURS, study_figure
 from penode.pmsm.studies.panels import Claim, Matrix, Panel, Series, StudyResult
 from penode.pmsm.studies.reproduce import STUDIES, chosen_studies, reproduce
+from penode.pmsm.studies.study_figure import COLOURS, study_figure
 from penode.pmsm.studies.variants import AXES
 
 

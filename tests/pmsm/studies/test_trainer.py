@@ -7,7 +7,7 @@ import pytest
 
 from penode.data.experiment import Experiment
 from penode.data.windows import Contiguous
-from penode.pmsm.start import nominal_start
+from penode.pmsm.balance.start import nominal_start
 from penode.pmsm.studies.trainer import Branches, Trainer
 from penode.training.plan import Plan, Solution, Stage
 
@@ -43,14 +43,14 @@ def test_a_branch_ends_where_its_plan_would_by_itself(trainer, tmp_path):
     branches = Branches.at(tmp_path / "branches.json", {"seed": 4})
     short = trainer.train(start, plan((1, 1.001), (2, 1.002)), branches, ())
     assert CALLS == [1, 2]
-    assert short.parameters["R"].value == pytest.approx(start.R * 1.001 * 1.002, rel=1e-12)
+    assert short.parameters["R"].value == pytest.approx(start.terms[0].R * 1.001 * 1.002, rel=1e-12)
     assert short.horizon.selected == 2
     assert [rung.horizon for rung in short.horizon.ladder] == [2]
     assert not any("not tried" in warning for warning in short.warnings)
 
     other = trainer.train(start, plan((1, 1.001), (3, 1.005)), branches, ())
     assert CALLS == [1, 2, 3]  # what both have in common is taken over
-    assert other.parameters["R"].value == pytest.approx(start.R * 1.001 * 1.005, rel=1e-12)
+    assert other.parameters["R"].value == pytest.approx(start.terms[0].R * 1.001 * 1.005, rel=1e-12)
 
     again = Branches.at(branches.path, {"seed": 4})
     longer = trainer.train(start, plan((1, 1.001), (3, 1.005), (4, 1.0)), again, ())

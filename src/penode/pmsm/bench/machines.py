@@ -61,7 +61,7 @@ class Machine:
     magnet_coefficient : float
         Relative change of psi_PM per K of magnet temperature.
     inertia : float or None
-        Moment of inertia of the rotor in kg m^2; None where nobody says.
+        Moment of inertia of the rotor in kg m^2; None where it is not known.
     """
 
     name: str

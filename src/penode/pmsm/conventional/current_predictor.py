@@ -9,17 +9,18 @@ from dataclasses import dataclass
 
 from penode.data.experiment import Experiment
 from penode.data.windows import Contiguous
+from penode.fit.fit import Fit
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import Observer
+from penode.horizon.ladder import Observer, ignore_events
 from penode.horizon.selection import Longest
-from penode.identify import identify, nobody
-from penode.pmsm.channels import drive_recording
-from penode.pmsm.holds import HOLDS
-from penode.pmsm.start import weak_start
+from penode.identify import identify
+from penode.pmsm.balance.start import weak_start
+from penode.pmsm.machine.holds import HOLDS
+from penode.pmsm.machine.terms import DeadTime
+from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.study import Study
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
-from penode.training.fit import Fit
 from penode.training.plan import Plan, Stage
 from penode.training.second_order import LevenbergMarquardt
 
@@ -31,7 +32,7 @@ class CurrentPredictor:
     Attributes
     ----------
     flux_map : str
-        A key of `penode.pmsm.flux_maps.FLUX_MAPS`.
+        A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
     inverter : bool
         Whether the dead-time voltage is identified too; the recordings then need theta_el.
     hold : str
@@ -58,7 +59,7 @@ class CurrentPredictor:
         self,
         experiments: Sequence[Experiment],
         validation: Sequence[Experiment] = (),
-        observer: Observer = nobody,
+        observer: Observer = ignore_events,
     ) -> Fit:
         """Return resistance, map and dead-time voltage; see `Method`.
 
@@ -67,11 +68,12 @@ class CurrentPredictor:
         InputError
             If a recording cannot be used, or lacks theta_el where the inverter is asked for.
         """
-        asked = Study(self.flux_map, horizon=1, inverter=self.inverter, hold=self.hold)
+        terms = (DeadTime(),) if self.inverter else ()
+        asked = Study(self.flux_map, horizon=1, terms=terms, hold=self.hold)
         runs = [drive_recording(e) for e in experiments]
         unseen = [drive_recording(e) for e in validation]
         asked.check([*runs, *unseen])
-        start, _ = weak_start(runs, self.flux_map, self.seed, inverter=self.inverter)
+        start, _ = weak_start(runs, self.flux_map, self.seed, terms=terms)
         return identify(
             Start(start),
             runs,

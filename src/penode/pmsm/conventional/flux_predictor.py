@@ -19,14 +19,13 @@ import numpy as np
 from penode.arrays import ComplexArray, FloatArray
 from penode.data.experiment import Experiment
 from penode.errors import InputError
-from penode.horizon.ladder import Observer
-from penode.identify import nobody
-from penode.pmsm.channels import drive_recording
+from penode.fit.fit import Fit
+from penode.horizon.ladder import Observer, ignore_events
 from penode.pmsm.conventional.linear_fit import LinearFit, largest_current
 from penode.pmsm.conventional.linear_maps import LinearMap, polynomial
 from penode.pmsm.conventional.rotation import held, rising
-from penode.pmsm.holds import check_hold
-from penode.training.fit import Fit
+from penode.pmsm.machine.holds import check_hold
+from penode.pmsm.recording.channels import drive_recording
 from penode.training.weak_form import WeakRegression, join
 
 _REASON = "Linear least squares of the flux one step ahead has no horizon but 1."
@@ -59,7 +58,7 @@ class FluxPredictor:
         self,
         experiments: Sequence[Experiment],
         validation: Sequence[Experiment] = (),
-        observer: Observer = nobody,
+        observer: Observer = ignore_events,
     ) -> Fit:
         """Return resistance and map; see `penode.pmsm.conventional.method.Method`.
 
@@ -89,7 +88,7 @@ class FluxPredictor:
             identifiability=equations.independence(0),
             reason=_REASON,
             hold=self.hold,
-        ).told(runs, [drive_recording(e) for e in validation])
+        ).to_fit(runs, [drive_recording(e) for e in validation])
 
 
 def flux_equations(

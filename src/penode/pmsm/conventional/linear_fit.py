@@ -1,20 +1,21 @@
-"""A fit found by linear least squares, told as a `Fit`."""
+"""Results of linear least squares as a `Fit`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
 from penode.data.experiment import Experiment
-from penode.horizon.prefilter import linearised
+from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
+from penode.fit.provenance import provenance_of
+from penode.horizon.loss_weighting import linearised
 from penode.models.learned_map import LearnedMap
-from penode.pmsm.flux_maps import FluxMap
-from penode.pmsm.holds import HOLDS
-from penode.pmsm.model import Machine
+from penode.pmsm.machine.flux_maps import FluxMap
+from penode.pmsm.machine.holds import HOLDS
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.terms import Resistance
 from penode.predictors.base import Predictor
-from penode.training.fit import Estimate, Fit, HorizonChoice, Rung
 from penode.validation.coverage import thin
 from penode.validation.free_run import compare
 from penode.validation.residual_tests import residual_correlations, residual_spectrum
@@ -29,7 +30,7 @@ class LinearFit:
     Attributes
     ----------
     method : str
-        What found them, as provenance tells it.
+        Its name in the provenance.
     network : LearnedMap
         Currents over `current_scale` to flux linkages in Vs.
     current_scale : float
@@ -41,7 +42,7 @@ class LinearFit:
     reason : str
         Why there is no horizon to choose, as a sentence.
     hold : str
-        A key of `penode.pmsm.holds.HOLDS`.
+        A key of `penode.pmsm.machine.holds.HOLDS`.
     facts : mapping
         Further provenance.
     """
@@ -56,7 +57,7 @@ class LinearFit:
     hold: str = "dq"
     facts: Mapping[str, Any] = field(default_factory=dict)
 
-    def told(self, experiments: Sequence[Experiment], validation: Sequence[Experiment]) -> Fit:
+    def to_fit(self, experiments: Sequence[Experiment], validation: Sequence[Experiment]) -> Fit:
         """Return the fit, every recording predicted by the classic Runge-Kutta method.
 
         Parameters
@@ -64,13 +65,15 @@ class LinearFit:
         experiments, validation : sequence of Experiment
             With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
         """
-        model = Machine(FluxMap(self.network, self.current_scale, 1.0), R=self.resistance)
+        model = Machine(
+            FluxMap(self.network, self.current_scale, 1.0), (Resistance(self.resistance),)
+        )
         predictor = Predictor(experiments[0].time_step, hold=HOLDS[self.hold])
         seen = [compare(predictor, model, e, "train") for e in experiments]
         unseen = [compare(predictor, model, e) for e in validation]
         squares = [c.one_step_rmse**2 for c in seen]
         free = float(np.sqrt(np.mean([c.free_run_rmse**2 for c in seen])))
-        rung = Rung(
+        rung = HorizonSummary(
             horizon=1,
             parameters={"R": self.resistance},
             std={"R": self.deviation},
@@ -79,22 +82,22 @@ class LinearFit:
             iterations=1,
             outcome=_SOLVED,
         )
-        half = 1.96 * self.deviation
-        interval = (self.resistance - half, self.resistance + half)
-        found = Estimate(self.resistance, self.deviation, interval, "ohm", self.identifiability)
+        estimate = Estimate.of(
+            self.resistance, self.deviation, "ohm", self.identifiability, "stator resistance"
+        )
         return Fit(
             model=model,
-            parameters={"R": found},
+            parameters={"R": estimate},
             horizon=HorizonChoice(1, "fixed", self.reason, (rung,), (1,)),
             excited=thin(np.concatenate([e.stack(Machine.states) for e in experiments])),
             comparisons=(*seen, *unseen),
             spectrum=residual_spectrum(seen[0]),
-            correlations=residual_correlations(seen[0], experiments[0], Machine.inputs),
+            correlations=residual_correlations(seen[0], experiments[0], model.inputs),
             transitions=linearised(predictor, model, experiments[0], np.ones(2)),
             warnings=tuple(
                 f"{c.name}: the free run diverges; the map is unusable for simulation there."
                 for c in (*seen, *unseen)
-                if not np.isfinite(c.free_run_rmse)
+                if c.diverged
             ),
             provenance=self._provenance((*experiments, *validation)),
         )
@@ -103,8 +106,7 @@ class LinearFit:
         speed = float(np.median(np.abs(recordings[0].channels["omega_el"])))
         return {
             "method": self.method,
-            "versions": {name: version(name) for name in ("penode", "jax", "numpy", "scipy")},
-            "data": {e.name: e.source.sha256 for e in recordings},
+            **provenance_of(recordings),
             "hold": self.hold,
             "electrical_frequency_hz": speed / (2 * np.pi),
             **self.facts,

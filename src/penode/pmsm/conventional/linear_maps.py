@@ -76,7 +76,7 @@ class LinearMap:
 
 @eqx.filter_jit
 def _evaluate(network: LearnedMap, x: JaxArray) -> JaxArray:
-    batched: LearnedMap = with_batch_axis(network)  # type: ignore[type-var]
+    batched: LearnedMap = with_batch_axis(network)
     return batched.value_and_jacobian(x)[0]
 
 

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from penode.data.experiment import Experiment
-from penode.horizon.ladder import Observer
-from penode.identify import nobody
-from penode.training.fit import Fit
+from penode.fit.fit import Fit
+from penode.horizon.ladder import Observer, ignore_events
 
 
 class Method(Protocol):
@@ -16,7 +15,7 @@ class Method(Protocol):
         self,
         experiments: Sequence[Experiment],
         validation: Sequence[Experiment] = (),
-        observer: Observer = nobody,
+        observer: Observer = ignore_events,
     ) -> Fit:
         """Return the fit.
 

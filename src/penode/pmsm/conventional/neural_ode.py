@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from penode.data.experiment import Experiment
 from penode.data.windows import Contiguous
 from penode.errors import InputError
+from penode.fit.fit import Fit
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import Observer
+from penode.horizon.ladder import Observer, ignore_events
 from penode.horizon.selection import Longest
-from penode.identify import identify, nobody
-from penode.pmsm.channels import drive_recording
-from penode.pmsm.holds import HOLDS, check_hold
-from penode.pmsm.start import nominal_start
-from penode.training.fit import Fit
+from penode.identify import identify
+from penode.pmsm.balance.start import nominal_start
+from penode.pmsm.machine.holds import HOLDS, check_hold
+from penode.pmsm.recording.channels import drive_recording
 from penode.training.plan import Plan, Stage
 from penode.training.second_order import LevenbergMarquardt
 
@@ -64,7 +64,7 @@ class NeuralODE:
         self,
         experiments: Sequence[Experiment],
         validation: Sequence[Experiment] = (),
-        observer: Observer = nobody,
+        observer: Observer = ignore_events,
     ) -> Fit:
         """Return resistance and map; see `penode.pmsm.conventional.method.Method`.
 

@@ -20,10 +20,9 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.errors import InputError
+from penode.fit.fit import Fit
 from penode.horizon.identifiability import THRESHOLD
-from penode.horizon.ladder import Observer
-from penode.identify import nobody
-from penode.pmsm.channels import drive_recording
+from penode.horizon.ladder import Observer, ignore_events
 from penode.pmsm.conventional.linear_fit import LinearFit, largest_current
 from penode.pmsm.conventional.linear_maps import LinearMap, polynomial
 from penode.pmsm.conventional.operating_points import (
@@ -31,8 +30,8 @@ from penode.pmsm.conventional.operating_points import (
     fold,
     operating_points,
 )
-from penode.pmsm.holds import check_hold
-from penode.training.fit import Fit
+from penode.pmsm.machine.holds import check_hold
+from penode.pmsm.recording.channels import drive_recording
 
 _REASON = "Means at operating points predict nothing, so there is no horizon."
 
@@ -76,7 +75,7 @@ class StationaryAveraging:
         self,
         experiments: Sequence[Experiment],
         validation: Sequence[Experiment] = (),
-        observer: Observer = nobody,
+        observer: Observer = ignore_events,
     ) -> Fit:
         """Return resistance and map; see `penode.pmsm.conventional.method.Method`.
 
@@ -105,7 +104,7 @@ class StationaryAveraging:
             reason=_REASON,
             hold=self.hold,
             facts={"operating_points": len(points), "averaged_to": len(groups)},
-        ).told(runs, [drive_recording(e) for e in validation])
+        ).to_fit(runs, [drive_recording(e) for e in validation])
 
     def _require(
         self, run: Experiment, points: Sequence[OperatingPoint], groups: Sequence["_Group"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.pmsm.exports.c_template import HEADER
-from penode.pmsm.flux_grid import FluxGrid
+from penode.pmsm.machine.flux_grid import FluxGrid
 
 
 def encode(grid: FluxGrid, name: str) -> str:

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from penode.errors import InputError
+from penode.fit.archive import write_atomically
+from penode.fit.fit import Fit
 from penode.pmsm.exports import c_header, mat, npz, onnx, syre
-from penode.pmsm.flux_grid import FluxGrid, tabulate
+from penode.pmsm.machine.flux_grid import FluxGrid, tabulate
 from penode.pmsm.study import flux_map_csv
-from penode.training.archive import write_atomically
-from penode.training.fit import Fit
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Format:
     encode : callable
         ``encode(fit, grid, name)`` gives the file's content; name is that of the file.
     points : int
-        Points a side of the grid where nobody asks for another number.
+        Points a side of the grid where no other number is asked for.
     """
 
     suffix: str

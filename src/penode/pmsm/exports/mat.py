@@ -8,9 +8,9 @@ from scipy.io import savemat
 from scipy.spatial import cKDTree
 
 from penode.arrays import FloatArray
-from penode.pmsm.flux_grid import FluxGrid
-from penode.pmsm.inversion import inverse
-from penode.training.fit import Fit
+from penode.fit.fit import Fit
+from penode.pmsm.control.inversion import inverse
+from penode.pmsm.machine.flux_grid import FluxGrid
 
 
 def encode(fit: Fit, grid: FluxGrid) -> bytes:

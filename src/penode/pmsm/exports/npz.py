@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from penode.pmsm.flux_grid import FluxGrid
+from penode.pmsm.machine.flux_grid import FluxGrid
 
 
 def encode(grid: FluxGrid) -> bytes:

@@ -6,10 +6,10 @@ import numpy as np
 
 from penode.arrays import BoolArray, FloatArray
 from penode.errors import InputError
+from penode.fit.fit import Fit
 from penode.models.networks import ConvexGradient, TanhLayers
-from penode.pmsm.flux_grid import FluxGrid
-from penode.pmsm.flux_maps import FluxMap
-from penode.training.fit import Fit
+from penode.pmsm.machine.flux_grid import FluxGrid
+from penode.pmsm.machine.flux_maps import FluxMap
 
 #: Old enough for the run times in use; the graph needs nothing newer.
 _OPSET, _IR_VERSION = 17, 8

@@ -4,7 +4,7 @@ import io
 
 from scipy.io import savemat
 
-from penode.pmsm.flux_grid import FluxGrid
+from penode.pmsm.machine.flux_grid import FluxGrid
 
 
 def encode(grid: FluxGrid) -> bytes:

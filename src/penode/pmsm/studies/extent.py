@@ -94,5 +94,5 @@ QUICK = Extent(
     unseen_duration=0.2,
     recordings=("operating_points",),
     variants=("paper", "inverter"),
-    ours=Study(inverter=False, angle_orders=()),
+    ours=Study(candidates=(), angle_orders=()),
 )

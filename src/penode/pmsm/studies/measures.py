@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.fit.fit import Fit
 from penode.pmsm.bench.run import Recording
-from penode.training.fit import Fit
 
 _GRID = 61
 
@@ -24,7 +24,7 @@ class Measures:
     horizon : int
         Steps.
     verdict : str
-        Of `penode.training.fit.HorizonChoice`.
+        Of `penode.fit.fit.HorizonChoice`.
     flux_mae : float
         Mean absolute error of psi_d and psi_q over the excited region in Vs.
     magnet_flux : float

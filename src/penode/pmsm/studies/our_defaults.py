@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from penode.data.experiment import Experiment
-from penode.horizon.ladder import Observer
-from penode.identify import nobody
+from penode.fit.fit import Fit
+from penode.horizon.ladder import Observer, ignore_events
 from penode.pmsm.study import Study, identify
-from penode.training.fit import Fit
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class OurDefaults:
         self,
         experiments: Sequence[Experiment],
         validation: Sequence[Experiment] = (),
-        observer: Observer = nobody,
+        observer: Observer = ignore_events,
     ) -> Fit:
         """Return the fit; see `penode.pmsm.conventional.method.Method`."""
         return identify(experiments, study=self.study, validation=validation, observer=observer)

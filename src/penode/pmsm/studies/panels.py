@@ -14,7 +14,7 @@ class Series:
         Empty to leave it out of the legend.
     x, y : sequence of float
     colour : str
-        A name of `penode.pmsm.studies.figures.COLOURS`.
+        A name of `penode.pmsm.studies.study_figure.COLOURS`.
     marker : str
         Of matplotlib; empty for none.
     joined : bool

@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from penode.errors import InputError
-from penode.horizon.ladder import Observer
-from penode.identify import nobody
+from penode.fit.archive import to_json, write_atomically
+from penode.horizon.ladder import Observer, ignore_events
 from penode.pmsm.studies.designed import subdomain, well_designed
 from penode.pmsm.studies.extent import FULL, Extent
-from penode.pmsm.studies.figures import study_figure
 from penode.pmsm.studies.generalisation import generalisation_vs_horizon
 from penode.pmsm.studies.method_table import method_table
 from penode.pmsm.studies.panels import StudyResult
@@ -24,8 +23,8 @@ from penode.pmsm.studies.results_page import results_page
 from penode.pmsm.studies.runs import Runs, Say
 from penode.pmsm.studies.simulated import flux_error_vs_horizon, resistance_vs_horizon
 from penode.pmsm.studies.solvers import solver_dependence
+from penode.pmsm.studies.study_figure import study_figure
 from penode.pmsm.studies.testbench import testbench_resistance
-from penode.training.archive import to_json, write_atomically
 
 #: Name to the study, in the order in which they are computed and shown.
 STUDIES: dict[str, Callable[[Runs], StudyResult]] = {
@@ -75,7 +74,7 @@ def reproduce(
     folder: Path,
     extent: Extent = FULL,
     say: Say = print,
-    observer: Observer = nobody,
+    observer: Observer = ignore_events,
 ) -> Written:
     """Compute studies and write them; what is there already is taken over.
 

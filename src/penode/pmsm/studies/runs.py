@@ -12,18 +12,17 @@ from typing import Any
 import jax
 
 from penode.errors import InputError
-from penode.horizon.ladder import Observer
-from penode.identify import nobody
+from penode.fit.archive import to_json, write_atomically
+from penode.fit.fit import Fit
+from penode.horizon.ladder import Observer, ignore_events
 from penode.pmsm.conventional.method import Method
-from penode.pmsm.model import Machine
+from penode.pmsm.machine.model import Machine
 from penode.pmsm.studies.extent import Extent
 from penode.pmsm.studies.measures import Measures, measure
 from penode.pmsm.studies.our_defaults import OurDefaults
 from penode.pmsm.studies.recordings import Case, fingerprint, record_case
 from penode.pmsm.studies.trainer import Branches, Trainer
 from penode.pmsm.studies.variants import Variant
-from penode.training.archive import to_json, write_atomically
-from penode.training.fit import Fit
 
 #: Told a line of progress.
 Say = Callable[[str], None]
@@ -82,7 +81,7 @@ class Runs:
     folder: Path
     extent: Extent
     say: Say
-    observer: Observer = nobody
+    observer: Observer = ignore_events
     _cases: dict[str, Case] = field(default_factory=dict)
     _trainers: dict[tuple[str, Variant], Trainer] = field(default_factory=dict)
     _known: dict["Place", Run] = field(default_factory=dict)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from penode.data.experiment import Experiment
+from penode.fit.fit import Fit
 from penode.pmsm.studies.panels import Claim, Matrix, StudyResult
 from penode.pmsm.studies.runs import Place, Run, Runs
 from penode.pmsm.studies.summaries import milliohm, rows
@@ -14,7 +15,6 @@ from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.solver import Solver
 from penode.predictors.tableaus import AB3, EULER, MIDPOINT, RK4
-from penode.training.fit import Fit
 from penode.validation.free_run import compare
 
 SOLVERS: dict[str, Solver] = {

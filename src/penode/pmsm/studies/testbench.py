@@ -5,8 +5,8 @@ from math import gcd
 
 import numpy as np
 
-from penode.horizon.prefilter import PrefilterView, prefilter_view
-from penode.pmsm.residual_lines import named_lines, signed_frequency
+from penode.horizon.loss_weighting import PrefilterView, prefilter_view
+from penode.pmsm.report.line_causes import named_lines, signed_frequency
 from penode.pmsm.studies.panels import Claim, Panel, Series, StudyResult
 from penode.pmsm.studies.runs import Place, Run, Runs
 from penode.pmsm.studies.simulated import HORIZON, axes_runs, over_horizons

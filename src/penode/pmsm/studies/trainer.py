@@ -7,6 +7,7 @@ branches off, with the result that each would have had by itself.
 """
 
 import json
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,13 +17,13 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
-from penode.horizon.account import Account
+from penode.fit.archive import to_json, write_atomically
+from penode.fit.fit import Fit
+from penode.horizon.assemble import Assembly
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import Ascent, Observer
-from penode.horizon.selection import Longest
+from penode.horizon.ladder import LadderProblem, Observer
+from penode.horizon.selection import Longest, choose
 from penode.models.base import Model
-from penode.training.archive import to_json, write_atomically
-from penode.training.fit import Fit
 from penode.training.plan import Plan, Stage
 
 
@@ -75,19 +76,19 @@ class Trainer:
 
     Attributes
     ----------
-    ascent : Ascent
+    problem : LadderProblem
         Of the recording.
     plan : Plan
-        Whose solver, hold and loss the ascent was made for.
+        Whose solver, hold and loss the problem was made for.
     """
 
-    ascent: Ascent
+    problem: LadderProblem
     plan: Plan
 
     @classmethod
     def of(cls, model: Model, run: Experiment, plan: Plan, observer: Observer) -> "Trainer":
         """Return a trainer for a model's structure."""
-        return cls(Ascent.of(model, [run], plan, observer), plan)
+        return cls(LadderProblem.of(model, [run], plan, observer), plan)
 
     def train(
         self, start: Model, plan: Plan, branches: Branches, validation: tuple[Experiment, ...]
@@ -110,25 +111,29 @@ class Trainer:
         InputError
             If the last stage diverges.
         """
+        began = time.monotonic()
         *before, last = plan.stages
         raw = self._end(start, plan, tuple(before), branches)
         final = replace(plan, stages=(last,))
-        (rung,) = self.ascent.climb(final, raw)
-        branches.keep(_key(plan.stages), rung.solution.raw)
-        choice = Longest().select([rung])
-        account = Account(self.ascent, Start(start), final, [rung], choice)
-        return account.fit(validation, {"placement": str(plan.placement)})
+        climb = self.problem.climb(final, raw)
+        branches.keep(_key(plan.stages), climb.fits[0].solution.raw)
+        choice = choose(Longest(), climb, final)
+        assembly = Assembly(self.problem, Start(start), final, climb.fits, choice)
+        fit = assembly.fit(validation, began)
+        if climb.interrupted:
+            raise KeyboardInterrupt
+        return fit
 
     def _end(
         self, start: Model, plan: Plan, stages: tuple[Stage, ...], branches: Branches
     ) -> FloatArray:
         """Return the raw parameters after stages, from as far as they are known."""
         if not stages:
-            return self.ascent.objective.layout.raw(start)
+            return self.problem.objective.layout.raw(start)
         key = _key(stages)
         if key not in branches.ends:
             raw = self._end(start, plan, stages[:-1], branches)
-            problem = self.ascent.problem(stages[-1], plan)
+            problem = self.problem.problem(stages[-1], plan)
             found = stages[-1].optimiser.minimise(problem, raw)
             branches.keep(key, found.raw)
         return branches.ends[key]

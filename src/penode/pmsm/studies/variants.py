@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from penode.data.experiment import Experiment
 from penode.data.windows import Contiguous, Jittered
 from penode.horizon.ladder import ladder_plan
-from penode.pmsm.holds import HOLDS, Standing
-from penode.pmsm.model import Machine
-from penode.pmsm.paper_recipe import Growing, PaperRecipe
-from penode.pmsm.start import nominal_start, weak_start
+from penode.pmsm.balance.start import nominal_start, weak_start
+from penode.pmsm.conventional.paper_recipe import Growing, PaperRecipe
+from penode.pmsm.machine.holds import HOLDS
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.terms import DeadTime
 from penode.pmsm.studies.extent import Extent
 from penode.predictors.base import DEFAULT_SOLVER
 from penode.predictors.solver import Solver
@@ -31,7 +32,7 @@ class Variant:
     name, label : str
         Folder of its runs, and what figures call it.
     flux_map : str
-        A key of `penode.pmsm.flux_maps.FLUX_MAPS`.
+        A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
     jittered : bool
         Whether windows start at random instead of end to end.
     inverter : bool
@@ -62,8 +63,9 @@ class Variant:
         """Return where training begins."""
         if self.adam:
             return nominal_start([run], seed)
+        terms = (DeadTime(),) if self.inverter else ()
         machine, _ = weak_start(
-            [run], self.flux_map, seed, angle_orders=self.angle_orders, inverter=self.inverter
+            [run], self.flux_map, seed, angle_orders=self.angle_orders, terms=terms
         )
         return machine
 
@@ -73,8 +75,7 @@ class Variant:
             return {h: _paper_plan(h, run, seed, extent) for h in horizons}
         placement = Jittered(seed) if self.jittered else Contiguous()
         alone = Stage(1, LevenbergMarquardt(_EVALUATIONS))
-        hold = Standing(HOLDS["dq"]) if self.inverter else HOLDS["dq"]
-        plan = Plan((alone,), placement, self.solver, hold)
+        plan = Plan((alone,), placement, self.solver, HOLDS["dq"])
         if not self.climbing:
             return {h: replace(plan, stages=(replace(alone, horizon=h),)) for h in horizons}
         stages = ladder_plan(horizons).stages

@@ -1,0 +1,1 @@
+"""Fit: what identification gives back, and its files."""

@@ -1,0 +1,231 @@
+"""Fit: parameters in physical units with their uncertainty, the horizon's story, provenance."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from penode.arrays import BoolArray, FloatArray, float64
+from penode.errors import InputError
+from penode.fit.archive import (
+    describe_module,
+    read_archive,
+    restore_module,
+    to_json,
+    write_archive,
+    write_atomically,
+)
+from penode.fit.learned_uncertainty import LearnedUncertainty
+from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary, estimate_of, horizon_of
+from penode.models.base import Model
+from penode.validation.coverage import supported
+from penode.validation.free_run import Comparison
+from penode.validation.residual_tests import Correlations, Spectrum
+
+__all__ = ["Estimate", "Fit", "HorizonChoice", "HorizonSummary", "unused"]
+
+SCHEMA = "penode/1"
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What identification gives back.
+
+    The learned maps of the model are methods of the fit: ``fit.flux_map(i_d, i_q)`` for a machine.
+
+    Attributes
+    ----------
+    model : Model
+        The trained model; its leaves are physical values.
+    parameters : mapping of str to Estimate
+        Physical parameters.
+    horizon : HorizonChoice
+        Selected horizon, verdict and ladder.
+    excited : ndarray, shape (sample, state)
+        A thinned set of the states visited in training, SI units.
+    comparisons : tuple of Comparison
+        Measured against one-step and free-run predictions, per recording.
+    spectrum : Spectrum
+        Spectrum of the one-step residual on the first training recording.
+    transitions : ndarray, shape (sample, past * state, past * state)
+        One-step matrices of scaled errors along the recording of the spectrum
+        (`penode.horizon.loss_weighting.linearised`); empty where the k-step error is more than a
+        filtered one-step error, as with starts that windows estimate.
+    learned_uncertainty : LearnedUncertainty
+        What `learned_deviation` is computed from.
+    correlations : Correlations
+        Of the one-step residual on the first training recording, with itself and with the inputs.
+    nuisances : mapping of str to ndarray, shape (recording, ...)
+        Parameters of which every training recording has its own value; the model has their mean.
+    warnings : tuple of str
+        One sentence each.
+    provenance : mapping
+        Versions, data hashes, seeds, command, wall time.
+    """
+
+    model: Model
+    parameters: Mapping[str, Estimate]
+    horizon: HorizonChoice
+    excited: FloatArray
+    comparisons: tuple[Comparison, ...]
+    spectrum: Spectrum
+    transitions: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    learned_uncertainty: LearnedUncertainty = field(default_factory=LearnedUncertainty)
+    correlations: Correlations = field(default_factory=Correlations)
+    nuisances: Mapping[str, FloatArray] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        if name.startswith("_") or name == "model":
+            raise AttributeError(name)
+        maps = self.model.maps()
+        if name not in maps:
+            raise AttributeError(f"Fit has no {name!r}; this model's maps are {sorted(maps)}.")
+        return _in_float64(maps[name])
+
+    def supported(self, points: FloatArray) -> BoolArray:
+        """Return which points (point, state), SI units, lie in the excited region."""
+        return supported(self.excited, np.asarray(points, dtype=np.float64))
+
+    def learned_deviation(self, points: FloatArray) -> FloatArray:
+        """Return the deviation of the learned map, shape (point, output), SI units.
+
+        Parameters
+        ----------
+        points : ndarray, shape (point, state)
+            SI units. Outside the excited region it tells what the map's form allows, no more.
+        """
+        return self.learned_uncertainty.deviation(self.model, np.asarray(points, dtype=np.float64))
+
+    def result(self) -> dict[str, Any]:
+        """Return the content of ``result.json``."""
+        metrics: dict[str, Any] = {"train": {}, "validation": {}}
+        for comparison in self.comparisons:
+            known = metrics[comparison.role]
+            known[unused(comparison.name, known)] = _errors(comparison)
+        return {
+            "schema": SCHEMA,
+            "horizon": asdict(self.horizon),
+            "parameters": {name: asdict(p) for name, p in self.parameters.items()},
+            "metrics": metrics,
+            "warnings": list(self.warnings),
+            "provenance": dict(self.provenance),
+        }
+
+    def save(self, folder: str | Path) -> None:
+        """Write ``result.json`` and the reloadable ``fit/`` into a folder.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Made if absent; files of an earlier fit are replaced, each in one step.
+        """
+        folder = Path(folder)
+        arrays = {"excited": self.excited, "transitions": self.transitions}
+        arrays |= {f"nuisance.{name}": values for name, values in self.nuisances.items()}
+        comparisons = [
+            _describe(c, f"comparison.{k}", arrays) for k, c in enumerate(self.comparisons)
+        ]
+        document = {
+            **self.result(),
+            "model": describe_module(self.model, "model", arrays),
+            "comparisons": comparisons,
+            "spectrum": _describe(self.spectrum, "spectrum", arrays),
+            "learned_uncertainty": _describe(self.learned_uncertainty, "uncertainty", arrays),
+            "correlations": _describe(self.correlations, "correlations", arrays),
+        }
+        write_archive(folder / "fit", document, arrays)
+        write_atomically(folder / "result.json", to_json(self.result()))
+
+    @classmethod
+    def load(cls, folder: str | Path) -> "Fit":
+        """Read a fit back from the folder that `save` wrote.
+
+        Raises
+        ------
+        InputError
+            If a file is missing, damaged or of another schema.
+        """
+        document, arrays = read_archive(Path(folder) / "fit")
+        found = document.get("schema")
+        if found != SCHEMA:
+            raise InputError(
+                f"{folder}: schema {found!r} came, {SCHEMA!r} was wanted; read it with the version "
+                "of penode that wrote it."
+            )
+        try:
+            return cls._restored(document, arrays)
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            raise InputError(
+                f"{folder}: the saved fit lacks a part ({error!r}); run the identification again."
+            ) from error
+
+    @classmethod
+    def _restored(cls, document: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> "Fit":
+        return cls(
+            model=restore_module(document["model"], arrays),
+            parameters={n: estimate_of(p) for n, p in document["parameters"].items()},
+            horizon=horizon_of(document["horizon"]),
+            excited=arrays["excited"],
+            comparisons=tuple(_restore(Comparison, c, arrays) for c in document["comparisons"]),
+            spectrum=_restore(Spectrum, document["spectrum"], arrays),
+            transitions=arrays.get("transitions", np.empty((0, 0, 0))),
+            learned_uncertainty=_restore(
+                LearnedUncertainty, document.get("learned_uncertainty", {}), arrays
+            ),
+            correlations=_restore(Correlations, document.get("correlations", {}), arrays),
+            nuisances={
+                name.removeprefix("nuisance."): values
+                for name, values in arrays.items()
+                if name.startswith("nuisance.")
+            },
+            warnings=tuple(document["warnings"]),
+            provenance=document["provenance"],
+        )
+
+
+def _errors(comparison: Comparison) -> dict[str, Any]:
+    """Return a recording's errors: of each state, and together where the states share a unit."""
+    one_step, free_run = comparison.one_step_errors, comparison.free_run_errors
+    each = {
+        name: {"unit": unit, "one_step_rmse": one_step[name], "free_run_rmse": free_run[name]}
+        for name, unit in zip(comparison.states, comparison.units, strict=True)
+    }
+    if comparison.unit is None:
+        return {"states": each}
+    return {
+        f"one_step_rmse_{comparison.unit}": comparison.one_step_rmse,
+        f"free_run_rmse_{comparison.unit}": comparison.free_run_rmse,
+        "states": each,
+    }
+
+
+def _in_float64(learned: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a learned map that computes in float64 and gives NumPy arrays back."""
+
+    def evaluate(*arguments: Any, **named: Any) -> Any:
+        with float64():
+            return jax.tree.map(np.asarray, learned(*arguments, **named))
+
+    return evaluate
+
+
+def unused(name: str, known: Mapping[str, Any]) -> str:
+    """Return the name, numbered if the mapping has it already: files of several folders."""
+    number, candidate = 2, name
+    while candidate in known:
+        number, candidate = number + 1, f"{name} ({number})"
+    return candidate
+
+
+def _describe(record: Any, name: str, arrays: dict[str, FloatArray]) -> dict[str, Any]:
+    values = {f.name: getattr(record, f.name) for f in fields(record)}
+    return {k: describe_module(v, f"{name}.{k}", arrays) for k, v in values.items()}
+
+
+def _restore(kind: Any, document: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Any:
+    return kind(**{k: restore_module(v, arrays) for k, v in document.items()})

@@ -1,0 +1,137 @@
+"""What a fit says of each physical parameter, of each horizon, and of the one selected."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+#: Two-sided 95 % point of the normal distribution.
+NORMAL_95 = 1.96
+
+#: Verdicts under which the horizons that agree are one answer, and their mean is reported.
+AVERAGED = ("plateau", "H = 1 suffices")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One physical parameter as reported.
+
+    Attributes
+    ----------
+    value, std : float
+        Estimate and its standard deviation, in ``unit``.
+    interval_95 : tuple of float
+        Lower and upper end of the 95 % interval, in ``unit``.
+    unit : str
+        SI unit.
+    identifiability : float or None
+        Share of the parameter's low-passed regressor that no regressor of the learned map explains:
+        1 is independent, 0 is indistinguishable; None where it was not computed.
+    meaning : str
+        What it is, in a few words; empty where the model does not say.
+    """
+
+    value: float
+    std: float
+    interval_95: tuple[float, float]
+    unit: str
+    identifiability: float | None = None
+    meaning: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        value: float,
+        std: float,
+        unit: str,
+        identifiability: float | None = None,
+        meaning: str = "",
+    ) -> "Estimate":
+        """Return the estimate with its 95 % interval; the arguments are attributes."""
+        half = NORMAL_95 * std
+        return cls(value, std, (value - half, value + half), unit, identifiability, meaning)
+
+
+@dataclass(frozen=True)
+class HorizonSummary:
+    """One horizon of the ladder.
+
+    Attributes
+    ----------
+    horizon : int
+        Steps of one sample.
+    parameters, std : mapping of str to float
+        Physical parameters and their standard deviations (HAC sandwich), SI units.
+    rmse : float
+        Root mean squared k-step-ahead error on the training windows: in the states' unit, or in
+        standard deviations of the channels where units differ.
+    free_run_rmse : float or None
+        Free-run error on the training recordings over all states; None where it diverged or the
+        states' units differ.
+    free_run_errors : mapping of str to float or None
+        The same of each state, in its unit.
+    iterations : int
+        Gauss-Newton evaluations spent.
+    outcome : str
+        Why the optimiser stopped, as a sentence.
+    """
+
+    horizon: int
+    parameters: Mapping[str, float]
+    std: Mapping[str, float]
+    rmse: float
+    free_run_rmse: float | None
+    iterations: int
+    outcome: str
+    free_run_errors: Mapping[str, float | None] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class HorizonChoice:
+    """The selected horizon and why.
+
+    Attributes
+    ----------
+    selected : int
+        Steps of one sample.
+    verdict : str
+        ``"plateau"``, ``"H = 1 suffices"``, ``"predicts best"``, ``"fixed"``, ``"no plateau"``,
+        ``"not identifiable"`` or ``"stopped"``. The data cannot answer under ``"no plateau"`` and
+        ``"not identifiable"``; under ``"predicts best"``, ``"fixed"``, and ``"stopped"`` by a
+        person before the ladder's end, that is not known.
+    reason : str
+        One or two sentences for a person.
+    ladder : tuple of HorizonSummary
+        Every horizon tried, shortest first.
+    plateau : tuple of int
+        Horizons that agree with the selected one.
+    """
+
+    selected: int
+    verdict: str
+    reason: str
+    ladder: tuple[HorizonSummary, ...]
+    plateau: tuple[int, ...] = ()
+
+    @property
+    def answered(self) -> bool:
+        """Whether the data could answer, as far as was tested."""
+        return self.verdict not in ("no plateau", "not identifiable")
+
+
+def estimate_of(document: Mapping[str, Any]) -> Estimate:
+    """Return an estimate from its JSON; null is not a number."""
+    value, std, *interval = (
+        np.nan if number is None else float(number)
+        for number in (document["value"], document["std"], *document["interval_95"])
+    )
+    low, high = interval
+    meaning = document.get("meaning", "")
+    return Estimate(value, std, (low, high), document["unit"], document["identifiability"], meaning)
+
+
+def horizon_of(document: Mapping[str, Any]) -> HorizonChoice:
+    """Return a choice of the horizon from its JSON."""
+    ladder = tuple(HorizonSummary(**rung) for rung in document["ladder"])
+    return HorizonChoice(**{**document, "ladder": ladder, "plateau": tuple(document["plateau"])})

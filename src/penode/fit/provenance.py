@@ -1,0 +1,24 @@
+"""Provenance: with which versions and from which data a fit was made."""
+
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import Any
+
+from penode.data.experiment import Experiment
+from penode.fit.fit import unused
+
+_PACKAGES = ("penode", "jax", "numpy", "scipy")
+
+
+def provenance_of(experiments: Sequence[Experiment]) -> dict[str, Any]:
+    """Return versions of the packages that compute, and a hash of each recording.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Recordings trained on or predicted.
+    """
+    data: dict[str, str] = {}
+    for experiment in experiments:
+        data[unused(experiment.name, data)] = experiment.source.sha256
+    return {"versions": {name: version(name) for name in _PACKAGES}, "data": data}

@@ -1,0 +1,236 @@
+"""Assembly: a climbed ladder and the choice made on it become a `Fit`."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from penode.arrays import BoolArray, FloatArray, float64
+from penode.data.experiment import Experiment
+from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
+from penode.fit.learned_uncertainty import LearnedUncertainty
+from penode.fit.outcome import AVERAGED
+from penode.fit.provenance import provenance_of
+from penode.horizon.consensus import Consensus, retrained
+from penode.horizon.identifiability import Start
+from penode.horizon.ladder import HorizonFit, LadderProblem
+from penode.horizon.loss_weighting import linearised
+from penode.horizon.selection import Choice
+from penode.models.base import Model
+from penode.training.covariance import sandwich
+from penode.training.plan import Plan, Problem
+from penode.validation.coverage import thin
+from penode.validation.free_run import Comparison, compare, free_run_errors, with_unmeasured
+from penode.validation.residual_tests import residual_correlations, residual_spectrum
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """A climbed ladder and the choice made on it, of which a `Fit` is made.
+
+    Attributes
+    ----------
+    problem : LadderProblem
+        Objective, recordings and reported quantities.
+    start : Start
+        Where training began and what the data could tell before it.
+    plan : Plan
+        What was to be climbed.
+    rungs : sequence of HorizonFit
+        Shortest horizon first.
+    choice : Choice
+        The selector's answer.
+    contradictions : tuple of str
+        Of the choice by cross-checks, in sentences.
+    """
+
+    problem: LadderProblem
+    start: Start
+    plan: Plan
+    rungs: Sequence[HorizonFit]
+    choice: Choice
+    contradictions: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the physical parameters."""
+        return self.problem.objective.layout.physical
+
+    def fit(self, validation: Sequence[Experiment], began: float) -> Fit:
+        """Return the fit, every recording predicted by the selected model.
+
+        Parameters
+        ----------
+        validation : sequence of Experiment
+            Recordings that were not trained on.
+        began : float
+            When training began, of ``time.monotonic``.
+        """
+        provenance = {
+            **provenance_of((*self.problem.experiments, *validation)),
+            "training_time_s": time.monotonic() - began,
+            "placement": str(self.plan.placement),
+            "solver": str(self.plan.solver),
+            **self.start.facts,
+        }
+        predictor, experiments = self.problem.objective.predictor, self.problem.experiments
+        chosen = self.rungs[self.choice.index]
+        model = self._model(self._raw)
+        own = [self._model(self._raw, k) for k in range(len(experiments))]
+        seen = [compare(predictor, m, e, "train") for m, e in zip(own, experiments, strict=True)]
+        comparisons = (*seen, *(compare(predictor, model, e, "validation") for e in validation))
+        whole = [with_unmeasured(e, model) for e in experiments]
+        visited = np.concatenate([e.stack(model.states) for e in whole])
+        return Fit(
+            model=model,
+            parameters=self._estimates(),
+            horizon=self._horizon(),
+            excited=thin(visited),
+            comparisons=comparisons,
+            spectrum=residual_spectrum(comparisons[0]),
+            transitions=self._transitions(own[0]),
+            learned_uncertainty=self._uncertainty(chosen),
+            correlations=residual_correlations(comparisons[0], whole[0], model.inputs),
+            nuisances=self._nuisances(),
+            warnings=self._warnings(comparisons),
+            provenance=provenance,
+        )
+
+    @cached_property
+    def _consensus(self) -> Consensus:
+        agreeing = [self.rungs[k] for k in self.choice.agreeing]
+        if self.choice.verdict in AVERAGED:
+            return Consensus.of(agreeing)
+        return Consensus.around(self.rungs[self.choice.index], agreeing)
+
+    @cached_property
+    def _raw(self) -> FloatArray:
+        """The raw parameters reported, shape (parameter,)."""
+        chosen, problem = self.rungs[self.choice.index], self.problem
+        again = Problem(problem.objective, problem.reported, chosen.windows, self._moving)
+        return retrained(again, chosen, self._consensus.values)
+
+    @property
+    def _moving(self) -> BoolArray:
+        stage = self.plan.stages[self.choice.index]
+        return self.problem.objective.layout.members(stage.groups)
+
+    def _model(self, raw: FloatArray, experiment: int | None = None) -> Model:
+        with float64():
+            model: Model = self.problem.objective.layout.plain_model(raw, experiment)
+        return model
+
+    def _transitions(self, model: Model) -> FloatArray:
+        objective = self.problem.objective
+        if not objective.error.is_filtered_one_step:
+            return np.empty((0, 0, 0))
+        recording = self.problem.experiments[0]
+        return linearised(objective.predictor, model, recording, objective.scale)
+
+    def _uncertainty(self, chosen: HorizonFit) -> LearnedUncertainty:
+        layout = self.problem.objective.layout
+        moving = np.flatnonzero(self._moving)
+        known = np.isfinite(chosen.deviation[len(self.names) :]).all()
+        covariance = np.full((layout.size, layout.size), np.inf)
+        if known:
+            covariance[:] = 0.0
+            covariance[np.ix_(moving, moving)] = sandwich(chosen.solution.terms, chosen.windows)
+        agreeing = [self.rungs[k] for k in self.choice.agreeing]
+        physical, kept = len(self.names), layout.first_copies
+        squares = np.array([np.sum(rung.working[physical:] ** 2) for rung in agreeing])
+        precision = 1 / np.maximum(squares, 1e-300)
+        return LearnedUncertainty(
+            covariance=covariance[np.ix_(kept, kept)],
+            agreeing=np.stack([rung.solution.raw[kept] for rung in agreeing]),
+            weights=precision / precision.sum(),
+        )
+
+    def _nuisances(self) -> dict[str, FloatArray]:
+        with float64():
+            return self.problem.objective.layout.nuisances(self._raw)
+
+    def _estimates(self) -> dict[str, Estimate]:
+        layout, together = self.problem.objective.layout, self._consensus
+        settings = dict(zip(layout.names, layout.settings, strict=True))
+        return {
+            name: Estimate.of(
+                float(together.values[k]),
+                float(together.deviation[k]),
+                settings[name].unit,
+                self.start.identifiability.get(name),
+                settings[name].meaning,
+            )
+            for k, name in enumerate(self.names)
+        }
+
+    def _horizon(self) -> HorizonChoice:
+        verdict, reason = self.choice.verdict, self.choice.reason
+        hidden = self.start.indistinguishable
+        if hidden:
+            verdict = "not identifiable"
+            reason = f"{_hidden(self.start, hidden)} {self.start.repair}"
+        return HorizonChoice(
+            selected=self.rungs[self.choice.index].horizon,
+            verdict=verdict,
+            reason=reason,
+            ladder=self._ladder(),
+            plateau=tuple(self.rungs[k].horizon for k in self.choice.agreeing),
+        )
+
+    def _ladder(self) -> tuple[HorizonSummary, ...]:
+        problem, model = self.problem, self.problem.model
+        fits = [
+            [self._model(r.solution.raw, k) for k in range(len(problem.experiments))]
+            for r in self.rungs
+        ]
+        errors = free_run_errors(problem.objective.predictor, fits, problem.experiments)
+        measured = [name for name in model.states if name not in model.unmeasured]
+        units = [u for n, u in zip(model.states, model.state_units, strict=True) if n in measured]
+        pooled = np.sqrt(np.mean(errors**2, axis=1))
+        if len(set(units)) > 1:
+            pooled[:] = np.nan
+        return tuple(
+            HorizonSummary(
+                horizon=rung.horizon,
+                parameters=dict(zip(self.names, rung.values.tolist(), strict=False)),
+                std=dict(zip(self.names, rung.deviation.tolist(), strict=False)),
+                rmse=float(np.sqrt(rung.solution.terms.loss)),
+                free_run_rmse=_if_finite(together),
+                iterations=rung.solution.evaluations,
+                outcome=rung.solution.outcome,
+                free_run_errors=dict(zip(measured, map(_if_finite, each), strict=True)),
+            )
+            for rung, together, each in zip(self.rungs, pooled, errors, strict=True)
+        )
+
+    def _warnings(self, comparisons: Sequence[Comparison]) -> tuple[str, ...]:
+        warnings = [
+            f"{c.name}: the free run diverges; the map is unusable for simulation there."
+            for c in comparisons
+            if c.diverged
+        ]
+        warnings += self.contradictions
+        if len(self.rungs) < len(self.plan.stages):
+            warnings.append(self._shortfall())
+        hidden = self.start.indistinguishable
+        if hidden:
+            warnings.insert(0, f"{_hidden(self.start, hidden)} {self.start.repair}")
+        return (*warnings, *self.start.warnings)
+
+    def _shortfall(self) -> str:
+        reached, top = self.rungs[-1].horizon, self.plan.stages[-1].horizon
+        if self.choice.verdict == "stopped":
+            return f"Stopped after horizon {reached} of {top}; longer ones were not tried."
+        horizon = self.plan.stages[len(self.rungs)].horizon
+        return f"The predictions diverge at horizon {horizon}; longer ones were not tried."
+
+
+def _hidden(start: Start, names: Sequence[str]) -> str:
+    shares = ", ".join(f"{n} ({start.identifiability[n]:.1e} of it is its own)" for n in names)
+    return f"These data cannot tell {shares} from the learned map."
+
+
+def _if_finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,94 @@
+"""Inputs: the rows of a model's input by name, at one moment or over a part of a sample."""
+
+from collections.abc import Iterator
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import JaxArray
+from penode.errors import InputError
+
+
+class Inputs(eqx.Module):
+    """The input u of a model: ``u["omega_el"]``, or ``u[2]`` in the order of `Model.inputs`.
+
+    Attributes
+    ----------
+    values : array, shape (input, batch)
+        SI units.
+    names : tuple of str
+        Of the rows.
+    span : tuple of float, or None
+        The part of the sample that these values stand for, from its beginning to its end, in s
+        after the moment they belong to: (0, 0) for the moment alone, None where a solver's stages
+        stand for no part of the sample.
+    """
+
+    values: JaxArray
+    names: tuple[str, ...] = eqx.field(static=True)
+    span: tuple[float, float] | None = eqx.field(static=True, default=(0.0, 0.0))
+
+    def __getitem__(self, which: str | int | tuple[str, ...]) -> JaxArray:
+        """Return one row (batch,), or the rows (row, batch) of several names.
+
+        Raises
+        ------
+        KeyError
+            If there is no row of that name.
+        TypeError
+            If neither a name nor a place is given.
+        """
+        if isinstance(which, str):
+            return self.values[self._place(which)]
+        if isinstance(which, tuple):
+            places = [self._place(name) for name in which]
+            first = places[0]
+            if places == list(range(first, first + len(places))):
+                return self.values[first : first + len(places)]
+            return self.values[np.array(places)]
+        if isinstance(which, int):
+            return self.values[range(len(self.names))[which]]
+        raise TypeError(f"u[{which!r}] came; give the name of an input or its place.")
+
+    def __iter__(self) -> Iterator[JaxArray]:
+        """Iterate over the rows, so that ``u_d, u_q, speed = u`` works."""
+        return (self.values[k] for k in range(len(self.names)))
+
+    def replaced(self, **rows: JaxArray) -> "Inputs":
+        """Return the inputs with some rows (batch,) exchanged."""
+        kept = [rows.get(name, self.values[k]) for k, name in enumerate(self.names)]
+        return Inputs(jnp.stack(kept), self.names, self.span)
+
+    def over(self, span: tuple[float, float] | None) -> "Inputs":
+        """Return the same values for another part of the sample; see `span`."""
+        return Inputs(self.values, self.names, span)
+
+    def part_for(self, purpose: str) -> tuple[float, float]:
+        """Return the middle of the part of the sample and half its length, in s.
+
+        Parameters
+        ----------
+        purpose : str
+            What needs it, for the message.
+
+        Raises
+        ------
+        InputError
+            If the solver's stages stand for no part of the sample.
+        """
+        if self.span is None:
+            raise InputError(
+                f"{purpose} takes its mean over the part of a sample that a stage of the solver "
+                "stands for, and the stages of this solver stand for none; choose a Runge-Kutta "
+                "method without negative weights, such as RK4, or an implicit method."
+            )
+        begin, end = self.span
+        return 0.5 * (begin + end), 0.5 * (end - begin)
+
+    def _place(self, name: str) -> int:
+        try:
+            return self.names.index(name)
+        except ValueError:
+            known = ", ".join(self.names) or "none"
+            raise KeyError(f"no input {name!r}; the model's inputs are {known}") from None

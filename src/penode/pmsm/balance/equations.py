@@ -1,0 +1,141 @@
+"""The voltage balance of a recording in weak form, derived from the terms' own drops.
+
+The voltage equation is not written down here: columns are the slopes of `Term.drop`.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import FloatArray, JaxArray, float64
+from penode.data.experiment import Experiment
+from penode.models.inputs import Inputs
+from penode.models.parameters import with_batch_axis
+from penode.pmsm.machine.flux_maps import Flux
+from penode.pmsm.machine.terms import Term, channels_of, physical_places
+from penode.training.weak_form import WeakRegression, weak_regression
+
+CURRENTS = ("i_d", "i_q")
+VOLTAGES = ("u_d", "u_q")
+
+
+def balance_equations(
+    experiment: Experiment,
+    terms: Sequence[Term],
+    basis: FloatArray,
+    length: int,
+    further: Sequence[tuple[FloatArray, FloatArray]] = (),
+) -> WeakRegression:
+    """Return the weak form of d psi/dt = u - sum of drops, linear in what is unknown.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With i_d, i_q (A), u_d, u_q (V) and the channels of the terms.
+    terms : sequence of Term
+        Prepared; psi enters through them, such as through the rotation.
+    basis : ndarray, shape (time, 2, coefficient)
+        Flux linkage of each coefficient, in Vs or its share of it.
+    length : int
+        Samples in a window.
+    further : sequence of (ndarray, ndarray), each of shape (time, 2)
+        Stored and supplied quantity of further coefficients.
+
+    Returns
+    -------
+    WeakRegression
+        Columns: further ones, the terms' physical parameters in their order, the map.
+    """
+    known, by_parameter, by_map = term_columns(experiment, terms, basis)
+    stored = [*(s[..., None] for s, _ in further), np.zeros_like(by_parameter), basis]
+    supplied = [*(s[..., None] for _, s in further), -by_parameter, -by_map]
+    if known.any():
+        stored.append(np.zeros((len(experiment), 2, 1)))
+        supplied.append(-known[..., None])
+    whole = weak_regression(
+        np.concatenate(stored, axis=2),
+        np.concatenate(supplied, axis=2),
+        experiment.stack(VOLTAGES),
+        experiment.time_step,
+        length,
+    )
+    if not known.any():
+        return whole
+    return WeakRegression(whole.matrix[:, :-1], whole.target - whole.matrix[:, -1])
+
+
+def term_columns(
+    experiment: Experiment, terms: Sequence[Term], basis: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the drops of terms at every sample, as they depend on what is unknown.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With i_d, i_q (A), u_d, u_q (V) and the channels of the terms.
+    terms : sequence of Term
+        Their drops are linearised where their physical parameters stand, without flux linkage.
+    basis : ndarray, shape (time, 2, coefficient)
+        Flux linkage of each coefficient.
+
+    Returns
+    -------
+    known : ndarray, shape (time, 2)
+        What drops with all physical parameters and the flux linkage at zero, in V.
+    by_parameter : ndarray, shape (time, 2, parameter)
+        Derivative by each physical parameter, in V over its unit.
+    by_map : ndarray, shape (time, 2, coefficient)
+        Derivative by each coefficient of the map.
+    """
+    names = (*VOLTAGES, *channels_of(terms))
+    rows = [experiment.stack(CURRENTS), experiment.stack(names), basis]
+    parts = []
+    with float64():
+        for first in range(0, len(experiment), _CHUNK):
+            padded = (_padded(row[first : first + _CHUNK]) for row in rows)
+            x, u, psi = (jnp.asarray(np.moveaxis(part, 0, -1)) for part in padded)
+            parts.append([np.asarray(part) for part in _linearised(tuple(terms), x, u, names, psi)])
+    whole = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+    known, by_parameter, by_map = (
+        np.ascontiguousarray(np.moveaxis(part, -1, 0)[: len(experiment)]) for part in whole
+    )
+    return known, by_parameter, by_map
+
+
+#: Samples worked on together: every recording runs through the same program.
+_CHUNK = 4096
+
+
+def _padded(rows: FloatArray) -> FloatArray:
+    """Return rows (time, ...) repeated at the end to the length of a chunk."""
+    missing = [(0, _CHUNK - len(rows)), *[(0, 0)] * (rows.ndim - 1)]
+    return np.pad(rows, missing, mode="edge")
+
+
+@partial(jax.jit, static_argnums=3)
+def _linearised(
+    terms: tuple[Term, ...], x: JaxArray, u: JaxArray, names: tuple[str, ...], basis: JaxArray
+) -> tuple[JaxArray, JaxArray, JaxArray]:
+    """Return the drop without flux linkage, and its slopes; see `term_columns`, time last."""
+    terms, inputs, no_flux = with_batch_axis(terms), Inputs(u, names), jnp.zeros_like(x)
+    places = physical_places(terms)
+
+    def physical(terms: tuple[Term, ...]) -> list[JaxArray]:
+        return [getattr(terms[at], name) for at, name in places]
+
+    def drop(values: JaxArray, psi: JaxArray) -> JaxArray:
+        moved = eqx.tree_at(physical, terms, list(values[:, None]))
+        flux = Flux(psi, jnp.zeros((2, 2, 1)), no_flux)
+        return sum((term.drop(x, inputs, flux) for term in moved), no_flux)
+
+    def of_flux(psi: JaxArray) -> JaxArray:
+        return jax.jvp(partial(drop, values), (no_flux,), (psi,))[1]
+
+    values = jnp.concatenate([jnp.zeros(0), *physical(terms)])
+    by_parameter = jnp.moveaxis(jax.jacfwd(drop)(values, no_flux), -1, 1)
+    known = drop(values, no_flux) - jnp.sum(by_parameter * values[:, None], axis=1)
+    return known, by_parameter, jax.vmap(of_flux, in_axes=1, out_axes=1)(basis)

@@ -1,0 +1,64 @@
+"""A flux map that is linear in its coefficients: gradients of a polynomial coenergy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.arrays import FloatArray
+
+#: Degree of the polynomial coenergy, and of the polynomials of a map without coenergy.
+_DEGREE = {True: 8, False: 6}
+
+
+@dataclass(frozen=True, eq=False)
+class PolynomialMap:
+    """Flux map that is linear in its coefficients, on currents scaled to the unit disc.
+
+    Attributes
+    ----------
+    reciprocal : bool
+        Gradient of a polynomial coenergy, or two free polynomials.
+    current_scale : float
+        A (peak).
+    degree : int or None
+        Of the coenergy, or of the free polynomials; 8 and 6 if not given.
+    """
+
+    reciprocal: bool
+    current_scale: float
+    degree: int | None = None
+
+    def basis(self, currents: FloatArray) -> FloatArray:
+        """Return the map of each coefficient, shape (time, 2, coefficient), at (time, 2) in A."""
+        x, y = (currents / self.current_scale).T
+        degree = self.degree or _DEGREE[self.reciprocal]
+        powers = [(m, n) for m in range(degree + 1) for n in range(degree + 1 - m)]
+        if self.reciprocal:
+            columns = [
+                (m * x ** max(m - 1, 0) * y**n, n * x**m * y ** max(n - 1, 0))
+                for m, n in powers
+                if m + n > 0
+            ]
+        else:
+            zero = np.zeros_like(x)
+            columns = [(x**m * y**n, zero) for m, n in powers]
+            columns += [(zero, x**m * y**n) for m, n in powers]
+        return np.stack([np.stack(column, axis=1) for column in columns], axis=2)
+
+    def slopes(self, currents: FloatArray) -> FloatArray:
+        """Return the slopes of each coefficient's map over the currents, in 1/A.
+
+        Parameters
+        ----------
+        currents : ndarray, shape (time, 2)
+            A.
+
+        Returns
+        -------
+        ndarray, shape (time, 2, 2, coefficient)
+            Flux linkage first, then the current it is derived by; by central differences.
+        """
+        step = 1e-4 * self.current_scale
+        shifts = step * np.eye(2)
+        found = [self.basis(currents + d) - self.basis(currents - d) for d in shifts]
+        return np.stack(found, axis=2) / (2 * step)

@@ -1,0 +1,208 @@
+"""The voltage balance on trial: how well a recording obeys it as it stands, in well under a second.
+
+A low polynomial coenergy, R and the mean of a dead time by the current's direction are found in
+weak form. The rotor's angle is not used, so that a wrong one cannot spoil the judgement.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import FloatArray, JaxArray, Leaf
+from penode.data.experiment import Experiment
+from penode.models.inputs import Inputs
+from penode.models.parameters import parameter, physical
+from penode.pmsm.balance.equations import CURRENTS, VOLTAGES, balance_equations
+from penode.pmsm.balance.polynomial_map import PolynomialMap
+from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.machine.flux_maps import Flux
+from penode.pmsm.machine.terms import Term, completed
+from penode.training.covariance import bartlett
+from penode.training.weak_form import WeakRegression
+
+#: Degree of the coenergy: enough for factors and the magnet, and for timing and R.
+_DEGREE, FINE_DEGREE = 4, 8
+#: Share of the largest current below which the mean dead-time voltage fades.
+_FADE = 0.02
+#: Points at which the differential inductance is looked at.
+_POINTS = 200
+#: Windows for the timing, in windows that null the sixth harmonic; the larger null orders 1 and 2.
+_TIMING_WINDOWS = (1, 3, 6, 12)
+#: Fewest windows in a recording: what fewer leave over is little in any case.
+_FEWEST = 16
+#: Turn of the voltage in rad that need not be a delay: dead time, resolver, hold.
+_OTHER_TURN = 0.01
+#: Equations that share samples with one: two axes, windows overlapping by three quarters.
+_OVERLAPPING = 16
+
+
+@dataclass(frozen=True, eq=False)
+class TrialBalance:
+    """What the balance makes of a recording.
+
+    Attributes
+    ----------
+    resistance, deviation : float
+        R and its HAC deviation in ohm.
+    leftover : float
+        What is left of the voltages, over the voltages (root mean square).
+    definite : float
+        Share of the visited currents at which d psi / d i is positive definite, as it must be.
+    magnet : ndarray, shape (2,)
+        Flux linkage at no current in Vs.
+    magnet_deviation : float
+        HAC deviation of its q part in Vs.
+    inductance : ndarray, shape (2,)
+        L_dd and L_qq at no current in H.
+    """
+
+    resistance: float
+    deviation: float
+    leftover: float
+    definite: float
+    magnet: FloatArray
+    magnet_deviation: float
+    inductance: FloatArray
+
+    @property
+    def doubt(self) -> float:
+        """The leftover, doubled where no d psi / d i is positive definite: smaller is better."""
+        return self.leftover * (2.0 - self.definite)
+
+
+def try_balance(
+    experiment: Experiment, window: int | None = None, degree: int = _DEGREE
+) -> TrialBalance:
+    """Solve the balance of one recording.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
+    window : int, optional
+        Samples in a window; those that null the sixth harmonic without.
+    degree : int
+        Of the coenergy.
+
+    Returns
+    -------
+    TrialBalance
+    """
+    currents = experiment.stack(CURRENTS)
+    polynomial = _polynomial(currents, degree)
+    length = window or trial_window(experiment)
+    basis = polynomial.basis(currents)
+    equations = balance_equations(experiment, _terms(currents), basis, length)
+    solution = equations.solve()
+    weights = solution[2:]
+    points = currents[:: max(len(currents) // _POINTS, 1)]
+    slopes = polynomial.slopes(points) @ weights
+    origin = np.zeros((1, 2))
+    return TrialBalance(
+        resistance=float(solution[0]),
+        deviation=equations.deviation(0),
+        leftover=float(
+            np.linalg.norm(equations.target - equations.matrix @ solution)
+            / np.linalg.norm(equations.target)
+        ),
+        definite=float(np.mean(np.linalg.eigvalsh(slopes)[:, 0] > 0.0)),
+        magnet=(polynomial.basis(origin) @ weights)[0],
+        # The coefficient of i_q in the coenergy, which comes first, is psi_q at no current.
+        magnet_deviation=equations.deviation(2),
+        inductance=np.diag((polynomial.slopes(origin) @ weights)[0]),
+    )
+
+
+def trial_window(experiment: Experiment) -> int:
+    """Return the window in samples that nulls the sixth harmonic, or what a short recording has."""
+    return min(harmonic_window(experiment), max(len(experiment) // _FEWEST, 1))
+
+
+def lag_of_voltage(experiment: Experiment, in_phases: bool) -> tuple[float, float]:
+    """Return by how many samples the voltage lags behind its place, and the deviation of that.
+
+    What a voltage late by tau was is u + tau du/dt, with du/dt + omega J u for one of phases, which
+    the rotor turned away from: linear in tau. As a little turn has other reasons too, such as dead
+    time, that of phases is told from tau du/dt alone where the rotor turns slowly. Of windows of
+    several lengths the one with the least deviation is taken.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        As in `try_balance`.
+    in_phases : bool
+        Whether the voltages were recorded in phases.
+    """
+    currents, voltage = experiment.stack(CURRENTS), experiment.stack(VOLTAGES)
+    terms, basis = _terms(currents), _polynomial(currents, FINE_DEGREE).basis(currents)
+    turned = np.stack([-voltage[:, 1], voltage[:, 0]], axis=1)
+    turn = experiment.channels["omega_el"] * experiment.time_step
+    earlier, nothing = -experiment.time_step * voltage, np.zeros_like(voltage)
+    tried = [([(earlier, nothing)], 0.0)]
+    if in_phases:
+        doubt = _OTHER_TURN / max(float(np.median(np.abs(turn))), 1e-9)
+        tried = [
+            ([(earlier, turn[:, None] * turned)], doubt),
+            ([(earlier, nothing), (nothing, turned)], 0.0),
+        ]
+    window = trial_window(experiment)
+    longest = len(experiment) // _FEWEST
+    found = []
+    for length in (n * window for n in _TIMING_WINDOWS if n * window <= longest):
+        for columns, doubt in tried:
+            equations = balance_equations(experiment, terms, basis, length, columns)
+            deviation, lag = _first_coefficient(equations)
+            found.append((float(np.hypot(deviation, doubt)), lag))
+    deviation, lag = min(found)
+    return lag, deviation
+
+
+def _first_coefficient(equations: WeakRegression) -> tuple[float, float]:
+    """Return the HAC deviation of the first coefficient, and its least-squares value.
+
+    What `WeakRegression` tells by a singular value decomposition, here by one QR, ten times faster.
+    """
+    others = equations.matrix[:, 1:]
+    basis = np.linalg.qr(others / np.maximum(np.linalg.norm(others, axis=0), 1e-300))[0]
+    own, target = (
+        part - basis @ (basis.T @ part) for part in (equations.matrix[:, 0], equations.target)
+    )
+    gain = own / max(float(own @ own), 1e-300)
+    value = float(gain @ target)
+    lags = max(2 * int((len(own) / 2) ** 0.6), _OVERLAPPING)
+    share = gain * (target - value * own)
+    return float(np.sqrt(bartlett(share[None], lags)[0, 0])), value
+
+
+def _terms(currents: FloatArray) -> tuple[Term, ...]:
+    """Return resistance, rotation, and a dead time by the direction of the current."""
+    return completed([DirectedDeadTime(fade=_FADE * float(np.hypot(*currents.T).max()))])
+
+
+class DirectedDeadTime(Term):
+    """dU i / |i|: the mean of dead time over the rotor's angle, faded out below a current.
+
+    Attributes
+    ----------
+    directed_voltage : array, shape ()
+        Along the current, in V.
+    fade : array, shape ()
+        Length of the current in A at which 71 % of it are lost.
+    """
+
+    role: ClassVar[str] = "dead time"
+    title: ClassVar[str] = "Mean dead time"
+
+    directed_voltage: Leaf = physical("V", default=0.0)
+    fade: Leaf = parameter(unit="A", group="held", default=1.0)
+
+    def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
+        """Return dU i / |i| in V; see `Term.drop`."""
+        length = jnp.hypot(x[0], x[1])
+        return self.directed_voltage * x / jnp.hypot(length, self.fade)
+
+
+def _polynomial(currents: FloatArray, degree: int) -> PolynomialMap:
+    return PolynomialMap(True, float(np.hypot(*currents.T).max()), degree)

@@ -1,0 +1,1 @@
+"""Two flux maps beside each other."""

@@ -1,0 +1,1 @@
+"""Control loci: MTPA, MTPV and torque over speed."""

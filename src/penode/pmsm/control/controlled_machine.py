@@ -1,0 +1,88 @@
+"""What a controller's operating points rest on: flux map, inductance, resistance, pole pairs.
+
+T = 3/2 p (psi_d i_q - psi_q i_d) and, in steady state, u = R i + omega J psi.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.arrays import BoolArray, FloatArray
+from penode.errors import InputError
+from penode.fit.fit import Fit
+
+
+def _everywhere(points: FloatArray) -> BoolArray:
+    return np.ones(len(points), dtype=bool)
+
+
+@dataclass(frozen=True, eq=False)
+class ControlledMachine:
+    """What the loci need to know of a machine.
+
+    Attributes
+    ----------
+    flux_map : callable
+        (i_d, i_q) in A to psi (2, ...) in Vs: of a `Fit`, a `FluxGrid` or a closed form.
+    differential_inductance : callable
+        (i_d, i_q) in A to L = d psi / d i (2, 2, ...) in H.
+    pole_pairs : int
+        p.
+    resistance : float
+        R of one phase in ohm.
+    supported : callable
+        Whether currents (point, 2) in A are backed by recordings; by default all are.
+    """
+
+    flux_map: Callable[..., FloatArray]
+    differential_inductance: Callable[..., FloatArray]
+    pole_pairs: int
+    resistance: float = 0.0
+    supported: Callable[[FloatArray], BoolArray] = _everywhere
+
+    @classmethod
+    def of(cls, fit: Fit, pole_pairs: int | None = None) -> "ControlledMachine":
+        """Return the machine of a fit; without R where the recordings could not tell it.
+
+        Raises
+        ------
+        InputError
+            If neither the fit nor the caller says the pole pairs.
+        """
+        pairs = fit.provenance.get("pole_pairs") if pole_pairs is None else pole_pairs
+        if not pairs or pairs < 1:
+            raise InputError(
+                f"{pairs or 'no'} pole pairs came, and the torque needs them; give --pole-pairs, a "
+                "whole number from 1."
+            )
+        resistance = fit.parameters["R"].value if fit.horizon.answered else 0.0
+        return cls(fit.flux_map, fit.differential_inductance, pairs, resistance, fit.supported)
+
+    def torque(self, current: FloatArray) -> FloatArray:
+        """Return T (point,) in Nm at currents (2, point) in A."""
+        psi = self.flux_map(*current)
+        torque: FloatArray = 1.5 * self.pole_pairs * (psi[0] * current[1] - psi[1] * current[0])
+        return torque
+
+    def torque_slope(self, current: FloatArray) -> FloatArray:
+        """Return dT/di (2, point) in Nm/A."""
+        psi, inductance = self.flux_map(*current), self.differential_inductance(*current)
+        turned = np.stack([current[1], -current[0]])
+        slope = np.einsum("ab...,a...->b...", inductance, turned) + quarter_turned(psi)
+        return np.asarray(1.5 * self.pole_pairs * slope)
+
+    def voltage(self, current: FloatArray, speed: FloatArray | float) -> FloatArray:
+        """Return the steady u (2, point) in V at an electrical speed in rad/s."""
+        return self.resistance * current + speed * quarter_turned(self.flux_map(*current))
+
+    def voltage_slope(self, current: FloatArray, speed: FloatArray | float) -> FloatArray:
+        """Return du/di (2, 2, point) in ohm."""
+        slope: FloatArray = speed * quarter_turned(self.differential_inductance(*current))
+        slope[[0, 1], [0, 1]] += self.resistance
+        return slope
+
+
+def quarter_turned(vector: FloatArray) -> FloatArray:
+    """Return J times a vector or matrix whose first axis is (d, q)."""
+    return np.stack([-vector[1], vector[0]])

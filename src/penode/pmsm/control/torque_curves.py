@@ -1,0 +1,130 @@
+"""The most torque on closed curves of currents, many curves at once."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from penode.arrays import FloatArray
+from penode.pmsm.control.controlled_machine import ControlledMachine, quarter_turned
+from penode.pmsm.control.inversion import inverse, solved
+
+#: Angles of a curve in rad that are tried before the best one is refined.
+ANGLES = np.linspace(-np.pi, np.pi, 121)
+#: Rounds of refinement, and angles in each; the distance to the root is squared every time.
+_ROUNDS, _WITHIN = 4, np.linspace(-1, 1, 11)
+#: First guesses of a current: a grid, up to this many times the current limit.
+_GUESSES, _REACH = 41, 1.25
+
+
+class Curves(Protocol):
+    """Closed curves of currents."""
+
+    def __call__(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return currents and their slopes over the angle, both (2, curve, angle).
+
+        Parameters
+        ----------
+        angle : ndarray, shape (curve, angle) or (1, angle)
+            In rad.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Circles:
+    """Currents of one magnitude, by their angle.
+
+    Attributes
+    ----------
+    radius : ndarray, shape (curve,)
+        In A.
+    """
+
+    radius: FloatArray
+
+    def __call__(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return currents in A and their slopes in A/rad, see `Curves`."""
+        current = self.radius[:, None] * np.stack([np.cos(angle), np.sin(angle)])
+        return current, quarter_turned(current)
+
+
+@dataclass(frozen=True, eq=False)
+class VoltageCurves:
+    """Currents at which the voltage has one magnitude, by the angle of the voltage.
+
+    Attributes
+    ----------
+    machine : ControlledMachine
+    speed : ndarray, shape (curve,)
+        Electrical, in rad/s.
+    magnitude : ndarray, shape (curve,)
+        In V.
+    reach : float
+        Current in A around which first guesses are spread.
+    """
+
+    machine: ControlledMachine
+    speed: FloatArray
+    magnitude: FloatArray
+    reach: float
+
+    def __call__(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return currents in A, NaN where none was found, and their slopes, see `Curves`."""
+        voltage = self.magnitude[:, None] * np.stack([np.cos(angle), np.sin(angle)])
+        flat, start = voltage.reshape(2, -1), self._nearest(voltage).reshape(2, -1)
+        speed = np.broadcast_to(self.speed[:, None], voltage.shape[1:]).ravel()
+        current = inverse(
+            lambda i: self.machine.voltage(i, speed),
+            lambda i: self.machine.voltage_slope(i, speed),
+            flat,
+            start,
+        )
+        along = solved(self.machine.voltage_slope(current, speed), quarter_turned(flat))
+        return current.reshape(voltage.shape), along.reshape(voltage.shape)
+
+    def _nearest(self, voltage: FloatArray) -> FloatArray:
+        """Return the currents of a grid whose voltages are nearest, of the shape of voltage."""
+        axis = _REACH * self.reach * np.linspace(-1, 1, _GUESSES)
+        cloud = np.stack(np.meshgrid(axis, axis)).reshape(2, -1)
+        still, flux = self.machine.resistance * cloud, quarter_turned(self.machine.flux_map(*cloud))
+        rows = [
+            cloud[:, cKDTree((still + speed * flux).T).query(wanted.T)[1]]
+            for speed, wanted in zip(self.speed, np.moveaxis(voltage, 1, 0), strict=True)
+        ]
+        return np.stack(rows, axis=1) if rows else voltage
+
+
+def most_torque(machine: ControlledMachine, curves: Curves) -> FloatArray:
+    """Return the current of most torque on each curve.
+
+    Parameters
+    ----------
+    machine : ControlledMachine
+    curves : Curves
+
+    Returns
+    -------
+    ndarray, shape (2, curve)
+        In A; NaN for a curve on which no current was found.
+    """
+    torque = machine.torque(curves(ANGLES[None])[0])
+    best = ANGLES[np.where(np.isnan(torque), -np.inf, torque).argmax(axis=1)]
+    width = ANGLES[1] - ANGLES[0]
+    for _ in range(_ROUNDS):
+        angle = best[:, None] + width * _WITHIN
+        current, along = curves(angle)
+        best = _falling_zero(angle, (machine.torque_slope(current) * along).sum(axis=0), best)
+        width *= _WITHIN[1] - _WITHIN[0]
+    return curves(best[:, None])[0][..., 0]
+
+
+def _falling_zero(angle: FloatArray, slope: FloatArray, otherwise: FloatArray) -> FloatArray:
+    """Return where each row of slopes falls through zero, interpolated; else what was given."""
+    falls = (slope[:, :-1] > 0) & (slope[:, 1:] <= 0)
+    rows, cell = np.arange(len(angle)), falls.argmax(axis=1)
+    before, after = slope[rows, cell], slope[rows, cell + 1]
+    with np.errstate(all="ignore"):
+        share = before / (before - after)
+    found = angle[rows, cell] + share * (angle[:, 1] - angle[:, 0])
+    return np.where(falls.any(axis=1), found, otherwise)

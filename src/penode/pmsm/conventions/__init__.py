@@ -1,0 +1,1 @@
+"""Conventions that a drive recording may break, tested against physics."""

@@ -1,0 +1,116 @@
+"""Conventions of a drive recording, tested against physics before anything is trained.
+
+Angle and speed come first, then the order of phases, signs, the speed's side, timing, the angle's
+zero and scales: what is found is mended for the judgement of the next.
+"""
+
+from dataclasses import dataclass
+
+from penode.data.experiment import Experiment
+from penode.pmsm.balance.trial_balance import try_balance
+from penode.pmsm.conventions.balance import (
+    judge_delay,
+    judge_magnet,
+    judge_signs,
+    judge_speed_factor,
+)
+from penode.pmsm.conventions.broken_convention import BrokenConvention, Judge
+from penode.pmsm.conventions.motion import judge_angle_unit, judge_speed_and_angle
+from penode.pmsm.conventions.phases import judge_phases, judge_turns
+from penode.pmsm.conventions.scales import judge_rms_by_phases, judge_rms_by_plate, judge_units
+from penode.pmsm.recording.channels import drive_recording
+from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
+
+
+@dataclass(frozen=True)
+class Conventions:
+    """What the physics says of a recording's channels.
+
+    Attributes
+    ----------
+    broken : tuple of BrokenConvention
+        Empty where nothing speaks against the channels.
+    untold : tuple of str
+        What could not be judged, and why, a sentence each.
+    """
+
+    broken: tuple[BrokenConvention, ...]
+    untold: tuple[str, ...]
+
+
+def check_conventions(
+    experiment: Experiment, pole_pairs: int | None = None, plate: NamePlate = NO_PLATE
+) -> Conventions:
+    """Test the conventions of one recording.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Channels as a study file maps them: dq or phase quantities, omega_el, theta_el.
+    pole_pairs : int, optional
+        Of the machine.
+    plate : NamePlate
+        Of the machine; only against it, or against phases recorded beside, rms shows.
+
+    Returns
+    -------
+    Conventions
+
+    Raises
+    ------
+    InputError
+        If a channel is missing or never moves; see
+        `penode.pmsm.recording.channels.drive_recording`.
+    """
+    kinds = "".join(kind for kind in "ui" if _in_phases(experiment, kind))
+    broken, mended = _judge_motion(experiment, kinds)
+    broken += judge_rms_by_phases(mended)
+    drive = drive_recording(mended)
+    steps: list[Judge] = [judge_signs]
+    if "theta_el" not in drive.channels:
+        steps.append(lambda run: judge_speed_factor(run, pole_pairs))
+    for judge in steps:
+        found, drive = judge(drive)
+        broken += (found,) if found else ()
+    late, drive, why = judge_delay(drive, "u" in kinds)
+    aside, why_not = judge_magnet(drive, kinds == "ui")
+    broken += tuple(found for found in (late, aside) if found)
+    untold = tuple(reason for reason in (why, why_not) if reason)
+    trial = try_balance(drive)
+    broken += judge_units(drive, trial)
+    broken += judge_rms_by_plate(drive, plate)
+    if plate.magnet_flux_linkage is None and not _has_both(experiment):
+        untold += (
+            "Rms values cannot be told from peak values; give magnet_flux_linkage and resistance "
+            "in [name_plate] of the study file, or record phase channels beside.",
+        )
+    return Conventions(broken, untold)
+
+
+def _judge_motion(
+    experiment: Experiment, kinds: str
+) -> tuple[tuple[BrokenConvention, ...], Experiment]:
+    """Judge angle, speed and phases; return what was found and the recording mended."""
+    steps: list[Judge] = []
+    if "theta_el" in experiment.channels:
+        steps.append(judge_angle_unit)
+        if "omega_el" in experiment.channels:
+            steps.append(judge_speed_and_angle)
+    if kinds:
+        steps.append(lambda run: judge_turns(run, kinds))
+        steps.append(lambda run: judge_phases(run, kinds))
+    broken: tuple[BrokenConvention, ...] = ()
+    for judge in steps:
+        found, experiment = judge(experiment)
+        broken += (found,) if found else ()
+    return broken, experiment
+
+
+def _in_phases(experiment: Experiment, kind: str) -> bool:
+    """Tell whether a kind is to be had from phases alone."""
+    return f"{kind}_d" not in experiment.channels and f"{kind}_a" in experiment.channels
+
+
+def _has_both(experiment: Experiment) -> bool:
+    both = (f"{kind}_{axis}" for kind in "ui" for axis in "dabc")
+    return all(name in experiment.channels for name in both)

@@ -1,0 +1,139 @@
+"""Conventions of angle and speed, which need no machine to be judged.
+
+The angle starts again after one turn, and its slope is the speed.
+"""
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.data.experiment import Experiment
+from penode.pmsm.conventions.broken_convention import BrokenConvention, Judged, with_channels
+
+#: What a turn of an angle may be in, beside rad: unit -> size of a turn.
+_TURNS = {"deg": 360.0, "turn": 1.0}
+_TURN_TOLERANCE = 0.05
+_RATIO_TOLERANCE = 0.02
+MOST_POLE_PAIRS = 24
+
+
+def judge_angle_unit(experiment: Experiment) -> Judged:
+    """Find an angle that is not in rad, by the size of its turn, or by its slope over the speed.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With theta_el.
+
+    Returns
+    -------
+    BrokenConvention or None
+    Experiment
+        With the angle in rad.
+    """
+    angle = experiment.channels["theta_el"]
+    turn, shown = _turn_of(experiment)
+    for unit, size in _TURNS.items():
+        if turn is not None and abs(turn / size - 1.0) < _TURN_TOLERANCE:
+            found = BrokenConvention(
+                "degrees for radians" if unit == "deg" else "turns for radians",
+                experiment.name,
+                ("theta_el",),
+                shown,
+                f'give theta_el unit = "{unit}"',
+            )
+            return found, with_channels(experiment, {"theta_el": angle * (2 * np.pi / size)})
+    return None, experiment
+
+
+def _turn_of(experiment: Experiment) -> tuple[float | None, str]:
+    """Return the size of a turn of the recorded angle, and what shows it."""
+    angle = experiment.channels["theta_el"]
+    span, steps = float(np.ptp(angle)), np.diff(angle)
+    jumps = np.abs(steps) > 0.5 * span
+    if jumps.any() and not jumps.all():
+        usual = float(np.median(np.abs(steps[~jumps])))
+        turn = float(np.median(np.abs(steps[jumps]))) + usual
+        return turn, f"the angle starts again after {turn:.4g} where a turn is {2 * np.pi:.4g} rad"
+    if "omega_el" not in experiment.channels:
+        return None, ""
+    ratio = _slope_over_speed(steps, experiment)
+    return 2 * np.pi * abs(ratio), f"the angle turns {ratio:.4g} times as fast as the speed says"
+
+
+def judge_speed_and_angle(experiment: Experiment) -> Judged:
+    """Find a speed or an angle of the shaft, by the slope of the angle over the speed.
+
+    A ratio of -1 is left to the voltage balance, which tells which of the two is reversed.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With omega_el, and theta_el in rad.
+
+    Returns
+    -------
+    BrokenConvention or None
+    Experiment
+        With electrical speed and angle.
+    """
+    ratio = angle_over_speed(experiment)
+    size = abs(ratio)
+    evidence = f"the angle turns {ratio:.4g} times as fast as the speed says"
+    for pairs in range(2, MOST_POLE_PAIRS + 1):
+        if abs(size / pairs - 1.0) < _RATIO_TOLERANCE:
+            found = BrokenConvention(
+                "mechanical speed for electrical",
+                experiment.name,
+                ("omega_el",),
+                f"{evidence}, as with {pairs} pole pairs",
+                f"give omega_el mechanical = true, and pole_pairs = {pairs}",
+            )
+            speed = experiment.channels["omega_el"] * pairs
+            return found, with_channels(experiment, {"omega_el": speed})
+        if abs(size * pairs - 1.0) < _RATIO_TOLERANCE:
+            return of_shaft(experiment, pairs, evidence)
+    if abs(size - 1.0) < _RATIO_TOLERANCE:
+        return None, experiment
+    found = BrokenConvention(
+        "angle against speed",
+        experiment.name,
+        ("omega_el", "theta_el"),
+        evidence,
+        "give both their units, and mechanical = true where one is of the shaft",
+    )
+    return found, experiment
+
+
+def angle_over_speed(experiment: Experiment) -> float:
+    """Return the slope of theta_el (rad) over omega_el (rad/s): 1 where they agree."""
+    return _slope_over_speed(np.diff(np.unwrap(experiment.channels["theta_el"])), experiment)
+
+
+def _slope_over_speed(steps: FloatArray, experiment: Experiment) -> float:
+    speed = experiment.channels["omega_el"]
+    expected = 0.5 * (speed[1:] + speed[:-1]) * experiment.time_step
+    square = float(expected @ expected)
+    return float(steps @ expected) / square if square > 0.0 else 1.0
+
+
+def of_shaft(experiment: Experiment, pairs: int, evidence: str) -> Judged:
+    """Return the finding of a mechanical angle, and the recording with the electrical one.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With theta_el of the shaft in rad.
+    pairs : int
+        Pole pairs.
+    evidence : str
+        What shows it.
+    """
+    found = BrokenConvention(
+        "mechanical angle for electrical",
+        experiment.name,
+        ("theta_el",),
+        f"{evidence}, as with {pairs} pole pairs",
+        f"give theta_el mechanical = true, and pole_pairs = {pairs}",
+    )
+    angle = np.unwrap(experiment.channels["theta_el"]) * pairs
+    return found, with_channels(experiment, {"theta_el": angle})

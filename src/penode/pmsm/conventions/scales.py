@@ -1,0 +1,131 @@
+"""Conventions of scale: kA for A, duty for volts, rms for peak.
+
+The voltage balance holds in any unit, so scales show in magnitudes alone, and a factor of sqrt(2)
+only against phase channels recorded beside, or against a name plate. Against the
+time constant L/R, which no unit of voltage or current changes, currents below an ampere look odd
+in a large machine.
+"""
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.pmsm.balance.trial_balance import FINE_DEGREE, TrialBalance, try_balance
+from penode.pmsm.conventions.broken_convention import BrokenConvention
+from penode.pmsm.recording.name_plate import NamePlate
+
+#: Currents in A below which they may be kA, in a machine of this L/R in s or more.
+_SMALL_CURRENT, _LARGE_MACHINE = 2.0, 6e-3
+#: Voltages below which they may be shares of the link (up to 2 / sqrt(3) of half of it), where the
+#: largest current drops less than this in R, both in V.
+_LARGEST_SHARE, _SMALL_DROP = 1.16, 0.1
+#: sqrt(2) and 1 are told apart at the geometric mean, and taken for themselves this far around.
+_TOLERANCE, _TOLERANCE_OF_R = 0.13, 0.115
+#: Deviation of R, as a share of it, up to which it is held against the name plate.
+_TOLD = 0.1
+
+_ROOT = 2.0**0.5
+_NAMES = {"u": ("u_d", "u_q"), "i": ("i_d", "i_q")}
+_WORDS = {"u": "voltages", "i": "currents"}
+
+
+def judge_units(experiment: Experiment, trial: TrialBalance) -> tuple[BrokenConvention, ...]:
+    """Find currents in kA and voltages that are shares of the dc link.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With i_d, i_q, u_d, u_q.
+    trial : TrialBalance
+        Of the same recording.
+    """
+    current = float(np.hypot(*experiment.stack(_NAMES["i"]).T).max())
+    voltage = float(np.hypot(*experiment.stack(_NAMES["u"]).T).max())
+    drop = abs(trial.resistance) * current
+    constant = float(trial.inductance.mean()) / max(abs(trial.resistance), 1e-300)
+    found = []
+    if voltage <= _LARGEST_SHARE and drop < _SMALL_DROP and voltage < current:
+        found.append(
+            BrokenConvention(
+                "duty for volts",
+                experiment.name,
+                _NAMES["u"],
+                f"no voltage is above {voltage:.3g} V, and {current:.4g} A drop {drop:.2g} V in R, "
+                "as if the voltages were shares of the dc link",
+                'name its column as times = "..." of the voltages, or give scale = its volts '
+                '(unit = "kV" if they are kV)',
+            )
+        )
+    elif current < _SMALL_CURRENT and constant > _LARGE_MACHINE:
+        found.append(
+            BrokenConvention(
+                "kA for A",
+                experiment.name,
+                _NAMES["i"],
+                f"no current is above {current:.3g} A in a machine whose L/R of "
+                f"{1e3 * constant:.3g} ms and R of {abs(trial.resistance):.3g} ohm are those of "
+                f"{1e3 * current:.4g} A",
+                'give i_d and i_q (or the phases) unit = "kA"',
+            )
+        )
+    return tuple(found)
+
+
+def judge_rms_by_phases(experiment: Experiment) -> tuple[BrokenConvention, ...]:
+    """Find dq channels in rms where phase channels were recorded beside them.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With dq channels, and phase channels of some kinds.
+    """
+    found = []
+    for kind in "ui":
+        phases = [f"{kind}_{phase}" for phase in "abc"]
+        if not all(name in experiment.channels for name in (*phases, *_NAMES[kind])):
+            continue
+        three = experiment.stack(phases)
+        three = three - three.mean(axis=1, keepdims=True)
+        dq = experiment.stack(_NAMES[kind])
+        ratio = float(np.sqrt(np.sum(dq**2) / max(2.0 / 3.0 * np.sum(three**2), 1e-300)))
+        if abs(ratio * _ROOT - 1.0) < _TOLERANCE:
+            evidence = f"the dq {_WORDS[kind]} are {ratio:.3f} times as long as those of the phases"
+            found.append(_rms(experiment, kind, evidence))
+    return tuple(found)
+
+
+def judge_rms_by_plate(experiment: Experiment, plate: NamePlate) -> tuple[BrokenConvention, ...]:
+    """Find voltages or currents in rms against a name plate.
+
+    Voltages in rms make the magnet's flux linkage and R 0.71 times as large, currents in rms make R
+    1.41 times as large, as does copper that is 104 K warmer.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With i_d, i_q (A), u_d, u_q (V), omega_el (rad/s).
+    plate : NamePlate
+    """
+    if plate.magnet_flux_linkage is None:
+        return ()
+    found = []
+    trial, fine = try_balance(experiment), try_balance(experiment, degree=FINE_DEGREE)
+    flux = float(np.hypot(*trial.magnet)) / plate.magnet_flux_linkage
+    volts_in_rms = abs(flux * _ROOT - 1.0) < _TOLERANCE
+    if volts_in_rms:
+        evidence = f"the magnet's flux linkage is {flux:.2f} times that of the name plate"
+        found.append(_rms(experiment, "u", evidence))
+    if plate.resistance is not None and fine.deviation < _TOLD * fine.resistance:
+        ratio = fine.resistance / plate.resistance
+        expected = 1.0 if volts_in_rms else _ROOT
+        if abs(ratio / expected - 1.0) < _TOLERANCE_OF_R:
+            evidence = f"R is {ratio:.2f} times that of the name plate"
+            found.append(_rms(experiment, "i", evidence))
+    return tuple(found)
+
+
+def _rms(experiment: Experiment, kind: str, evidence: str) -> BrokenConvention:
+    names = _NAMES[kind]
+    mend = f"give {' and '.join(names)} rms = true"
+    return BrokenConvention(
+        f"rms for peak ({_WORDS[kind]})", experiment.name, names, evidence, mend
+    )

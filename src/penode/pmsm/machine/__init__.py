@@ -1,0 +1,1 @@
+"""The machine: voltage equation, terms, flux maps, frames and holds."""

@@ -1,0 +1,1 @@
+"""What recordings can answer, before any training."""

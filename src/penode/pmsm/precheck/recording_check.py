@@ -1,0 +1,172 @@
+"""Everything that can be said of recordings before any training."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from penode.arrays import one_blas_thread
+from penode.data.experiment import Experiment
+from penode.data.quality import Finding, inspect
+from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
+from penode.pmsm.conventions.broken_convention import BrokenConvention
+from penode.pmsm.conventions.check import check_conventions
+from penode.pmsm.machine.terms import Term
+from penode.pmsm.precheck.excitation import Excitation, excitation_of
+from penode.pmsm.precheck.identifiability import Prospects, prospects_of
+from penode.pmsm.recording.channels import drive_recording, require_channels
+from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
+
+_INSPECTED = ("u", "i")
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingCheck:
+    """What the check found.
+
+    Attributes
+    ----------
+    recordings : tuple of Experiment
+        As they came.
+    quality : tuple of Finding
+    broken : tuple of BrokenConvention
+    untold : tuple of str
+        Conventions that could not be judged, and why.
+    drives : tuple of Experiment
+        The recordings in dq; empty where a convention is broken.
+    excitation : Excitation or None
+        None where a convention is broken, as is what follows.
+    prospects : Prospects or None
+    structure : tuple of str
+        Terms that the model would get, and why.
+    """
+
+    recordings: tuple[Experiment, ...]
+    quality: tuple[Finding, ...]
+    broken: tuple[BrokenConvention, ...]
+    untold: tuple[str, ...]
+    drives: tuple[Experiment, ...] = ()
+    excitation: Excitation | None = None
+    prospects: Prospects | None = None
+    structure: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """What the recordings are good for, in a sentence."""
+        if self.broken:
+            names = ", ".join(dict.fromkeys(found.name for found in self.broken))
+            return (
+                f"Mend the conventions first ({names}), then check again; the entries count from "
+                "the channels as they are mapped now."
+            )
+        if any(finding.severity == "error" for finding in self.quality):
+            return "A channel cannot serve; record again."
+        if self.prospects is None or self.prospects.indistinguishable:
+            names = ", ".join(self.prospects.indistinguishable) if self.prospects else "anything"
+            return f"These recordings cannot tell {names} from the map."
+        return "These recordings can be used as they are."
+
+    @property
+    def good(self) -> bool:
+        """Whether the recordings can be used as they are."""
+        serve = all(finding.severity != "error" for finding in self.quality)
+        told = self.prospects is not None and not self.prospects.indistinguishable
+        return serve and told and not self.broken
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the findings as what JSON knows, in SI units."""
+        found: dict[str, Any] = {
+            "good": self.good,
+            "verdict": self.verdict,
+            "recordings": [
+                {"name": e.name, "samples": len(e), "time_step": e.time_step}
+                for e in self.recordings
+            ],
+            "quality": [
+                {"severity": f.severity, "channel": f.channel, "sentence": f.sentence}
+                for f in self.quality
+            ],
+            "conventions": [
+                {
+                    "name": b.name,
+                    "recording": b.recording,
+                    "channels": list(b.channels),
+                    "evidence": b.evidence,
+                    "mend": b.mend,
+                }
+                for b in self.broken
+            ],
+            "untold": list(self.untold),
+        }
+        if self.excitation is not None and self.prospects is not None:
+            found["excitation"] = {
+                "largest_current": self.excitation.largest_current,
+                "share_of_disc": self.excitation.share,
+                "quarters": list(self.excitation.quarters),
+                "omega_el": list(self.excitation.speeds),
+                "current_rate": self.excitation.current_rate,
+                "advice": list(self.excitation.advice),
+            }
+            found["identifiability"] = {
+                "flux_map": self.prospects.flux_map,
+                "independence": dict(self.prospects.independence),
+                "indistinguishable": list(self.prospects.indistinguishable),
+                "alarm": self.prospects.alarm,
+                "repair": self.prospects.repair,
+            }
+            found["structure"] = list(self.structure)
+        return found
+
+
+@one_blas_thread
+def check_recordings(
+    recordings: Sequence[Experiment],
+    *,
+    flux_map: str = "coenergy",
+    terms: Sequence[Term] = (),
+    candidates: Sequence[Term] = CANDIDATES,
+    pole_pairs: int | None = None,
+    plate: NamePlate = NO_PLATE,
+) -> RecordingCheck:
+    """Check recordings as an identification would use them.
+
+    Parameters
+    ----------
+    recordings : sequence of Experiment
+        As a study file maps them.
+    flux_map : str
+        A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
+    terms, candidates : sequence of Term
+        Of the voltage equation: those that are certain, and those that the data decide.
+    pole_pairs : int, optional
+        Of the machine.
+    plate : NamePlate
+        Of the machine.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be used at all.
+    """
+    quality = tuple(f for e in recordings for f in inspect(e, _electrical(e)))
+    judged = [check_conventions(e, pole_pairs, plate) for e in recordings]
+    broken = tuple(b for one in judged for b in one.broken)
+    untold = tuple(dict.fromkeys(sentence for one in judged for sentence in one.untold))
+    if broken:
+        return RecordingCheck(tuple(recordings), quality, broken, untold)
+    drives = tuple(drive_recording(e) for e in recordings)
+    require_channels(drives, terms)
+    structure = structure_of(drives, flux_map, terms, candidates)
+    return RecordingCheck(
+        tuple(recordings),
+        quality,
+        broken,
+        untold,
+        drives,
+        excitation_of(drives),
+        prospects_of(drives, flux_map, structure.terms),
+        (*structure.term_reasons, *structure.angle_reasons),
+    )
+
+
+def _electrical(experiment: Experiment) -> list[str]:
+    return [n for n in experiment.channels if n.split("_")[0] in _INSPECTED]

@@ -1,0 +1,1 @@
+"""Drive recordings: channels, how a file's columns become them, and guesses of both."""

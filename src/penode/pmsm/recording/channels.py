@@ -1,0 +1,144 @@
+"""Canonical channels of a drive recording, and what can be checked of them before any fit."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.data.quality import check_excitation
+from penode.errors import InputError
+from penode.pmsm.machine.frames import dq_from_abc
+from penode.pmsm.machine.terms import ANGLE, TERMS, Channel, Term
+
+#: Channel -> unit. Currents and voltages are peak values in the amplitude-invariant dq frame.
+CANONICAL = {
+    **{"u_d": "V", "u_q": "V", "i_d": "A", "i_q": "A", "omega_el": "rad/s", "theta_el": "rad"},
+    **{c.name: c.unit for kind in TERMS.values() for c in kind.channels},
+}
+
+#: The same for phase quantities, which may stand instead of those in dq.
+PHASES = {"u_a": "V", "u_b": "V", "u_c": "V", "i_a": "A", "i_b": "A", "i_c": "A"}
+
+#: Electrical angle turned in one sample beyond which the recording cannot be what it says.
+_LARGEST_TURN = np.pi / 2
+
+
+def drive_recording(experiment: Experiment) -> Experiment:
+    """Return a recording with the channels i_d, i_q, u_d, u_q and omega_el, checked.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Has the dq channels and omega_el; voltages, currents or both may be in phase channels
+        (u_a, u_b, u_c and i_a, i_b, i_c) instead, with theta_el.
+
+    Returns
+    -------
+    Experiment
+        The same recording; phase quantities are transformed to dq, and the speed is the
+        derivative of the angle where it is not recorded.
+
+    Raises
+    ------
+    InputError
+        If a channel is missing, a current never moves, or the machine turns more than a quarter
+        electrical turn a sample (a time column in ms, or a speed in rpm).
+    """
+    kinds = _kinds_in_phases(experiment.channels)
+    if kinds:
+        experiment = _from_phases(experiment, kinds)
+    experiment.stack(("i_d", "i_q", "u_d", "u_q", "omega_el"))
+    check_excitation(experiment, ("i_d", "i_q", "u_d", "u_q"))
+    speed = np.abs(experiment.channels["omega_el"])
+    turn = float(np.median(speed)) * experiment.time_step
+    if turn > _LARGEST_TURN:
+        raise InputError(
+            f"{experiment.name}: omega_el {np.median(speed):.4g} rad/s at a time step of "
+            f"{experiment.time_step:.4g} s turns {turn:.3g} rad a sample where less than "
+            f"{_LARGEST_TURN:.2g} was wanted; give t in seconds and omega_el in electrical rad/s."
+        )
+    return experiment
+
+
+def missing_channels(present: Collection[str]) -> list[str]:
+    """Return what a drive recording with these channels lacks.
+
+    Parameters
+    ----------
+    present : collection of str
+        Names of channels.
+
+    Returns
+    -------
+    list of str
+        Canonical names; empty where `drive_recording` finds all that it needs.
+    """
+    kinds = _kinds_in_phases(present)
+    wanted = [f"{kind}_{axis}" for kind in "ui" for axis in ("abc" if kind in kinds else "dq")]
+    wanted.append("theta_el" if kinds else "omega_el")
+    return [name for name in wanted if name not in present]
+
+
+def require_channels(
+    experiments: Sequence[Experiment], terms: Sequence[Term], angle_orders: Sequence[int] = ()
+) -> None:
+    """Refuse recordings without a channel that the model needs, or with incredible values of it.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+    terms : sequence of Term
+        Of the voltage equation.
+    angle_orders : sequence of int
+        Harmonics of the electrical angle in the map.
+
+    Raises
+    ------
+    InputError
+        If a channel is missing, or a value is outside its range; the message says what needs it.
+    """
+    needs = [(term.title, channel) for term in terms for channel in term.channels]
+    if angle_orders:
+        needs.append(("A map with angle orders", ANGLE))
+    for title, channel in needs:
+        for experiment in experiments:
+            _require(experiment, channel, f"{title[0].lower()}{title[1:]}")
+
+
+def _require(experiment: Experiment, channel: Channel, purpose: str) -> None:
+    name = channel.name
+    if name not in experiment.channels:
+        raise InputError(
+            f"{experiment.name}: no channel {name} came, and {purpose} needs {channel.meaning} in "
+            f"{channel.unit}; record it, or identify without."
+        )
+    values = experiment.channels[name]
+    bad = np.flatnonzero(~((values >= channel.lowest) & (values <= channel.highest)))
+    if len(bad):
+        raise InputError(
+            f"{experiment.name}: data row {bad[0] + 1}, channel {name} is {values[bad[0]]:.6g} "
+            f"where {channel.meaning} lies between {channel.lowest:g} and {channel.highest:g} "
+            f"{channel.unit}; give its column and unit in the study file."
+        )
+
+
+def _kinds_in_phases(present: Collection[str]) -> str:
+    """Return which of u and i are there in phase quantities alone."""
+    return "".join(
+        kind
+        for kind in "ui"
+        if f"{kind}_d" not in present and any(f"{kind}_{phase}" in present for phase in "abc")
+    )
+
+
+def _from_phases(experiment: Experiment, kinds: str) -> Experiment:
+    names = [[f"{kind}_{phase}" for phase in "abc"] for kind in kinds]
+    experiment.stack([*(name for three in names for name in three), "theta_el"])
+    theta = experiment.channels["theta_el"]
+    channels = dict(experiment.channels)
+    for kind, three in zip(kinds, names, strict=True):
+        channels[f"{kind}_d"], channels[f"{kind}_q"] = dq_from_abc(experiment.stack(three), theta).T
+    if "omega_el" not in channels:
+        channels["omega_el"] = np.gradient(np.unwrap(theta), experiment.time_step)
+    return replace(experiment, channels=channels)

@@ -1,0 +1,276 @@
+"""Which columns of a recording are probably the channels of a drive, and in what convention."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.data.table import TIME, Table
+from penode.data.units import UNITS, unit_name
+from penode.pmsm.recording.channels import missing_channels
+from penode.pmsm.recording.drive_mapping import OF_SHAFT, RECORDED
+from penode.pmsm.recording.guess_motion import Turning, electrical_turns, motion_of
+from penode.pmsm.recording.guess_names import NameHint, read_name
+
+_SPEED, _ANGLE = "omega_el", "theta_el"
+# Units of time, and the sampling step up to which a drive's times are taken for it.
+_TIME_UNITS = {"s": 5e-3, "ms": 5.0, "us": 5e3, "ns": np.inf}
+# Units of an angle, and the range that it then covers at most: it starts again after a turn.
+_ANGLE_UNITS = {"turn": 1.0005, "rad": 2.001 * np.pi, "deg": 360.5}
+
+
+@dataclass(frozen=True)
+class ChannelGuess:
+    """Where one channel probably comes from.
+
+    Attributes
+    ----------
+    column : str
+        Column of the file.
+    unit : str
+        Key of `penode.data.units.UNITS`.
+    reasons : tuple of str
+        Why, a clause each.
+    sign : {1, -1}
+        -1 where the column counts backwards.
+    mechanical : bool
+        The column belongs to the shaft.
+    """
+
+    column: str
+    unit: str
+    reasons: tuple[str, ...]
+    sign: int = 1
+    mechanical: bool = False
+
+
+@dataclass(frozen=True)
+class StudyGuess:
+    """What a recording probably holds.
+
+    Attributes
+    ----------
+    channels : mapping of str to ChannelGuess
+        Key of `RECORDED` -> guess.
+    missing : tuple of str
+        Channels that are needed and not found.
+    unused : tuple of str
+        Columns that belong to no channel.
+    pole_pairs : int or None
+        None where the recording does not tell.
+    resample : bool
+        The channels have different sampling times.
+    """
+
+    channels: Mapping[str, ChannelGuess]
+    missing: tuple[str, ...]
+    unused: tuple[str, ...]
+    pole_pairs: int | None
+    resample: bool
+
+    @property
+    def lacks_pole_pairs(self) -> bool:
+        """Whether a channel belongs to the shaft and the pole pairs are not known."""
+        return self.pole_pairs is None and any(g.mechanical for g in self.channels.values())
+
+
+def guess_study(table: Table) -> StudyGuess:
+    """Guess the channels of a drive among the columns of a file.
+
+    Parameters
+    ----------
+    table : Table
+        Columns of the file.
+
+    Returns
+    -------
+    StudyGuess
+        Every part of it is a guess; reasons say from what.
+    """
+    picks = _with_clock(table, _one_frame(_picks(table)))
+    channels = {name: _from_name(table, name, pick) for name, pick in picks.items()}
+    if TIME in channels:
+        channels[TIME] = _in_likely_time_unit(table, channels[TIME])
+    pole_pairs = _settle_motion(table, picks, channels)
+    used = {guess.column for guess in channels.values()} | set(table.clocks.values())
+    measured = [guess.column for name, guess in channels.items() if name != TIME]
+    clocks = {table.clocks.get(column) for column in measured}
+    return StudyGuess(
+        {name: channels[name] for name in RECORDED if name in channels},
+        tuple(name for name in (TIME, *missing_channels(channels)) if name not in channels),
+        tuple(column for column in table.columns if column not in used),
+        pole_pairs,
+        len(clocks) > 1 and len({_times_key(table, clock) for clock in clocks}) > 1,
+    )
+
+
+def _times_key(table: Table, clock: str | None) -> bytes:
+    return b"" if clock is None else table.columns[clock].tobytes()
+
+
+# --- by name ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Pick:
+    """A column for a channel, what its name says, and the columns that it was preferred to."""
+
+    column: str
+    hint: NameHint
+    others: tuple[str, ...] = ()
+
+
+def _picks(table: Table) -> dict[str, _Pick]:
+    """Return the column whose name suits each channel best."""
+    found: dict[str, list[_Pick]] = {}
+    for column in table.columns:
+        hint = read_name(column)
+        if hint is not None and _may_be(table, column, hint):
+            found.setdefault(hint.channel, []).append(_Pick(column, hint))
+    picks = {}
+    for channel, candidates in found.items():
+        best, *rest = sorted(candidates, key=_unlikeliness)
+        picks[channel] = replace(best, others=tuple(pick.column for pick in rest))
+    return picks
+
+
+def _may_be(table: Table, column: str, hint: NameHint) -> bool:
+    """Tell whether unit and kind of a column let it be the channel of its name."""
+    told = unit_name(table.units.get(column, ""))
+    if told is not None and UNITS[told].si not in (RECORDED[hint.channel], "1"):
+        return False
+    return hint.channel[0] == "u" or not hint.asked_for
+
+
+def _unlikeliness(pick: _Pick) -> tuple[bool, bool]:
+    """Order candidates: our own name first; a voltage asked for before one measured."""
+    is_voltage = pick.hint.channel[0] == "u"
+    return pick.column != pick.hint.channel, is_voltage and not pick.hint.asked_for
+
+
+def _one_frame(picks: dict[str, _Pick]) -> dict[str, _Pick]:
+    """Leave phase quantities out where the dq quantities are there, or what is left of those."""
+    left_out: set[str] = set()
+    for kind in "ui":
+        dq, phases = {f"{kind}_d", f"{kind}_q"}, {f"{kind}_{phase}" for phase in "abc"}
+        in_phases = phases <= set(picks) or not dq & set(picks)
+        left_out |= dq if in_phases and not dq <= set(picks) else phases
+    return {name: pick for name, pick in picks.items() if name not in left_out}
+
+
+def _with_clock(table: Table, picks: dict[str, _Pick]) -> dict[str, _Pick]:
+    """Take the times that the file ties to a current, if it does."""
+    current = next((picks[name] for name in ("i_q", "i_a") if name in picks), None)
+    clock = None if current is None else table.clocks.get(current.column)
+    if clock is None:
+        return picks
+    return {**picks, TIME: _Pick(clock, NameHint(TIME, "", "", False))}
+
+
+def _from_name(table: Table, name: str, pick: _Pick) -> ChannelGuess:
+    """Return the guess that names and told units alone allow."""
+    called = "the column has the name of the channel" if pick.column == name else "by its name"
+    if pick.others:
+        called += f", before {', '.join(pick.others)}"
+    told = table.units.get(pick.column, "")
+    unit, why = RECORDED[name], f"{RECORDED[name]}, as no unit is told"
+    if unit_name(told) is not None and unit_name(told) != "1":
+        unit, why = str(unit_name(told)), f"the file tells {told}"
+    elif pick.hint.unit and UNITS[pick.hint.unit].si == unit:
+        unit, why = pick.hint.unit, f"{pick.hint.unit} stands in the name"
+    elif told:
+        why = f"{unit}, as the file tells {told!r}, which is no unit known here"
+    elif name == TIME or (name in OF_SHAFT and pick.column != name):
+        why = ""  # the numbers may tell
+    return ChannelGuess(pick.column, unit, (called, why) if why else (called,))
+
+
+# --- by magnitude -------------------------------------------------------------------------------
+
+
+def _in_likely_time_unit(table: Table, guess: ChannelGuess) -> ChannelGuess:
+    if len(guess.reasons) > 1:
+        return guess
+    times = table.columns[guess.column]
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    unit = next((unit for unit, largest in _TIME_UNITS.items() if step <= largest), "s")
+    return replace(guess, unit=unit, reasons=(guess.reasons[0], f"{unit}, as a step is {step:.4g}"))
+
+
+def _settle_motion(
+    table: Table, picks: Mapping[str, _Pick], channels: dict[str, ChannelGuess]
+) -> int | None:
+    """Settle units, sides and signs of speed and angle in the channels; return the pole pairs."""
+    turning = {n: _turning(table, picks[n], channels, n) for n in OF_SHAFT if n in channels}
+    speed, angle = turning.get(_SPEED), turning.get(_ANGLE)
+    turns = None if angle is None else _turns(table, angle, channels)
+    motion = motion_of(speed, angle, turns)
+    usual = "as is usual for such a name"
+    if speed is not None:
+        why = "so that it is the slope of the angle" if motion.agrees else usual
+        settled = (motion.speed_unit, motion.speed_side, motion.speed_sign)
+        channels[_SPEED] = _settled(channels[_SPEED], *settled, why)
+    if angle is not None:
+        why = "so that its slope is the speed" if motion.agrees else usual
+        if turns is not None:
+            why += " and the dq quantities have a mean"
+        if {"u_a", "i_a"} & set(channels):
+            why += "; zero where the d axis is that of phase a, as no file tells"
+        settled = (motion.angle_unit, motion.angle_side, motion.angle_sign)
+        channels[_ANGLE] = _settled(channels[_ANGLE], *settled, why)
+    return motion.pole_pairs
+
+
+def _settled(guess: ChannelGuess, unit: str, side: str, sign: int, why: str) -> ChannelGuess:
+    backwards = ", counted backwards" if sign < 0 else ""
+    found = f"{unit}, {side}" if len(guess.reasons) == 1 else side
+    reasons = (*guess.reasons, f"{found}{backwards}, {why}")
+    return replace(guess, unit=unit, sign=sign, mechanical=side == "mechanical", reasons=reasons)
+
+
+def _turning(table: Table, pick: _Pick, channels: Mapping[str, ChannelGuess], name: str) -> Turning:
+    """Return a speed or angle with the units that it may have; empty where it cannot be judged."""
+    values, times = table.columns[pick.column], _times(table, pick.column, channels)
+    usable = len(times) == len(values) > 1 and bool(np.isfinite([values, times]).all())
+    if not usable:
+        values = times = np.zeros(0)
+    units: tuple[str, ...] = (channels[name].unit,)
+    if len(channels[name].reasons) == 1:
+        units = _speed_units(pick.column) if name == _SPEED else _angle_units(values)
+    return Turning(values, times, units, pick.hint.side)
+
+
+def _times(table: Table, column: str, channels: Mapping[str, ChannelGuess]) -> FloatArray:
+    """Return the sampling times of a column in s, none without a time column."""
+    clock = table.clocks.get(column)
+    if TIME not in channels:
+        return np.zeros(0)
+    if clock is None or clock == table.clocks.get(channels[TIME].column):
+        return UNITS[channels[TIME].unit].to_si(table.columns[channels[TIME].column])
+    return table.columns[clock]
+
+
+def _speed_units(column: str) -> tuple[str, ...]:
+    is_omega = "omega" in column.lower() or column.lower().startswith("w")
+    return ("rad/s", "rpm", "Hz") if is_omega else ("rpm", "rad/s", "Hz")
+
+
+def _angle_units(values: FloatArray) -> tuple[str, ...]:
+    """Return what an angle of this range may be in; one beyond a turn was counted on."""
+    span = float(np.ptp(values)) if len(values) else 0.0
+    starts_again = bool((np.abs(np.diff(values)) > 0.5 * span).any())
+    fitting = [unit for unit, most in _ANGLE_UNITS.items() if span <= most]
+    return (fitting[0],) if starts_again and fitting else ("rad", "deg", "turn")
+
+
+def _turns(table: Table, angle: Turning, channels: Mapping[str, ChannelGuess]) -> int | None:
+    """Return the electrical turns in one of the angle, where phase currents can tell."""
+    kinds = []
+    for kind in "ui" if len(angle.values) else "":
+        names = [f"{kind}_{phase}" for phase in "abc"]
+        phases = [table.columns[channels[name].column] for name in names if name in channels]
+        if len(phases) == 3 and {len(values) for values in phases} == {len(angle.values)}:
+            kinds.append(np.stack(phases, axis=1))
+    theta = UNITS[angle.units[0]].to_si(angle.values)
+    return electrical_turns(kinds, theta) if kinds else None

@@ -1,0 +1,138 @@
+"""What the name of a column says: quantity, axis, unit, shaft or electrical, measured or asked for.
+
+English and German names are read, such as ``id_A``, ``Iq_meas``, ``ud_ref``, ``Strom_d``,
+``Spannung q``, ``n_mech``, ``Drehzahl [1/min]``, ``omegaEl``, ``theta``, ``i_U``.
+"""
+
+import re
+from dataclasses import dataclass
+
+from penode.data.units import unit_name
+
+_CURRENT, _VOLTAGE, _SPEED, _ANGLE = "i", "u", "omega_el", "theta_el"
+# Whole words, and parts of words that are long enough not to be something else.
+_WORDS = {
+    _CURRENT: {"i", "is", "curr", "amps"},
+    _VOLTAGE: {"u", "v", "us", "vs", "volt"},
+    _SPEED: {"n", "w", "om", "rpm", "nmech", "nm", "wm", "wmech", "wel", "we", "omegae"},
+    _ANGLE: {"pos", "phi", "gamma", "eps", "epsilon", "rho", "th", "thetae"},
+}
+_PARTS = {
+    _CURRENT: ("strom", "current"),
+    _VOLTAGE: ("spannung", "voltage"),
+    _SPEED: ("drehzahl", "speed", "omega", "velocity", "frequency"),
+    _ANGLE: ("theta", "winkel", "angle", "position", "lage"),
+}
+_TIME = {"t", "time", "zeit", "times", "timestamp", "stamp"}
+_AXES = {
+    **{axis: axis for axis in "dqabc"},
+    **{"sd": "d", "sq": "q", "u": "a", "v": "b", "w": "c", "1": "a", "2": "b", "3": "c"},
+}
+_JOINED = re.compile(r"(i|is|u|us|v|vs)([dqabcuvw]|s[dq])")
+_SIDES = {
+    "mechanical": ("mech", "shaft", "welle", "nmech", "nm", "wm", "wmech", "m"),
+    "electrical": ("el", "elec", "elek", "electric", "wel", "we", "omegae", "thetae", "e"),
+}
+_ASKED = {"ref", "soll", "set", "cmd", "command", "target", "setpoint", "desired", "des", "star"}
+_OTHER = ("temp", "torque", "moment", "power", "leistung", "limit", "error", "fault", "status")
+_OTHER_WORDS = {"max", "min", "flag", "dc", "udc", "idc", "vdc", "alpha", "beta", "rms", "eff"}
+
+# Splits camel case and digits: IqMeas, omegaEl, I1, IDRef.
+_TOKEN = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöü]+|\d+")
+
+
+@dataclass(frozen=True)
+class NameHint:
+    """What the name of a column says.
+
+    Attributes
+    ----------
+    channel : str
+        Channel that it may be, a key of `penode.pmsm.recording.drive_mapping.RECORDED`.
+    unit : str
+        Unit in the name, a key of `penode.data.units.UNITS`; empty where there is none.
+    side : {"mechanical", "electrical", ""}
+        Of a speed or angle.
+    asked_for : bool
+        It is a reference, not a measurement.
+    """
+
+    channel: str
+    unit: str
+    side: str
+    asked_for: bool
+
+
+def read_name(column: str) -> NameHint | None:
+    """Read the name of a column.
+
+    Parameters
+    ----------
+    column : str
+        As the file has it; of ``struct.field`` and ``group/name`` the last part counts.
+
+    Returns
+    -------
+    NameHint or None
+        None where the name is that of no channel.
+    """
+    bare, unit = _split_unit(column)
+    # A last letter may be an axis, not a unit: in i_A and u_V nothing but it tells the phase.
+    for name, its_unit in ((bare, unit), (column, "")):
+        tokens = [token.lower() for token in _TOKEN.findall(re.split(r"[./]", name)[-1])]
+        channel = _channel(tokens)
+        if channel is not None:
+            asked_for = bool(_ASKED & set(tokens)) or name.endswith("*")
+            return NameHint(channel, its_unit, _side(tokens, channel), asked_for)
+    return None
+
+
+def _split_unit(column: str) -> tuple[str, str]:
+    """Split ``Id [A]``, ``id_A`` and ``speed_in_rpm`` into name and unit."""
+    bracketed = re.fullmatch(r"(.+?)[\s_]*[\[(]([^\])]*)[\])]\s*", column)
+    if bracketed:
+        return bracketed[1], unit_name(bracketed[2]) or ""
+    ending = re.fullmatch(r"(.+?)(?:_in_|_|\s+in\s+|\s+)([^\s_]+)", column)
+    if ending and unit_name(ending[2]):
+        return ending[1], unit_name(ending[2]) or ""
+    return column, ""
+
+
+def _channel(tokens: list[str]) -> str | None:
+    other = any(part in token for token in tokens for part in _OTHER)
+    if not tokens or other or _OTHER_WORDS & set(tokens):
+        return None
+    if set(tokens) <= _TIME:
+        return "t"
+    for place, token in enumerate(tokens):
+        joined = _JOINED.fullmatch(token)
+        if joined:
+            return f"{_CURRENT if joined[1][0] == 'i' else _VOLTAGE}_{_AXES[joined[2]]}"
+        quantity = _quantity(token)
+        if quantity in (_CURRENT, _VOLTAGE):
+            axes = [_AXES[t] for t in (*tokens[place + 1 :], *tokens[:place]) if t in _AXES]
+            return f"{quantity}_{axes[0]}" if axes else None
+        if quantity:
+            return quantity
+    return None
+
+
+def _quantity(token: str) -> str | None:
+    for quantity, words in _WORDS.items():
+        if token in words or any(part in token for part in _PARTS[quantity]):
+            return quantity
+    return None
+
+
+def _side(tokens: list[str], channel: str) -> str:
+    if channel not in (_SPEED, _ANGLE):
+        return ""
+    return next((side for side, words in _SIDES.items() if _any_starts(tokens, words)), "")
+
+
+def _any_starts(tokens: list[str], words: tuple[str, ...]) -> bool:
+    return any(
+        token == word or (len(word) > 2 and token.startswith(word))
+        for token in tokens
+        for word in words
+    )

@@ -1,0 +1,80 @@
+"""The text of a guessed study file, with the reason for every guess."""
+
+import json
+
+from penode.pmsm.recording.drive_mapping import IN_RMS, RECORDED
+from penode.pmsm.recording.guess import ChannelGuess, StudyGuess
+
+_HEAD = """\
+# Study file, begun by penode init from {recording}. Use it with
+#
+#   penode identify {recording} --config {study} --out result
+#
+# What is marked "guess" was guessed: look at it before you trust the result. No recording tells
+# whether it holds peak or rms values, or whether a column comes too late; where it does, add
+# rms = true, or delay = 1 for a column that lags by one sample (-1 for one that leads).
+# A channel may have: column, unit, scale, sign, delay, times, rms, mechanical.
+
+"""
+_SETTINGS = """\
+flux_map = "coenergy"  # default; or mlp, polynomial, spline
+horizon = "auto"  # default; or a number of steps
+hold = "dq"  # guess: the usual one, as no recording tells; or stationary
+# Left to the data unless it is said here; inverter and angle_orders need theta_el:
+# inverter = true  # identify the dead-time voltage
+# terms = ["temperature_resistance"]  # R over a recorded winding temperature
+# angle_orders = [6, 12]  # harmonics of the angle in the map; [] for none
+seed = 0  # default
+"""
+
+
+def study_text(guess: StudyGuess, recording: str, study: str) -> str:
+    """Return a study file as text.
+
+    Parameters
+    ----------
+    guess : StudyGuess
+    recording, study : str
+        Names of the recording and of the file to be, for the command in its head.
+
+    Returns
+    -------
+    str
+        TOML that `penode.pmsm.study_file.load_study` reads.
+    """
+    parts = [_HEAD.format(recording=recording, study=study), _SETTINGS, _pole_pairs(guess)]
+    if guess.resample:
+        parts.append(
+            "# guess: linear interpolation will do; the channels have different sampling times.\n"
+            'resample = "linear"\n'
+        )
+    parts.append("\n[channels]\n")
+    parts += [_channel(name, channel) for name, channel in guess.channels.items()]
+    for name in guess.missing:
+        parts.append(f'# not found, and needed: {name} in {RECORDED[name]}.\n# {name} = "..."\n')
+    if guess.unused:
+        parts.append(f"\n# Columns that are not used: {', '.join(map(_quoted, guess.unused))}\n")
+    return "".join(parts)
+
+
+def _pole_pairs(guess: StudyGuess) -> str:
+    if guess.pole_pairs is not None:
+        return f"pole_pairs = {guess.pole_pairs}  # guess: because speed and angle fit with it\n"
+    if guess.lacks_pole_pairs:
+        return "# not found, and needed, as a channel is mechanical:\n# pole_pairs =\n"
+    return ""
+
+
+def _channel(name: str, guess: ChannelGuess) -> str:
+    entries = [f"column = {_quoted(guess.column)}", f"unit = {_quoted(guess.unit)}"]
+    if guess.sign < 0:
+        entries.append("sign = -1")
+    if guess.mechanical:
+        entries.append("mechanical = true")
+    reasons = [*guess.reasons, *(["peak, as no file tells"] if name in IN_RMS else [])]
+    return f"# guess: {'; '.join(reasons)}.\n{name} = {{ {', '.join(entries)} }}\n"
+
+
+def _quoted(text: str) -> str:
+    """Return a TOML string."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

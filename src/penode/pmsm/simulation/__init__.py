@@ -1,0 +1,1 @@
+"""The identified machine on the simulated bench, beside a recording."""

@@ -1,0 +1,66 @@
+"""One picture of a simulated drive over time: currents, voltages and torque."""
+
+import io
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from penode.data.experiment import Experiment
+from penode.pmsm.bench.run import Recording
+from penode.pmsm.simulation.simulated_drive import torque_of
+
+_COLOURS = {"d": "#1768ac", "q": "#c8553d"}
+# Points of a curve: more than a picture has columns.
+_POINTS = 4000
+
+
+def drive_picture(recording: Recording, recorded: Experiment | None = None) -> bytes:
+    """Return a PNG of a simulation.
+
+    Parameters
+    ----------
+    recording : Recording
+        The simulation.
+    recorded : Experiment, optional
+        A recording on the same reference, drawn behind it.
+
+    Returns
+    -------
+    bytes
+        Currents in A, voltages asked for in V, and air-gap torque in Nm, over time in s.
+    """
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    currents, voltages, newton_metres = figure.subplots(3, 1, sharex=True)
+    _draw(currents, recording, recorded, "i")
+    currents.set(ylabel="current (A)")
+    _draw(voltages, recording, recorded, "u")
+    voltages.set(ylabel="voltage asked for (V)")
+    run = recording.experiment
+    every = max(len(run) // _POINTS, 1)
+    time = np.arange(len(run))[::every] * run.time_step
+    newton_metres.plot(time, torque_of(recording)[::every], color="0.2", lw=0.8)
+    newton_metres.set(ylabel="air-gap torque (Nm)", xlabel="time (s)")
+    for axes in (currents, voltages, newton_metres):
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.margins(x=0)
+    figure.suptitle(run.name, x=0.01, ha="left", fontsize=12)
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=110)
+    return content.getvalue()
+
+
+def _draw(axes: Axes, recording: Recording, recorded: Experiment | None, kind: str) -> None:
+    run = recording.experiment
+    rows = len(run) if recorded is None else min(len(run), len(recorded))
+    every = max(len(run) // _POINTS, 1)
+    for axis, colour in _COLOURS.items():
+        name = f"{kind}_{axis}"
+        if recorded is not None:
+            time = np.arange(rows)[::every] * recorded.time_step
+            values = recorded.channels[name][:rows][::every]
+            label = f"{name}, {recorded.name}"
+            axes.plot(time, values, color=colour, lw=2.5, alpha=0.35, label=label)
+        time = np.arange(len(run))[::every] * run.time_step
+        axes.plot(time, run.channels[name][::every], color=colour, lw=0.8, label=name)
+    axes.legend(frameon=False, ncols=4, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))

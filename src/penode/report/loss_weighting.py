@@ -1,0 +1,245 @@
+"""What each horizon listens to: the residual's lines, and the weight of the loss over them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+
+from penode.arrays import FloatArray, IntArray
+from penode.horizon.loss_weighting import PrefilterView
+from penode.report import palette, panels
+from penode.report.document import Cell, Figure, Row, Section, Table
+from penode.report.listening import listening
+from penode.report.quantities import number, scale_for, symbol, with_unit
+from penode.validation.residual_lines import Line
+
+_POINTS = 1500
+#: Lines named at most, and the share of the loss at one of the horizons from which one is named.
+_NAMED, _WORTH = 8, 1e-3
+_COLOURS = (palette.ONE_STEP.light, palette.FREE_RUN.light, palette.PLATEAU_TEXT.light)
+_CAPTION = (
+    "Above: one-step residual of the first training recording; of neighbouring frequencies the "
+    "largest is drawn. Below: how much each horizon makes of a frequency, as a multiple of the "
+    "mean over all frequencies. The fit listens to the product of residual and weight. The weight "
+    "of a long horizon peaks at {peak}, where the model itself rings."
+)
+
+
+@dataclass(frozen=True)
+class Name:
+    """What a line is called.
+
+    Attributes
+    ----------
+    line : Line
+        One of the view's.
+    label : str
+        Short, for the figure.
+    cause : str
+        What may have made it, for the table; empty where that is not known.
+    """
+
+    line: Line
+    label: str
+    cause: str = ""
+
+
+def unnamed(view: PrefilterView) -> tuple[Name, ...]:
+    """Return the view's lines called by their frequency."""
+    return tuple(Name(line, with_unit(line.frequency, "Hz")) for line in view.lines)
+
+
+def prefilter_section(view: PrefilterView, names: Sequence[Name], note: str = "") -> Section:
+    """Say and show what the loss at each horizon listens to.
+
+    Parameters
+    ----------
+    view : PrefilterView
+        Of the horizons to show, three at most.
+    names : sequence of Name
+        The view's lines, strongest first.
+    note : str
+        What the names mean, added to the caption.
+
+    Returns
+    -------
+    Section
+        A sentence, a figure, and a table where there are lines.
+    """
+    largest = [float(view.shares(name.line).max()) for name in names]
+    order = sorted(
+        (k for k in range(len(names)) if largest[k] >= _WORTH), key=lambda k: -largest[k]
+    )
+    worth = [names[k] for k in sorted(order[:_NAMED])]
+    longest = int(np.argmax(view.horizons))
+    peak = view.frequency[view.weight[longest, :, 0].argmax()]
+    caption = f"{_CAPTION.format(peak=with_unit(float(peak), 'Hz'))} {note}".rstrip()
+    title = "No line stands out of the residual"
+    if worth:
+        title = f"{len(worth)} lines stand out of the residual, the strongest at {worth[0].label}"
+        title = title.replace("1 lines stand", "One line stands", 1) if len(worth) == 1 else title
+    return Section(
+        "What each horizon listens to",
+        "Training H steps ahead is training one step ahead through a filter: the longer the "
+        "horizon, the more weight on what the model can follow, and the less on the rest. "
+        f"{listening(view, [(name.line, name.label) for name in worth])}",
+        [Figure(title, caption, prefilter_figure(view, worth)), *_table(view, worth)],
+    )
+
+
+def prefilter_figure(view: PrefilterView, names: Sequence[Name]) -> go.Figure:
+    """Draw the residual's spectrum with its lines named, and the weight at each horizon.
+
+    Parameters
+    ----------
+    view : PrefilterView
+        Three horizons at most.
+    names : sequence of Name
+        Lines to mark.
+
+    Returns
+    -------
+    plotly.graph_objects.Figure
+        Above the residual's amplitude, in SI units, below the weights over their mean, both
+        logarithmic over the frequency; two panels for each signal.
+    """
+    figure, scale = panels.blank_figure(), scale_for(view.frequency, "Hz")
+    count = len(view.signals)
+    boxes = panels.grid([1.0], [190.0, 150.0] * count, 0.0, [20.0] * (2 * count - 1))
+    panels.place(figure, boxes, boxes)
+    limits = [edge * scale.factor for edge in _shown(view, names)]
+    for signal in range(count):
+        _draw(figure, view, signal, scale.factor)
+        own = [name for name in names if name.line.signal == signal]
+        _mark(figure, own, signal, scale.factor, float(np.ptp(limits)))
+    for panel in range(2 * count):
+        bottom = panel == 2 * count - 1
+        figure.layout[panels.axis_key("x", panel)].update(
+            anchor=panels.axis_id("y", panel),
+            matches=None if panel == 0 else "x",
+            range=limits,
+            showticklabels=bottom,
+            title_text=f"frequency in {scale.unit}" if bottom else None,
+        )
+    legend = {"orientation": "v", "yref": "paper", "y": boxes[0][1].top, "x": 0.01}
+    figure.update_layout(hovermode="closest", legend=legend)
+    return figure
+
+
+def _draw(figure: go.Figure, view: PrefilterView, signal: int, factor: float) -> None:
+    amplitude = np.sqrt(view.power[:, signal])
+    chosen = _largest(amplitude)
+    relative = view.weight[:, :, signal] / view.weight[:, :, signal].mean(axis=1, keepdims=True)
+    drawn = np.arange(0, len(view.frequency), max(len(view.frequency) // _POINTS, 1))
+    curves = [(2 * signal, "residual", palette.MEASURED.light, chosen, amplitude)]
+    for horizon, colour, weight in zip(view.horizons, _COLOURS, relative, strict=False):
+        curves.append((2 * signal + 1, f"H = {horizon}", colour, drawn, weight))
+    for panel, name, colour, at, values in curves:
+        figure.add_trace(
+            go.Scatter(
+                x=panels.compact(view.frequency[at] * factor),
+                y=panels.compact(np.maximum(values[at], np.finfo(np.float32).tiny)),
+                xaxis=panels.axis_id("x", panel),
+                yaxis=panels.axis_id("y", panel),
+                name=name,
+                showlegend=signal == 0 and name != "residual",
+                line={
+                    "color": colour,
+                    "width": 1.2 if name == "residual" else 1.8,
+                    "simplify": False,
+                },
+                hovertemplate="%{x:.4~g}: %{y:.3~g}<extra>" + name + "</extra>",
+            )
+        )
+    unit = f" in {view.unit}" if view.unit else ""
+    titles = (
+        f"residual{unit}" if len(view.signals) == 1 else symbol(view.signals[signal]),
+        "weight",
+    )
+    spans = (_decades(amplitude[chosen]), _decades(relative))
+    for panel, title, span in zip((2 * signal, 2 * signal + 1), titles, spans, strict=True):
+        figure.layout[panels.axis_key("y", panel)].update(
+            anchor=panels.axis_id("x", panel), type="log", range=span, dtick=1, title_text=title
+        )
+
+
+def _mark(
+    figure: go.Figure, names: Sequence[Name], signal: int, factor: float, width: float
+) -> None:
+    """Mark lines through both panels of a signal, and label those with room for it."""
+    labelled: list[float] = []
+    for name in names:
+        at = name.line.frequency * factor
+        for panel in (2 * signal, 2 * signal + 1):
+            figure.add_shape(
+                type="line",
+                xref=panels.axis_id("x", panel),
+                yref=f"{panels.axis_id('y', panel)} domain",
+                x0=at,
+                x1=at,
+                y0=0,
+                y1=1,
+                layer="below",
+                line={"color": palette.MARKER_LINE.light, "width": 1, "dash": "dot"},
+            )
+        if all(abs(at - other) >= 0.09 * width for other in labelled):
+            labelled.append(at)
+            figure.add_annotation(
+                text=name.label,
+                x=at,
+                xref=panels.axis_id("x", 2 * signal),
+                y=1,
+                yref=f"{panels.axis_id('y', 2 * signal)} domain",
+                yanchor="bottom",
+                font={"color": palette.MARKER_LINE.light, "size": 12},
+            )
+
+
+def _table(view: PrefilterView, names: Sequence[Name]) -> list[Table]:
+    if not names:
+        return []
+    columns = (
+        "line",
+        "frequency in\N{NO-BREAK SPACE}Hz",
+        f"amplitude in\N{NO-BREAK SPACE}{view.unit}" if view.unit else "amplitude",
+        *(f"share at H\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}{h}" for h in view.horizons),
+        *(["likely causes"] if any(name.cause for name in names) else []),
+    )
+    rows = []
+    for name in names:
+        line = name.line
+        cells = [
+            Cell(name.label),
+            Cell(number(line.frequency, 4), line.frequency, "number"),
+            Cell(number(line.amplitude), line.amplitude, "number"),
+        ]
+        for share in view.shares(line).tolist():
+            cells.append(Cell(f"{number(100 * share, 2)} %", share, "number"))
+        rows.append(Row((*cells, *([Cell(name.cause)] if len(columns) > len(cells) else []))))
+    caption = "Share of the loss at each horizon; what the lines leave is between them."
+    return [Table("Lines of the one-step residual", columns, tuple(rows), caption)]
+
+
+def _largest(values: FloatArray) -> IntArray:
+    """Return the index of the largest value of each stretch."""
+    size = -(-len(values) // _POINTS)
+    whole = len(values) // size
+    stretches = values[: whole * size].reshape(whole, size)
+    return np.asarray(np.arange(whole) * size + stretches.argmax(axis=1))
+
+
+def _shown(view: PrefilterView, names: Sequence[Name]) -> tuple[float, float]:
+    """Return the frequencies drawn at first: those of the lines, or all."""
+    low, high = float(view.frequency[0]), float(view.frequency[-1])
+    farthest = max((abs(name.line.frequency) for name in names), default=0.0)
+    reach = 1.3 * farthest if farthest > 0.02 * high else high
+    return max(low, -reach), min(high, reach)
+
+
+def _decades(values: FloatArray) -> list[float]:
+    visible = values[np.isfinite(values) & (values > 0)]
+    if not visible.size:
+        return [-1.0, 0.0]
+    low, high = np.log10(np.quantile(visible, 0.02)), np.log10(visible.max())
+    return [float(max(low, high - 5)) - 0.1, float(high) + 0.2]

@@ -1,0 +1,215 @@
+"""A fit is saved and read back whole, and its result is strict JSON."""
+
+import json
+from dataclasses import asdict, replace
+
+import jax
+import numpy as np
+import pytest
+
+from penode import Fit, InputError
+from penode.fit.archive import read_archive, write_archive
+from penode.fit.fit import Estimate, HorizonChoice
+from penode.validation.coverage import supported
+
+
+@pytest.fixture(scope="module")
+def fit(oscillator):
+    return oscillator.fit
+
+
+@pytest.fixture(scope="module")
+def loaded(fit, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("saved")
+    fit.save(folder)
+    return Fit.load(str(folder))
+
+
+def refuse_constant(name):
+    raise AssertionError(f"{name} is not JSON")
+
+
+def strict(text):
+    return json.loads(text, parse_constant=refuse_constant)
+
+
+def test_numbers_and_words_round_trip(fit, loaded):
+    assert loaded.parameters == dict(fit.parameters)
+    assert loaded.horizon == fit.horizon
+    assert loaded.warnings == fit.warnings
+    assert loaded.provenance == dict(fit.provenance)
+    np.testing.assert_array_equal(loaded.excited, fit.excited)
+
+
+def test_model_and_predictions_round_trip(fit, loaded):
+    assert type(loaded.model) is type(fit.model)
+    for found, leaf in zip(jax.tree.leaves(loaded.model), jax.tree.leaves(fit.model), strict=True):
+        np.testing.assert_array_equal(found, leaf)
+    x = np.linspace(-1.5, 1.5, 31)
+    np.testing.assert_array_equal(loaded.spring(x), fit.spring(x))
+
+
+def test_comparisons_and_spectrum_round_trip(fit, loaded):
+    for found, kept in zip(loaded.comparisons, fit.comparisons, strict=True):
+        for name, value in vars(kept).items():
+            np.testing.assert_array_equal(getattr(found, name), value)
+        assert isinstance(found.states, tuple)
+    np.testing.assert_array_equal(loaded.spectrum.amplitude, fit.spectrum.amplitude)
+    np.testing.assert_array_equal(loaded.transitions, fit.transitions)
+    assert fit.transitions.shape == (64, 2, 2)
+    np.testing.assert_array_equal(loaded.spectrum.frequency, fit.spectrum.frequency)
+    assert loaded.spectrum.recording == "train.csv"
+
+
+def test_a_fit_saved_before_one_step_matrices_were_kept_is_read(fit, tmp_path):
+    fit.save(tmp_path)
+    document, arrays = read_archive(tmp_path / "fit")
+    del arrays["transitions"]
+    write_archive(tmp_path / "fit", document, arrays)
+    assert Fit.load(tmp_path).transitions.shape == (0, 0, 0)
+
+
+def test_result_is_the_saved_document(fit, tmp_path):
+    fit.save(tmp_path)
+    saved = strict((tmp_path / "result.json").read_text())
+    assert saved == strict(json.dumps(fit.result()))
+    assert saved["schema"] == "penode/1"
+    assert set(saved) == {"schema", "horizon", "parameters", "metrics", "warnings", "provenance"}
+    assert set(saved["parameters"]["mass"]) == {
+        "value",
+        "unit",
+        "std",
+        "interval_95",
+        "identifiability",
+        "meaning",
+    }
+    assert [rung["horizon"] for rung in saved["horizon"]["ladder"]] == [1, 2, 4, 8, 16]
+    # States of two units: each has errors of its own, and there is none of both.
+    assert set(saved["metrics"]["train"]["train.csv"]) == {"states"}
+    states = saved["metrics"]["train"]["train.csv"]["states"]
+    assert {name: entry["unit"] for name, entry in states.items()} == {"x": "m", "v": "m/s"}
+    assert states["v"]["one_step_rmse"] == fit.comparisons[0].one_step_errors["v"]
+    assert set(saved["metrics"]["validation"]) == {"unseen.csv"}
+
+
+def test_the_metric_names_the_unit_all_states_share(fit, systems):
+    in_amperes = replace(fit.comparisons[0], units=("A", "A"))
+    one_unit = replace(fit, comparisons=(in_amperes,))
+    assert set(one_unit.result()["metrics"]["train"]["train.csv"]) == {
+        "one_step_rmse_A",
+        "free_run_rmse_A",
+        "states",
+    }
+
+
+def test_what_is_not_finite_becomes_null(fit, tmp_path):
+    diverged = replace(
+        fit.comparisons[0], free_run=np.full_like(fit.comparisons[0].free_run, np.nan)
+    )
+    broken = replace(fit, comparisons=(diverged,), provenance={"speed": np.float64("nan")})
+    broken.save(tmp_path)
+    saved = strict((tmp_path / "result.json").read_text())
+    strict((tmp_path / "fit" / "fit.json").read_text())
+    assert saved["metrics"]["train"]["train.csv"]["states"]["x"]["free_run_rmse"] is None
+    assert saved["provenance"]["speed"] is None
+    again = Fit.load(tmp_path)
+    assert np.isnan(again.comparisons[0].free_run).all()
+    assert again.comparisons[0].free_run_errors == {"x": np.inf, "v": np.inf}
+
+
+def test_estimates_that_are_not_finite_stay_numbers(fit, tmp_path):
+    lost = Estimate(1.0, np.nan, (-np.inf, np.inf), "ohm")
+    replace(fit, parameters={"R": lost}).save(tmp_path)
+    back = Fit.load(tmp_path).parameters["R"]
+    assert not np.isfinite([back.std, *back.interval_95]).any()
+
+
+def test_recordings_of_one_name_are_both_told(fit):
+    """run.csv of one folder and run.csv of another."""
+    training = fit.comparisons[0]
+    twice = replace(fit, comparisons=(training, training))
+    assert len(twice.result()["metrics"]["train"]) == 2
+
+
+def test_saving_again_replaces(fit, tmp_path):
+    fit.save(tmp_path)
+    replace(fit, warnings=("Once more.",)).save(tmp_path)
+    assert Fit.load(tmp_path).warnings == ("Once more.",)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["fit", "result.json"]
+
+
+# --- refusals ---------------------------------------------------------------------------------
+
+
+def test_another_schema_is_refused(fit, tmp_path):
+    fit.save(tmp_path)
+    path = tmp_path / "fit" / "fit.json"
+    path.write_text(path.read_text().replace("penode/1", "penode/0"))
+    with pytest.raises(InputError, match=r"schema 'penode/0' came, 'penode/1' was wanted"):
+        Fit.load(tmp_path)
+
+
+@pytest.mark.parametrize("missing", ["fit", "fit/fit.json", "fit/fit.npz"])
+def test_a_missing_file_is_named(fit, tmp_path, missing):
+    fit.save(tmp_path)
+    path = tmp_path / missing
+    path.rename(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match=rf"{tmp_path}/fit/fit\..*: no such file"):
+        Fit.load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        '{"schema": "penode/1"}',
+        "[]",
+        '{"schema": "penode/1", "model": {"array": "gone"}}',
+    ],
+)
+def test_json_without_the_fit_is_refused_in_a_sentence(fit, tmp_path, document):
+    fit.save(tmp_path)
+    (tmp_path / "fit" / "fit.json").write_text(document)
+    with pytest.raises(InputError):
+        Fit.load(tmp_path)
+
+
+# --- what a fit offers ------------------------------------------------------------------------
+
+
+def test_maps_of_the_model_are_methods_of_the_fit(fit):
+    x = np.linspace(-1, 1, 5)
+    np.testing.assert_array_equal(fit.spring(x), fit.model.maps()["spring"](x))
+    with pytest.raises(AttributeError, match=r"no 'flux_map'; this model's maps are \['spring'\]"):
+        fit.flux_map(0.0, 0.0)
+    assert not hasattr(fit, "_private")
+
+
+def test_supported_is_judged_on_the_visited_states(fit):
+    points = np.array([[0.0, 0.0], [50.0, 0.0]])
+    np.testing.assert_array_equal(fit.supported(points), supported(fit.excited, points))
+    np.testing.assert_array_equal(fit.supported(points), [True, False])
+
+
+@pytest.mark.parametrize(
+    ("verdict", "answered"),
+    [
+        ("plateau", True),
+        ("H = 1 suffices", True),
+        ("fixed", True),
+        ("no plateau", False),
+        ("not identifiable", False),
+    ],
+)
+def test_two_verdicts_are_no_answer(verdict, answered):
+    assert HorizonChoice(1, verdict, "", ()).answered is answered
+
+
+def test_estimate_is_plain_data():
+    assert asdict(Estimate(1.0, 0.5, (0.02, 1.98), "ohm")) == {
+        "value": 1.0,
+        "std": 0.5,
+        "interval_95": (0.02, 1.98),
+        "unit": "ohm",
+        "identifiability": None,
+        "meaning": "",
+    }

@@ -1,0 +1,160 @@
+"""From rungs and a choice to a fit: estimates, verdict, warnings."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from penode import Plan, Stage, Start
+from penode.horizon.assemble import Assembly
+from penode.horizon.consensus import Consensus
+from penode.horizon.ladder import LadderProblem
+from penode.horizon.selection import Choice
+from penode.training.covariance import Reported
+from penode.training.loss import Loss, equation, last_step
+from penode.training.plan import Solution
+from penode.training.residuals import Objective
+
+
+class Still:
+    """An optimiser that leaves everything where it is."""
+
+    def minimise(self, problem, raw, progress):
+        return Solution(raw, problem.gauss_newton(raw), 3, "Still.")
+
+
+@pytest.fixture(scope="module")
+def climbed(systems, objective_of):
+    """Return a problem of the linear machine and two rungs made of its true parameters."""
+    system = systems["linear machine"]
+    objective, runs = objective_of(system), system.recorded_again(noise=0.05)
+    reported = Reported(objective.layout, np.zeros((1, 2)))
+    problem = LadderProblem(objective, reported, system.model, runs, observer=lambda event: None)
+    return problem, problem.climb(Plan((Stage(1, Still()), Stage(7, Still()))), system.raw).fits
+
+
+def fit_of(climbed, start=None, choice=None, values=None):
+    problem, rungs = climbed
+    if values is not None:
+        rungs = [replace(r, values=np.array(v)) for r, v in zip(rungs, values, strict=True)]
+    start = start or Start(problem.model)
+    choice = choice or Choice(1, "plateau", "Because.", (0, 1))
+    plan = Plan((Stage(1, Still()), Stage(7, Still())))
+    return Assembly(problem, start, plan, rungs, choice).fit((), time.monotonic())
+
+
+def test_estimates_of_a_plateau_are_those_of_its_rungs_together(climbed):
+    fit, known = fit_of(climbed), Consensus.of(climbed[1])
+    assert list(fit.parameters) == ["L_d", "L_q", "R", "psi"]
+    for k, (name, unit) in enumerate([("L_d", "H"), ("L_q", "H"), ("R", "ohm"), ("psi", "Vs")]):
+        estimate = fit.parameters[name]
+        assert estimate.value == pytest.approx(known.values[k])
+        assert estimate.std == pytest.approx(known.deviation[k])
+        assert estimate.unit == unit
+        low, high = estimate.interval_95
+        assert high - low == pytest.approx(2 * 1.96 * estimate.std)
+        assert (high + low) / 2 == pytest.approx(estimate.value)
+        assert estimate.identifiability is None
+
+
+FIXED = Choice(1, "fixed", "Asked for.", (1,))
+
+
+def test_estimates_of_a_fixed_horizon_are_its_own(climbed):
+    fit, rung = fit_of(climbed, choice=FIXED), climbed[1][1]
+    for k, estimate in enumerate(fit.parameters.values()):
+        assert estimate.value == pytest.approx(rung.values[k])
+        assert estimate.std == pytest.approx(rung.deviation[k])
+
+
+def test_the_reported_model_has_the_reported_parameters(climbed):
+    there, away = np.array([2e-3, 3e-3, 0.2, 0.05]), np.array([2e-3, 3e-3, 0.3, 0.05])
+    fit = fit_of(climbed, values=[away, there])
+    assert 0.2 < fit.parameters["R"].value < 0.3
+    for name, estimate in fit.parameters.items():
+        assert getattr(fit.model, name) == pytest.approx(estimate.value)
+
+
+def test_what_the_rungs_of_no_plateau_differ_by_widens_the_interval(climbed):
+    there, away = np.array([2e-3, 3e-3, 0.2, 0.05]), np.array([2e-3, 3e-3, 0.3, 0.05])
+    spread = Choice(1, "no plateau", "It depends.", (0, 1))
+    fit = fit_of(climbed, values=[away, there], choice=spread)
+    deviation = climbed[1][1].deviation
+    assert fit.parameters["R"].value == 0.2
+    first, second = climbed[1][0].deviation[2] ** -2, deviation[2] ** -2
+    apart = 0.1 * np.sqrt(first * second) / (first + second)  # of two points with weights
+    assert fit.parameters["R"].std == pytest.approx(np.hypot(deviation[2], apart))
+    assert fit.parameters["psi"].std == pytest.approx(deviation[3])
+
+
+def test_a_parameter_that_no_horizon_is_sure_of_is_told_so_and_spoils_no_other(climbed):
+    problem, rungs = climbed
+    unsure = np.array([1.0, np.inf, 1.0, 1.0])
+    rungs = [
+        replace(rung, deviation=rung.deviation * unsure, working=rung.working * unsure)
+        for rung in rungs
+    ]
+    fit = fit_of((problem, rungs))
+    assert np.isinf(fit.parameters["L_q"].std)
+    assert fit.parameters["R"].std == pytest.approx(Consensus.of(climbed[1]).deviation[2])
+
+
+def test_one_step_matrices_are_kept_where_k_step_errors_are_filtered_one_step_errors(climbed):
+    kept = fit_of(climbed).transitions
+    assert kept.shape == (64, 2, 2)
+    assert np.abs(np.linalg.eigvals(kept)).max() < 1.0
+    problem, rungs = climbed
+    for loss in (Loss(free_starts={"i_d": 1.0}), Loss(weight=last_step), Loss(domain=equation)):
+        objective = Objective(problem.objective.predictor, problem.model, np.ones(2), loss)
+        other = replace(problem, objective=objective)
+        assert not fit_of((other, rungs)).transitions.size
+
+
+def test_the_ladder_is_told_rung_by_rung(climbed):
+    horizon, rungs = fit_of(climbed).horizon, climbed[1]
+    assert (horizon.selected, horizon.verdict, horizon.reason) == (7, "plateau", "Because.")
+    assert horizon.plateau == (1, 7)
+    assert horizon.answered
+    for told, rung in zip(horizon.ladder, rungs, strict=True):
+        assert told.horizon == rung.horizon
+        assert told.parameters["R"] == pytest.approx(0.2)
+        assert told.std["R"] == pytest.approx(rung.deviation[2])
+        assert told.rmse == pytest.approx(np.sqrt(rung.solution.terms.loss))
+        assert (told.iterations, told.outcome) == (3, "Still.")
+    assert horizon.ladder[0].free_run_rmse == pytest.approx(0.05, rel=0.1)
+
+
+def test_an_indistinguishable_parameter_overrules_the_verdict(climbed):
+    start = Start(climbed[0].model, {"R": 2e-4, "psi": 0.5}, repair="Reverse the speed.")
+    fit = fit_of(climbed, start)
+    assert fit.horizon.verdict == "not identifiable"
+    assert not fit.horizon.answered
+    sentence = (
+        "These data cannot tell R (2.0e-04 of it is its own) from the learned map. "
+        "Reverse the speed."
+    )
+    assert fit.horizon.reason == sentence
+    assert fit.warnings == (sentence,)
+    assert fit.parameters["R"].identifiability == 2e-4
+    assert fit.parameters["psi"].identifiability == 0.5
+
+
+def test_a_diverging_free_run_is_a_warning_and_no_number(climbed):
+    problem, rungs = climbed
+    wrong = np.array([0.0, 0.0, -200.0, 0.0])
+    solution = replace(rungs[1].solution, raw=rungs[1].solution.raw + wrong)
+    broken = replace(rungs[1], values=rungs[1].values + wrong, solution=solution)
+    fit = fit_of((problem, (rungs[0], broken)), choice=FIXED)
+    assert fit.horizon.ladder[0].free_run_rmse is not None
+    assert fit.horizon.ladder[1].free_run_rmse is None
+    assert [w.split(":")[0] for w in fit.warnings] == ["run0.csv", "run1.csv"]
+    assert all("free run diverges" in w for w in fit.warnings)
+
+
+def test_provenance_names_versions_and_data(oscillator):
+    provenance = oscillator.fit.provenance
+    assert set(provenance["versions"]) == {"penode", "jax", "numpy", "scipy"}
+    assert set(provenance["data"]) == {"train.csv", "unseen.csv"}
+    assert provenance["placement"] == "Jittered(seed=0, stride=None)"
+    assert provenance["training_time_s"] > 0

@@ -1,0 +1,113 @@
+"""Terms are switched on where the recording shows them and can identify them, and only there."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from penode.pmsm.balance.polynomial_map import PolynomialMap
+from penode.pmsm.balance.term_selection import order_power, structure_of
+from penode.pmsm.balance.voltage_balance import BalanceForm
+from penode.pmsm.bench.drive import Drive
+from penode.pmsm.bench.inverter import DeadTime as BenchDeadTime
+from penode.pmsm.bench.inverter import Inverter
+from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.references import Lissajous
+from penode.pmsm.bench.run import simulate
+from penode.pmsm.machine.terms import DeadTime, completed
+from penode.pmsm.study import Study
+
+
+@pytest.fixture(scope="module")
+def plain_run():
+    """A machine whose harmonics are a millionth of the usual, behind a drive without dead time."""
+    iron = TRACTION_300A.coenergy
+    faint = tuple((order, 1e-6 * a, 1e-6 * b) for order, a, b in iron.harmonics)
+    machine = replace(TRACTION_300A, coenergy=replace(iron, harmonics=faint))
+    drive = Drive(current_noise=0.2)
+    reference = Lissajous(240.0, 50.0, 43.0)
+    return simulate(machine, reference, speed_rpm=1000.0, duration=0.5, drive=drive, seed=3)
+
+
+def circle(time):
+    """150 A at an angle that turns at 50 rad/s, (time, 2)."""
+    return 150.0 * np.stack([np.cos(50.0 * time), np.sin(50.0 * time)], axis=1)
+
+
+def test_harmonics_and_no_dead_time_on_an_ideal_drive(slow_run):
+    found = structure_of([slow_run], "coenergy")
+    assert found.terms == ()
+    assert found.angle_orders == (6, 12)
+    assert "left out" in found.term_reasons[0]
+    assert "orders 6 (" in found.angle_reasons[0]
+
+
+def test_dead_time_is_seen_and_sized(dead_time_run):
+    found = structure_of([dead_time_run], "coenergy")
+    assert found.terms == (DeadTime(),)
+    assert found.angle_orders == (6, 12)
+    assert re.search(r"shows 2\.(3[5-9]|4[0-5])", found.term_reasons[0])
+
+
+def test_nothing_where_there_is_nothing(plain_run):
+    found = structure_of([plain_run], "coenergy")
+    assert found.terms == ()
+    assert found.angle_orders == ()
+
+
+def test_dead_time_that_r_can_stand_in_for_is_left_out():
+    """On a circle of one current amplitude both drop a voltage along the current."""
+    drive = Drive(inverter=Inverter(dead_time=BenchDeadTime(0.6e-6)))
+    run = simulate(TRACTION_300A, circle, speed_rpm=1000.0, duration=0.5, drive=drive)
+    found = structure_of([run], "coenergy")
+    assert found.terms == ()
+    assert "record several amplitudes" in found.term_reasons[0]
+
+
+def test_a_map_that_cannot_follow_the_angle_says_so(slow_run):
+    found = structure_of([slow_run], "spline")
+    assert found.angle_orders == ()
+    assert "coenergy can" in found.angle_reasons[0]
+
+
+def test_an_order_beyond_the_samples_is_left_out(slow_run):
+    """Every fourth sample: order 12 at 1500 rpm has 6.25 of them a period."""
+    coarse = replace(
+        slow_run,
+        time_step=4 * slow_run.time_step,
+        channels={name: values[::4] for name, values in slow_run.channels.items()},
+    )
+    found = structure_of([coarse], "coenergy")
+    assert 12 not in found.angle_orders
+
+
+def test_without_the_angle_nothing_is_told(slow_run):
+    bare = {name: c for name, c in slow_run.channels.items() if name != "theta_el"}
+    found = structure_of([replace(slow_run, channels=bare)], "coenergy")
+    assert (found.terms, found.angle_orders) == ((), ())
+    assert "theta_el was not recorded" in found.term_reasons[0]
+
+
+def test_what_the_user_says_stands(slow_run):
+    told = Study(terms=(DeadTime(),), candidates=(), angle_orders=())
+    assert told.decided([slow_run]) == (told, ())
+    half, reasons = Study(angle_orders=(6,)).decided([slow_run])
+    assert (half.terms, half.angle_orders) == ((), (6,))
+    assert len(reasons) == 1
+
+
+def test_power_of_an_order_is_that_of_its_voltage(slow_run):
+    """Adding a voltage at order 9 adds its power to that order and to no other."""
+    balance = BalanceForm(PolynomialMap(True, 250.0), completed(())).solve([slow_run])
+    theta = (
+        slow_run.channels["theta_el"] + 0.5 * slow_run.time_step * (slow_run.channels["omega_el"])
+    )
+    extra = {"u_d": np.cos(9 * theta), "u_q": np.sin(9 * theta)}
+    added = {name: slow_run.channels[name] + v for name, v in extra.items()}
+    louder = replace(slow_run, channels={**slow_run.channels, **added})
+    orders = (8, 9, 10)
+    before, after = (order_power([run], balance, orders) for run in (slow_run, louder))
+    count = len(slow_run) - 1
+    assert after[9] == pytest.approx(count, rel=0.02)
+    assert all(abs(after[n] - before[n]) < 0.02 * count for n in (8, 10))

@@ -1,0 +1,199 @@
+"""Ten wrong conventions are found by name, and clean recordings are left alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+from penode.data.experiment import Experiment
+from penode.pmsm.bench.current_sensors import CurrentSensors
+from penode.pmsm.bench.drive import Drive
+from penode.pmsm.bench.inverter import DeadTime, Inverter
+from penode.pmsm.bench.machines import BRUSA_250A, COMSOL_300A, TRACTION_300A
+from penode.pmsm.bench.references import Lissajous
+from penode.pmsm.bench.run import simulate
+from penode.pmsm.bench.sensors import Resolver, SpeedSensor
+from penode.pmsm.conventions.check import check_conventions
+from penode.pmsm.machine.frames import abc_from_dq
+from penode.pmsm.recording.name_plate import NamePlate
+
+#: Machine, speed in rpm, rate in rad/s, dead time in s.
+DRAWN = {
+    "traction": (TRACTION_300A, -900.0, 45.0, 0.5e-6),
+    "comsol": (COMSOL_300A, 2100.0, 90.0, 0.3e-6),
+    "brusa": (BRUSA_250A, 700.0, 95.0, 0.2e-6),
+}
+
+
+@pytest.fixture(scope="module", params=list(DRAWN))
+def drawn(request):
+    """Return a machine and its recording behind a drive with every imperfection on."""
+    machine, rpm, rate, dead_time = DRAWN[request.param]
+    limit = machine.current_limit
+    drive = Drive(
+        inverter=Inverter(dead_time=DeadTime(dead_time)),
+        current_sensors=CurrentSensors(
+            gain=(1.0, 1.01, 0.99), offset=(0.003 * limit, -0.002 * limit, 0.0), noise=0.001 * limit
+        ),
+        resolver=Resolver(orders=((1.0, 0.005, 0.0), (2.0, 0.0035, 1.0)), growth=0.002),
+        speed_sensor=SpeedSensor(noise=0.002, orders=((1.0, 0.002, 0.0),)),
+    )
+    reference = Lissajous(0.7 * limit, rate, 13 / 12 * rate)
+    run = simulate(machine, reference, speed_rpm=rpm, duration=0.5, drive=drive, seed=5)
+    return machine, run
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
+
+
+def changed(run: Experiment, **channels) -> Experiment:
+    return replace(run, channels={**run.channels, **channels})
+
+
+def scaled(run: Experiment, factor: float, *names: str) -> Experiment:
+    return changed(run, **{name: factor * run.channels[name] for name in names})
+
+
+def without(run: Experiment, *names: str) -> Experiment:
+    kept = {name: values for name, values in run.channels.items() if name not in names}
+    return replace(run, channels=kept)
+
+
+def in_phases(run: Experiment) -> Experiment:
+    """Return the recording in phase quantities, its speed left to the angle."""
+    theta, phases = run.channels["theta_el"], {}
+    for kind in "ui":
+        three = abc_from_dq(run.stack((f"{kind}_d", f"{kind}_q")), theta)
+        phases |= {f"{kind}_{phase}": x for phase, x in zip("abc", three.T, strict=True)}
+    return replace(run, channels={**phases, "theta_el": theta})
+
+
+def shifted(run: Experiment, samples: int, *names: str) -> Experiment:
+    late = {name: np.roll(run.channels[name], samples) for name in names}
+    moved = changed(run, **late)
+    return replace(moved, channels={n: x[2:-2] for n, x in moved.channels.items()})
+
+
+def exchanged(run: Experiment, one: str, other: str) -> Experiment:
+    return changed(run, **{one: run.channels[other], other: run.channels[one]})
+
+
+def names_of(run: Experiment, *known) -> list[str]:
+    return [found.name for found in check_conventions(run, *known).broken]
+
+
+def test_clean_recordings_are_silent(drawn):
+    machine, run = drawn
+    plate = NamePlate(machine.magnet_flux_linkage, machine.resistance)
+    for clean in (run, without(run, "theta_el"), in_phases(run)):
+        found = check_conventions(clean, machine.pole_pairs, plate)
+        assert found.broken == ()
+        assert found.untold == ()
+
+
+def test_swapped_phases(drawn):
+    run = in_phases(drawn[1])
+    for one, other in (("i_a", "i_b"), ("u_b", "u_c")):
+        (found,) = check_conventions(exchanged(run, one, other)).broken
+        assert found.name == "swapped phases"
+        assert set(found.channels) == {one, other}
+
+
+def test_negative_q(drawn):
+    run = drawn[1]
+    assert names_of(scaled(run, -1.0, "i_q")) == ["negative q current"]
+    assert names_of(scaled(run, -1.0, "u_q")) == ["negative q voltage"]
+
+
+def test_mechanical_speed_and_angle(drawn):
+    machine, run = drawn
+    pairs = machine.pole_pairs
+    of_shaft = scaled(run, 1 / pairs, "omega_el")
+    (found,) = check_conventions(of_shaft).broken
+    assert found.name == "mechanical speed for electrical"
+    assert f"pole_pairs = {pairs}" in found.mend
+    blind = without(of_shaft, "theta_el")
+    assert names_of(blind, pairs) == ["mechanical speed for electrical"]
+    theta = np.mod(np.unwrap(run.channels["theta_el"]) / pairs, 2 * np.pi)
+    for angle in (changed(run, theta_el=theta), changed(in_phases(run), theta_el=theta)):
+        assert names_of(angle) == ["mechanical angle for electrical"]
+
+
+def test_rms_shows_against_a_name_plate_or_phases_and_not_without(drawn):
+    machine, run = drawn
+    plate = NamePlate(machine.magnet_flux_linkage, machine.resistance)
+    root = 2**-0.5
+    for names, word in ((("u_d", "u_q"), "voltages"), (("i_d", "i_q"), "currents")):
+        rms = scaled(run, root, *names)
+        assert names_of(rms, None, plate) == [f"rms for peak ({word})"]
+        assert names_of(changed(rms, **in_phases(run).channels)) == [f"rms for peak ({word})"]
+        alone = check_conventions(rms)
+        assert alone.broken == ()
+        assert "Rms values cannot be told" in alone.untold[-1]
+    both = scaled(run, root, "u_d", "u_q", "i_d", "i_q")
+    assert names_of(both, None, plate) == ["rms for peak (voltages)", "rms for peak (currents)"]
+
+
+@pytest.mark.parametrize("samples", [1, -1])
+def test_one_sample_delay(drawn, samples):
+    run = drawn[1]
+    (found,) = check_conventions(shifted(run, samples, "u_d", "u_q")).broken
+    assert found.name == "one-sample delay"
+    assert found.mend.endswith(f"delay = {samples}")
+    late = shifted(in_phases(run), samples, "u_a", "u_b", "u_c")
+    assert names_of(late) == ["one-sample delay"]
+
+
+def test_reversed_speed(drawn):
+    run = scaled(drawn[1], -1.0, "omega_el")
+    assert names_of(run) == ["reversed speed"]
+    assert names_of(without(run, "theta_el")) == ["reversed speed"]
+
+
+def test_degrees_for_radians(drawn):
+    run = drawn[1]
+    degrees = np.degrees(run.channels["theta_el"])
+    assert names_of(changed(run, theta_el=degrees)) == ["degrees for radians"]
+    assert names_of(changed(in_phases(run), theta_el=degrees)) == ["degrees for radians"]
+    counted_on = np.degrees(np.unwrap(run.channels["theta_el"]))
+    assert names_of(changed(run, theta_el=counted_on)) == ["degrees for radians"]
+
+
+@pytest.mark.parametrize("offset", [20.0, -90.0])
+def test_offset_angle(drawn, offset):
+    run = in_phases(drawn[1])
+    aside = changed(run, theta_el=run.channels["theta_el"] + np.radians(offset))
+    (found,) = check_conventions(aside).broken
+    assert found.name == "offset angle"
+    told = float(found.mend.removeprefix("subtract ").split()[0])
+    assert told == pytest.approx(offset, abs=2.0)
+
+
+def test_scales(drawn):
+    run = drawn[1]
+    assert names_of(scaled(run, 1e-3, "i_d", "i_q")) == ["kA for A"]
+    assert names_of(scaled(run, 1 / 400, "u_d", "u_q")) == ["duty for volts"]
+
+
+def test_currents_counted_out_of_the_machine(drawn):
+    run = scaled(drawn[1], -1.0, "i_d", "i_q")
+    assert names_of(run) == ["currents counted out of the machine"]
+
+
+def test_two_errors_are_both_named(drawn):
+    run = drawn[1]
+    wrong = scaled(changed(run, theta_el=np.degrees(run.channels["theta_el"])), -1.0, "i_q")
+    assert names_of(wrong) == ["degrees for radians", "negative q current"]
+
+
+def test_a_delay_that_does_not_show_is_said_to_be_untold():
+    drive = Drive(inverter=Inverter(dead_time=DeadTime(1.4e-6)), current_noise=0.3)
+    reference = Lissajous(120.0, 11.0, 12.0)
+    run = simulate(TRACTION_300A, reference, speed_rpm=300.0, duration=0.5, drive=drive)
+    found = check_conventions(run)
+    assert found.broken == ()
+    assert any("a delay of the voltage cannot be told" in sentence for sentence in found.untold)

@@ -1,0 +1,232 @@
+"""Terms of the voltage equation: laws over all of them, and each against its formula in NumPy."""
+
+from dataclasses import replace
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from penode.arrays import float64
+from penode.data.experiment import Experiment
+from penode.errors import InputError
+from penode.models.inputs import Inputs
+from penode.models.parameters import Positive, setting_at, with_batch_axis
+from penode.pmsm.balance.equations import balance_equations, term_columns
+from penode.pmsm.balance.polynomial_map import PolynomialMap
+from penode.pmsm.balance.trial_balance import DirectedDeadTime
+from penode.pmsm.balance.voltage_balance import BalanceForm
+from penode.pmsm.machine.flux_maps import Flux, FluxMap
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.terms import (
+    TERMS,
+    Channel,
+    DeadTime,
+    Resistance,
+    Rotation,
+    TemperatureResistance,
+    completed,
+    physical_places,
+    physical_values,
+    term_name,
+    terms_of,
+    with_physical,
+)
+from penode.training.weak_form import weak_regression
+
+RANDOM = np.random.default_rng(7)
+COUNT = 60
+POLYNOMIAL = PolynomialMap(True, 200.0, 2)
+
+#: Every term there is: a new one joins by its line in TERMS.
+ALL = {**TERMS, "rotation": Rotation, "mean dead time": DirectedDeadTime}
+
+
+def drawn(kind):
+    """Return a term with random parameters: positive ones where they must be."""
+    term = kind().prepared(200.0)
+    changed = {}
+    for name in type(term).__dataclass_fields__:
+        value = getattr(term, name)
+        if isinstance(value, np.ndarray):
+            setting = setting_at(term, (jax.tree_util.GetAttrKey(name),))
+            positive = isinstance(setting.transform, Positive) or not setting.physical
+            changed[name] = RANDOM.uniform(1, 5) if positive else RANDOM.normal()
+    return replace(term, **changed)
+
+
+def recording(terms):
+    """Return random samples of all that terms read, within what is credible."""
+    channels = {n: RANDOM.uniform(-150, 150, COUNT) for n in ("i_d", "i_q", "u_d", "u_q")}
+    for term in completed(terms):
+        for channel in term.channels:
+            low, high = max(channel.lowest, -300.0), min(channel.highest, 300.0)
+            channels[channel.name] = RANDOM.uniform(low, high, COUNT)
+    return Experiment("random", 1e-4, channels)
+
+
+def dropped(term, run, psi):
+    """Return the predictor's face of a term, (2, time) in V, at single moments."""
+    names = tuple(channel.name for channel in term.channels)
+    with float64():
+        u = Inputs(jnp.asarray(run.stack(names).T if names else np.zeros((0, COUNT))), names)
+        flux = Flux(jnp.asarray(psi), None, 0.0)
+        x = jnp.asarray(run.stack(("i_d", "i_q")).T)
+        return np.asarray(with_batch_axis(term).drop(x, u, flux))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_both_faces_of_a_term_agree(name):
+    """What the predictor drops is what the weak form's columns give with the same parameters."""
+    term = drawn(ALL[name])
+    run = recording([term])
+    basis = POLYNOMIAL.basis(run.stack(("i_d", "i_q")))
+    weights = RANDOM.normal(size=basis.shape[2])
+    known, by_parameter, by_map = term_columns(run, (term,), basis)
+    values = np.array([*physical_values((term,)).values()])
+    from_columns = known + by_parameter @ values + by_map @ weights
+    expected = dropped(term, run, (basis @ weights).T).T
+    scale = np.abs(expected).max()
+    assert scale > 0
+    np.testing.assert_allclose(from_columns, expected, rtol=0, atol=1e-12 * scale)
+    assert np.abs(known).max() < 1e-12 * scale  # linear in what is solved for
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_machine_loses_what_the_term_drops(name):
+    """L di/dt = u - drops: the whole equation, with and without the term."""
+    term = drawn(ALL[name])
+    run = recording([term])
+    flux = FluxMap(Linear(), 1.0, 1.0)
+    others = [t for t in completed(()) if t.role != term.role]
+    rates = []
+    for terms in ((term, *others), tuple(others)):
+        machine = Machine(flux, terms)
+        if term.role not in ("resistance", "rotation"):
+            assert len(machine.terms) == len(terms)
+        machine = object.__new__(Machine)  # without the completion: the term really is left out
+        object.__setattr__(machine, "flux", flux)
+        object.__setattr__(machine, "terms", tuple(terms))
+        with float64():
+            x = jnp.asarray(run.stack(("i_d", "i_q")).T)
+            u = Inputs(jnp.asarray(run.stack(machine.inputs).T), machine.inputs)
+            rates.append(np.asarray(with_batch_axis(machine).derivative(x, u)))
+    psi = Linear.PSI[:, None] + Linear.L @ run.stack(("i_d", "i_q")).T
+    lost = Linear.L @ (rates[1] - rates[0])
+    expected = dropped(term, run, psi)
+    np.testing.assert_allclose(lost, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+class Linear(eqx.Module):
+    """A flux map psi = PSI + L i."""
+
+    PSI: ClassVar = np.array([0.05, 0.01])
+    L: ClassVar = np.array([[3e-4, 2e-5], [2e-5, 5e-4]])
+
+    def value_and_jacobian(self, x):
+        value = self.PSI[:, None] + jnp.asarray(self.L) @ x
+        return value, jnp.broadcast_to(self.L[:, :, None], (2, 2, x.shape[1]))
+
+
+@pytest.mark.parametrize("name", [n for n in ALL if physical_places((ALL[n](),))])
+def test_the_weak_form_solves_for_every_physical_parameter_and_its_deviation(name, slow_run):
+    """Deviations come from the declaration, without a further line."""
+    term = ALL[name]()
+    run = replace(slow_run, channels={**slow_run.channels, **_further(term, slow_run)})
+    balance = BalanceForm.of([run], True, (term,)).solve([run])
+    wanted = {field for _, field in physical_places((term,))}
+    assert wanted <= set(balance.physical)
+    for parameter in wanted:
+        value, deviation = balance.physical[parameter]
+        assert np.isfinite(value)
+        assert 0 < deviation < np.inf
+
+
+def _further(term, run):
+    """Return channels that a term needs and a recording lacks."""
+    names = [channel.name for channel in term.channels if channel.name not in run.channels]
+    return {name: np.linspace(20.0, 90.0, len(run)) for name in names}
+
+
+def test_a_known_voltage_without_parameters_is_taken_off(slow_run):
+    """A term may know all there is to know of it: it then has no column, but a voltage."""
+    currents = slow_run.stack(("i_d", "i_q"))
+    basis = PolynomialMap(True, 250.0, 4).basis(currents)
+
+    class Known(Resistance):
+        def drop(self, x, u, flux):
+            return super().drop(x, u, flux) + 0.02 * x + 0.7
+
+    plain = balance_equations(slow_run, completed(()), basis, 20)
+    known = balance_equations(slow_run, completed((Known(),)), basis, 20)
+    np.testing.assert_allclose(known.matrix, plain.matrix, rtol=0, atol=1e-12)
+    # The same by hand: u less the known voltage, as smooth as the drops are.
+    extra = 0.02 * currents + 0.7
+    shape = (*currents.shape, 1)
+    weak = weak_regression(
+        np.zeros(shape), -extra[..., None], 0.0 * currents, slow_run.time_step, 20
+    )
+    np.testing.assert_allclose(known.target, plain.target - weak.matrix[:, 0], rtol=0, atol=1e-12)
+
+
+# --- each by its formula ----------------------------------------------------------------------
+
+
+def test_resistances_and_rotation_by_their_formulas():
+    i, psi = RANDOM.normal(size=(2, COUNT)), RANDOM.normal(size=(2, COUNT))
+    temperature, omega = RANDOM.uniform(-40, 180, COUNT), RANDOM.normal(size=COUNT)
+    run = Experiment(
+        "run",
+        1e-4,
+        {"i_d": i[0], "i_q": i[1], "winding_temperature": temperature, "omega_el": omega},
+    )
+    found = dropped(TemperatureResistance(0.02), run, psi)
+    np.testing.assert_allclose(found, 0.02 * (1 + 0.00393 * (temperature - 20)) * i, rtol=1e-14)
+    aluminium = dropped(TemperatureResistance(0.02, alpha=0.00403), run, psi)
+    np.testing.assert_allclose(aluminium, 0.02 * (1 + 0.00403 * (temperature - 20)) * i, rtol=1e-14)
+    np.testing.assert_allclose(dropped(Resistance(0.02), run, psi), 0.02 * i, rtol=1e-15)
+    turned = omega * np.stack([-psi[1], psi[0]])
+    np.testing.assert_allclose(dropped(Rotation(), run, psi), turned, rtol=1e-15)
+
+
+# --- how terms are put together ---------------------------------------------------------------
+
+
+def test_resistance_and_rotation_are_added_where_nothing_stands_in_their_place():
+    names = [[term_name(t) for t in completed(terms)] for terms in ((), (TemperatureResistance(),))]
+    assert names == [["resistance", "Rotation"], ["temperature_resistance", "Rotation"]]
+    assert [type(t) for t in completed((DeadTime(),))] == [Resistance, DeadTime, Rotation]
+
+
+def test_two_terms_of_one_role_are_refused():
+    with pytest.raises(InputError, match="Resistance and TemperatureResistance came, and both"):
+        Machine(FluxMap(Linear(), 1.0, 1.0), (Resistance(), TemperatureResistance()))
+
+
+def test_an_unknown_term_is_refused_with_the_known_ones():
+    with pytest.raises(InputError, match="term 'iron' came; choose from resistance, temperature"):
+        terms_of(["iron"])
+
+
+def test_the_inputs_of_a_machine_are_what_its_terms_need():
+    flux = FluxMap(Linear(), 1.0, 1.0)
+    assert Machine(flux).inputs == ("u_d", "u_q", "omega_el")
+    both = Machine(flux, (TemperatureResistance(), DeadTime(0.0, 1.0)))
+    assert set(both.inputs) == {"u_d", "u_q", "omega_el", "theta_el", "winding_temperature"}
+
+
+def test_parameters_are_exchanged_in_their_order():
+    terms = completed((DeadTime(1.0, 2.0),))
+    assert physical_values(terms) == {"R": 0.0, "dead_time_voltage": 1.0}
+    assert physical_values(with_physical(terms, [0.3, 4.0])) == {"R": 0.3, "dead_time_voltage": 4.0}
+
+
+def test_a_guess_is_made_only_where_nothing_was_said():
+    assert float(DeadTime().prepared(250.0).dead_time_current) == 2.5
+    assert float(DeadTime(dead_time_current=1.0).prepared(250.0).dead_time_current) == 1.0
+
+
+def test_a_channel_of_its_own_has_no_bounds_unless_it_says_so():
+    assert Channel("x", "A", "this").lowest == -np.inf

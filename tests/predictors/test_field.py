@@ -1,0 +1,115 @@
+"""What a solver's stages hand to a model: named inputs, and the part of the sample."""
+
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from penode import Model
+from penode.arrays import float64
+from penode.errors import InputError
+from penode.models.inputs import Inputs
+from penode.predictors.field import Field
+from penode.predictors.holds import ZeroOrder
+from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
+from penode.predictors.multistep import AdamsBashforth
+from penode.predictors.one_step import RungeKutta, Substeps
+from penode.predictors.tableaus import AB3, DOPRI5, EULER, RK4
+
+T = 0.1
+
+
+def spans(solver):
+    """Return place and span of every stage of a step of a model that stands still."""
+    seen = []
+
+    class Watching(Model):
+        states: ClassVar[tuple[str, ...]] = ("x",)
+        inputs: ClassVar[tuple[str, ...]] = ("angle", "rate")
+        state_units: ClassVar[tuple[str, ...]] = ("m",)
+        input_rates: ClassVar[dict[str, str]] = {"angle": "rate"}
+
+        def derivative(self, x, u):
+            angle = u["angle"]
+            seen.append((None if isinstance(angle, jax.core.Tracer) else float(angle[0]), u.span))
+            return 0.0 * x
+
+    with float64():
+        rows = jnp.asarray([[0.0], [1.0 / T]])
+        field = Field(Watching(), lambda k: rows, ZeroOrder(), T)
+        solver.advance(field, jnp.zeros((solver.past, 1, 1)))
+    return seen
+
+
+def test_stages_of_a_step_stand_for_parts_of_it():
+    sixth, third = T / 6, T / 3
+    expected = [
+        (0.0, (0, sixth)),
+        (0.5, (-third, third)),
+        (0.5, (-third, third)),
+        (1.0, (-sixth, 0)),
+    ]
+    for (place, span), (wanted, part) in zip(spans(RungeKutta(RK4)), expected, strict=True):
+        assert place == pytest.approx(wanted)
+        assert span == pytest.approx(part, abs=1e-15)
+
+
+def test_stages_of_sub_steps_stand_for_parts_of_theirs():
+    """Of the second of two steps the first stage is at half the sample and stands for a twelfth."""
+    place, span = spans(Substeps(RungeKutta(RK4), 2))[4]
+    assert place == pytest.approx(0.5)
+    assert span == pytest.approx((0.0, T / 12), abs=1e-15)
+
+
+def test_eulers_stage_stands_for_its_moment():
+    assert spans(RungeKutta(EULER)) == [(0.0, (0.0, 0.0))]
+
+
+@pytest.mark.parametrize("solver", [RungeKutta(DOPRI5), AdamsBashforth(AB3)])
+def test_stages_that_stand_for_no_part_say_so(solver):
+    assert {span for _, span in spans(solver)} == {None}
+
+
+@pytest.mark.parametrize(
+    ("solver", "parts"),
+    [
+        (Trapezoidal(), {(0.0, T / 2), (-T / 2, 0.0)}),
+        (ImplicitMidpoint(), {(-T / 2, T / 2)}),
+    ],
+)
+def test_stages_of_implicit_methods_stand_for_all_of_it(solver, parts):
+    assert {tuple(np.round(span, 12)) for _, span in spans(solver)} == parts
+
+
+# --- inputs by name ---------------------------------------------------------------------------
+
+U = Inputs(jnp.asarray([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]), ("a", "b", "c"))
+
+
+def test_rows_by_name_and_by_place():
+    np.testing.assert_array_equal(U["b"], [3.0, 4.0])
+    np.testing.assert_array_equal(U[1], U["b"])
+    np.testing.assert_array_equal(U[-1], U["c"])
+    np.testing.assert_array_equal(U["b", "c"], [[3.0, 4.0], [5.0, 6.0]])
+    np.testing.assert_array_equal(U["c", "a"], [[5.0, 6.0], [1.0, 2.0]])
+    assert [float(row[0]) for row in U] == [1.0, 3.0, 5.0]
+
+
+def test_exchanged_rows_leave_the_others_alone():
+    changed = U.over((-1.0, 2.0)).replaced(b=jnp.asarray([9.0, 9.0]))
+    np.testing.assert_array_equal(changed.values, [[1.0, 2.0], [9.0, 9.0], [5.0, 6.0]])
+    assert changed.span == (-1.0, 2.0)
+    assert changed.part_for("this") == (0.5, 1.5)
+
+
+def test_what_is_not_there_is_told():
+    with pytest.raises(KeyError, match="no input 'd'; the model's inputs are a, b, c"):
+        U["d"]
+    with pytest.raises(IndexError):
+        U[3]
+    with pytest.raises(TypeError, match="give the name of an input or its place"):
+        U[1:]
+    with pytest.raises(InputError, match="dead time takes its mean over the part of a sample"):
+        U.over(None).part_for("dead time")
