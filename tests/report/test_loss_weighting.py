@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from penode.horizon.loss_weighting import prefilter_view
+from penode.horizon.loss_weighting import loss_weighting
 from penode.report.document import Figure, Table
 from penode.report.listening import listening
 from penode.report.loss_weighting import Name, prefilter_figure, prefilter_section, unnamed
@@ -18,7 +18,7 @@ def view_of(signal, units=("A", "A"), horizons=(1, 60)):
     noise = 0.02 * np.random.default_rng(5).normal(size=(SAMPLES, 2))
     rows = np.column_stack([signal.real, signal.imag]) + noise
     comparison = Comparison("a.csv", "train", STEP, ("i_d", "i_q"), units, rows, 0 * rows, 0 * rows)
-    return prefilter_view(comparison, MATRICES, horizons)
+    return loss_weighting(comparison, MATRICES, horizons)
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ _KEPT = 64
 
 
 @dataclass(frozen=True, eq=False)
-class PrefilterView:
+class LossWeighting:
     """The one-step residual's spectrum, and how the loss at each horizon weighs it.
 
     Attributes
@@ -155,12 +155,12 @@ def weight_matrix(transitions: FloatArray, states: int, horizon: int, samples: i
     return np.asarray(np.fft.fft(lags, axis=0))
 
 
-def prefilter_view(
+def loss_weighting(
     comparison: Comparison,
     transitions: FloatArray,
     horizons: Sequence[int],
     base: float | None = None,
-) -> PrefilterView:
+) -> LossWeighting:
     """Return a recording's residual spectrum, its lines, and its weight at each horizon.
 
     Parameters
@@ -189,7 +189,7 @@ def prefilter_view(
         frequency = np.abs(frequency)
     power, frequency = power[order], frequency[order]
     names = comparison.states
-    return PrefilterView(
+    return LossWeighting(
         signals=(f"{names[0]} + j {names[1]}",) if paired else names,
         unit=comparison.units[0] if len(set(comparison.units)) == 1 else "",
         frequency=frequency,
