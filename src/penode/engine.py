@@ -99,8 +99,9 @@ from penode.training.plan import Optimiser, Problem, Solution
 from penode.training.residuals import GaussNewtonTerms, Objective, residual_scale
 from penode.training.second_order import LevenbergMarquardt
 from penode.training.weak_form import WeakRegression, weak_regression
+from penode.validation.comparison import Comparison
 from penode.validation.coverage import supported
-from penode.validation.free_run import Comparison, compare
+from penode.validation.free_run import compare
 from penode.validation.residual_lines import Line, find_lines, power_spectrum
 from penode.validation.residual_tests import (
     Correlations,

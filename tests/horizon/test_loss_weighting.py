@@ -13,7 +13,8 @@ from penode.horizon.loss_weighting import linearised, loss_weighting, weight_mat
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.tableaus import AB2
 from penode.training.residuals import Objective
-from penode.validation.free_run import Comparison, compare
+from penode.validation.comparison import Comparison
+from penode.validation.free_run import compare
 
 STEP, SPEED, SAMPLES = 1e-4, 150.0, 400
 

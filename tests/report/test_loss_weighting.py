@@ -7,7 +7,7 @@ from penode.horizon.loss_weighting import loss_weighting
 from penode.report.document import Figure, Table
 from penode.report.listening import listening
 from penode.report.loss_weighting import Name, prefilter_figure, prefilter_section, unnamed
-from penode.validation.free_run import Comparison
+from penode.validation.comparison import Comparison
 
 STEP, SAMPLES = 1e-4, 20_000
 TURN = 2 * np.pi * 100 * STEP

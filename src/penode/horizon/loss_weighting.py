@@ -19,7 +19,7 @@ from penode.data.experiment import Experiment
 from penode.models.base import Model
 from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
-from penode.validation.free_run import Comparison
+from penode.validation.comparison import Comparison
 from penode.validation.residual_lines import Line, find_lines, power_spectrum
 
 #: Matrices kept of a recording; speed and saturation move slowly against a sample.
