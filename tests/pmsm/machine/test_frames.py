@@ -1,9 +1,11 @@
 """Laws of the amplitude-invariant Clarke-Park transform."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc
+from penode.arrays import float64
+from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc, quarter_turned, solved
 
 RNG = np.random.default_rng(1)
 THETA = RNG.uniform(-10.0, 10.0, 50)
@@ -53,3 +55,16 @@ def test_power_of_the_phases_is_three_halves_of_dq():
 def test_leading_axes_broadcast():
     assert dq_from_abc(np.zeros((4, 5, 3)), np.zeros((4, 5))).shape == (4, 5, 2)
     assert abc_from_dq(np.zeros(2), np.zeros((4, 5))).shape == (4, 5, 3)
+
+
+@pytest.mark.parametrize("library", [np, jnp])
+def test_a_quarter_turn_and_systems_of_two_equations(rng, library):
+    matrix, vector = rng.normal(size=(2, 2, 7)), rng.normal(size=(2, 7))
+    with float64():
+        turned = quarter_turned(library.asarray(vector))
+        solution = solved(library.asarray(matrix), library.asarray(vector))
+    assert isinstance(turned, library.ndarray)
+    assert isinstance(solution, library.ndarray)
+    np.testing.assert_array_equal(turned, np.array([[0, -1], [1, 0]]) @ vector)
+    expected = np.linalg.solve(np.moveaxis(matrix, -1, 0), vector.T[..., None])[..., 0].T
+    np.testing.assert_allclose(solution, expected, rtol=1e-10)

@@ -18,6 +18,7 @@ from penode.pmsm.balance.equations import CURRENTS, VOLTAGES, balance_equations
 from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.voltage_balance import harmonic_window
 from penode.pmsm.machine.flux_maps import Flux
+from penode.pmsm.machine.frames import quarter_turned
 from penode.pmsm.machine.terms import Term, completed
 from penode.training.covariance import bartlett
 from penode.training.weak_form import WeakRegression
@@ -137,7 +138,7 @@ def lag_of_voltage(experiment: Experiment, in_phases: bool) -> tuple[float, floa
     """
     currents, voltage = experiment.stack(CURRENTS), experiment.stack(VOLTAGES)
     terms, basis = _terms(currents), _polynomial(currents, FINE_DEGREE).basis(currents)
-    turned = np.stack([-voltage[:, 1], voltage[:, 0]], axis=1)
+    turned = quarter_turned(voltage.T).T
     turn = experiment.channels["omega_el"] * experiment.time_step
     earlier, nothing = -experiment.time_step * voltage, np.zeros_like(voltage)
     tried = [([(earlier, nothing)], 0.0)]

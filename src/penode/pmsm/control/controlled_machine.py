@@ -11,6 +11,7 @@ import numpy as np
 from penode.arrays import BoolArray, FloatArray
 from penode.errors import InputError
 from penode.fit.fit import Fit
+from penode.pmsm.machine.frames import quarter_turned
 
 
 def _everywhere(points: FloatArray) -> BoolArray:
@@ -81,8 +82,3 @@ class ControlledMachine:
         slope: FloatArray = speed * quarter_turned(self.differential_inductance(*current))
         slope[[0, 1], [0, 1]] += self.resistance
         return slope
-
-
-def quarter_turned(vector: FloatArray) -> FloatArray:
-    """Return J times a vector or matrix whose first axis is (d, q)."""
-    return np.stack([-vector[1], vector[0]])

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from penode.arrays import BoolArray, FloatArray
+from penode.pmsm.machine import frames
 
 _ITERATIONS = 16
 #: A point counts as found when its last step is below this share of its size, or of 1.
@@ -49,9 +50,7 @@ def inverse(
 
 def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     """Return the solutions (2, point) of systems (2, 2, point) x = (2, point); NaN if singular."""
-    (a, b), (c, d) = matrix
     with np.errstate(all="ignore"):
-        raised = np.stack([d * vector[0] - b * vector[1], a * vector[1] - c * vector[0]])
-        solution: FloatArray = raised / (a * d - b * c)
+        solution: FloatArray = frames.solved(matrix, vector)
     solution[~np.isfinite(solution)] = np.nan
     return solution

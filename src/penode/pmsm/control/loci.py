@@ -12,8 +12,9 @@ from scipy.optimize import brentq
 
 from penode.arrays import BoolArray, FloatArray
 from penode.errors import InputError
-from penode.pmsm.control.controlled_machine import ControlledMachine, quarter_turned
+from penode.pmsm.control.controlled_machine import ControlledMachine
 from penode.pmsm.control.torque_curves import ANGLES, Circles, VoltageCurves, most_torque
+from penode.pmsm.machine.frames import quarter_turned
 
 #: Points of a locus.
 _POINTS = 60

@@ -7,8 +7,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from penode.arrays import FloatArray
-from penode.pmsm.control.controlled_machine import ControlledMachine, quarter_turned
+from penode.pmsm.control.controlled_machine import ControlledMachine
 from penode.pmsm.control.inversion import inverse, solved
+from penode.pmsm.machine.frames import quarter_turned
 
 #: Angles of a curve in rad that are tried before the best one is refined.
 ANGLES = np.linspace(-np.pi, np.pi, 121)

@@ -10,6 +10,10 @@ A balanced set of peak value X becomes a dq vector of length X, and the power of
 is 3/2 (u_d i_d + u_q i_q).
 """
 
+from typing import Any
+
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray
@@ -61,3 +65,37 @@ def abc_from_dq(dq: FloatArray, theta_el: FloatArray) -> FloatArray:
     d_axis, q_axis = _axes(theta_el)
     values = np.asarray(dq, dtype=np.float64)
     return values[..., :1] * d_axis + values[..., 1:] * q_axis
+
+
+def quarter_turned(vector: Any) -> Any:
+    """Return J x = (-x_q, x_d), x turned by 90 degrees.
+
+    Parameters
+    ----------
+    vector : array, shape (2, ...)
+        d and q components of a vector, or a matrix whose first axis they are; of NumPy or JAX.
+    """
+    return _library(vector).stack([-vector[1], vector[0]])
+
+
+def solved(matrix: Any, vector: Any) -> Any:
+    """Return the solution x of a system of two equations, M x = v.
+
+    Parameters
+    ----------
+    matrix : array, shape (2, 2, ...)
+        Of NumPy or JAX.
+    vector : array, shape (2, ...)
+
+    Returns
+    -------
+    array, shape (2, ...)
+        Not finite where the matrix is singular.
+    """
+    (a, b), (c, d) = matrix
+    raised = (d * vector[0] - b * vector[1], a * vector[1] - c * vector[0])
+    return _library(vector).stack(raised) / (a * d - b * c)
+
+
+def _library(array: Any) -> Any:
+    return jnp if isinstance(array, jax.Array) else np

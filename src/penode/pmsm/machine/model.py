@@ -13,6 +13,7 @@ from penode.models.base import Model
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.machine.flux_maps import FluxMap
+from penode.pmsm.machine.frames import solved
 from penode.pmsm.machine.terms import ANGLE, SPEED, Channel, Term, channels_of, completed
 
 
@@ -65,7 +66,8 @@ class Machine(Model):
         left = u["u_d", "u_q"]
         for term in self.terms:
             left = left - term.drop(x, u, flux)
-        return _solved(flux.inductance, left)
+        rates: JaxArray = solved(flux.inductance, left)
+        return rates
 
     def learned(self, x: JaxArray) -> JaxArray:
         """Return psi (2, batch) in Vs at currents x (2, batch) in A, averaged over the angle."""
@@ -81,14 +83,6 @@ class Machine(Model):
             "flux_map": lambda i_d, i_q: _evaluate(self, i_d, i_q)[0],
             "differential_inductance": lambda i_d, i_q: _evaluate(self, i_d, i_q)[1],
         }
-
-
-def _solved(matrix: JaxArray, vector: JaxArray) -> JaxArray:
-    """Return the solution (2, batch) of a system with matrix (2, 2, batch)."""
-    (a, b), (c, d) = matrix
-    rates = (d * vector[0] - b * vector[1], a * vector[1] - c * vector[0])
-    solution: JaxArray = jnp.stack(rates) / (a * d - b * c)
-    return solution
 
 
 @jax.jit

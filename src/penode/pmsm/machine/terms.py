@@ -23,6 +23,7 @@ from penode.errors import InputError
 from penode.models.inputs import Inputs
 from penode.models.parameters import Positive, parameter, physical
 from penode.pmsm.machine.flux_maps import Flux
+from penode.pmsm.machine.frames import quarter_turned
 
 
 @dataclass(frozen=True)
@@ -159,8 +160,8 @@ class Rotation(Term):
 
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
         """Return omega (J psi + d psi / d theta) in V; see `Term.drop`."""
-        psi = flux.linkage
-        return u[SPEED.name] * (jnp.stack([-psi[1], psi[0]]) + flux.angle_slope)
+        turned: JaxArray = quarter_turned(flux.linkage) + flux.angle_slope
+        return u[SPEED.name] * turned
 
 
 class DeadTime(Term):
