@@ -26,7 +26,7 @@ DEFAULT_SELECTOR = Plateau()
 
 
 class Stopped(KeyboardInterrupt):
-    """Ctrl-C during a training of which some horizons were finished, with the best so far.
+    """Ctrl-C after some horizons were finished, or during the cross-check, with the best so far.
 
     Parameters
     ----------
@@ -89,8 +89,8 @@ def identify(
 
     climb = problem.climb(plan, problem.objective.layout.raw(start.model))
     choice = choose(selector, climb, plan)
-    contradictions = cross_check(problem, plan, climb, choice, start)
-    fit = Assembly(problem, start, plan, climb.fits, choice, contradictions).fit(validation, began)
-    if climb.interrupted:
+    check = cross_check(problem, plan, climb, choice, start)
+    fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)
+    if climb.interrupted or check.interrupted:
         raise Stopped(fit)
     return fit

@@ -1,12 +1,15 @@
 """Answers that contradict an anchor, or depend on the path, are told."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from penode.horizon.cross_checks import Anchor, check_against_anchor, check_path_dependence
 from penode.horizon.ladder import HorizonFit, LadderProblem, ladder_plan
+from penode.horizon.selection import Longest
+from penode.identify import Stopped, identify
+from penode.training.plan import ignore_progress
 from penode.training.second_order import LevenbergMarquardt
 
 
@@ -57,3 +60,38 @@ def test_another_minimum_reached_directly_is_told(systems):
     told = check_path_dependence(problem, plan, poor, start)
     assert any(sentence.startswith("R depends on the path") for sentence in told)
     assert check_path_dependence(problem, replace(plan, detour=None), poor, start) == ()
+
+
+@dataclass(frozen=True)
+class Interrupted:
+    """An optimiser during which a person presses Ctrl-C."""
+
+    def minimise(self, problem, raw, progress=ignore_progress):
+        raise KeyboardInterrupt
+
+
+def test_an_interrupted_cross_check_keeps_the_fit_and_says_so(systems):
+    system, events = systems["linear machine"], []
+    runs, plan = system.recorded_again(0.05), ladder_plan((1, 4))
+    whole = identify(system.model, runs, plan=replace(plan, detour=None), selector=Longest())
+    with pytest.raises(Stopped) as stop:
+        identify(
+            system.model,
+            runs,
+            plan=replace(plan, detour=Interrupted()),
+            selector=Longest(),
+            observer=events.append,
+        )
+    fit = stop.value.fit
+    assert events[-1] == {"event": "stop", "horizon": 4}
+    assert fit.parameters == whole.parameters
+    assert fit.horizon.ladder == whole.horizon.ladder
+    assert fit.horizon.verdict == "stopped"
+    assert fit.horizon.reason == (
+        "The cross-check of the horizon was interrupted. Before it: The horizon was set to 4 by "
+        "the user."
+    )
+    assert [w for w in fit.warnings if w not in whole.warnings] == [
+        "Stopped during the cross-check; whether the estimate depends on the path of training is "
+        "open."
+    ]

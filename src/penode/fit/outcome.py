@@ -99,7 +99,7 @@ class HorizonChoice:
         ``"plateau"``, ``"H = 1 suffices"``, ``"predicts best"``, ``"fixed"``, ``"no plateau"``,
         ``"not identifiable"`` or ``"stopped"``. The data cannot answer under ``"no plateau"`` and
         ``"not identifiable"``; under ``"predicts best"``, ``"fixed"``, and ``"stopped"`` by a
-        person before the ladder's end, that is not known.
+        person before the end of ladder or cross-check, that is not known.
     reason : str
         One or two sentences for a person.
     ladder : tuple of HorizonSummary

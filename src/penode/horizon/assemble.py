@@ -14,6 +14,7 @@ from penode.fit.learned_uncertainty import LearnedUncertainty
 from penode.fit.outcome import AVERAGED
 from penode.fit.provenance import provenance_of
 from penode.horizon.consensus import Consensus, retrained
+from penode.horizon.cross_checks import CrossCheck
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.horizon.loss_weighting import linearised
@@ -25,6 +26,11 @@ from penode.validation.comparison import Comparison
 from penode.validation.coverage import thin
 from penode.validation.free_run import compare, free_run_errors, with_unmeasured
 from penode.validation.residual_tests import residual_correlations, residual_spectrum
+
+_UNCHECKED = CrossCheck()
+_UNFINISHED = (
+    "Stopped during the cross-check; whether the estimate depends on the path of training is open."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +49,8 @@ class Assembly:
         Shortest horizon first.
     choice : Choice
         The selector's answer.
-    contradictions : tuple of str
-        Of the choice by cross-checks, in sentences.
+    check : CrossCheck
+        Of the choice; one that was interrupted makes the verdict ``"stopped"``.
     """
 
     problem: LadderProblem
@@ -52,7 +58,7 @@ class Assembly:
     plan: Plan
     rungs: Sequence[HorizonFit]
     choice: Choice
-    contradictions: tuple[str, ...] = ()
+    check: CrossCheck = _UNCHECKED
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -168,6 +174,9 @@ class Assembly:
 
     def _horizon(self) -> HorizonChoice:
         verdict, reason = self.choice.verdict, self.choice.reason
+        if self.check.interrupted:
+            verdict = "stopped"
+            reason = f"The cross-check of the horizon was interrupted. Before it: {reason}"
         hidden = self.start.indistinguishable
         if hidden:
             verdict = "not identifiable"
@@ -212,7 +221,9 @@ class Assembly:
             for c in comparisons
             if c.diverged
         ]
-        warnings += self.contradictions
+        warnings += self.check.contradictions
+        if self.check.interrupted:
+            warnings.append(_UNFINISHED)
         if len(self.rungs) < len(self.plan.stages):
             warnings.append(self._shortfall())
         hidden = self.start.indistinguishable

@@ -58,10 +58,26 @@ class Anchor:
         return Choice(agreeing[0], verdict, reason, agreeing)
 
 
+@dataclass(frozen=True)
+class CrossCheck:
+    """What the cross-checks of a choice gave.
+
+    Attributes
+    ----------
+    contradictions : tuple of str
+        Of the choice, a sentence each.
+    interrupted : bool
+        Whether a person stopped them by Ctrl-C before their end.
+    """
+
+    contradictions: tuple[str, ...] = ()
+    interrupted: bool = False
+
+
 def cross_check(
     problem: LadderProblem, plan: Plan, climb: Climb, choice: Choice, start: Start
-) -> tuple[str, ...]:
-    """Return what contradicts the choice, a sentence each; nothing after an interrupted climb.
+) -> CrossCheck:
+    """Return what contradicts the choice; nothing is checked after an interrupted climb.
 
     Parameters
     ----------
@@ -76,12 +92,17 @@ def cross_check(
         Where the ladder began, with its anchor.
     """
     if climb.interrupted:
-        return ()
+        return CrossCheck()
     chosen, layout = climb.fits[choice.index], problem.objective.layout
     contradictions = check_against_anchor(chosen, layout.physical, start.anchor)
-    if choice.index:
+    if not choice.index:
+        return CrossCheck(contradictions)
+    try:
         contradictions += check_path_dependence(problem, plan, chosen, layout.raw(start.model))
-    return contradictions
+    except KeyboardInterrupt:
+        problem.observer({"event": "stop", "horizon": chosen.horizon})
+        return CrossCheck(contradictions, interrupted=True)
+    return CrossCheck(contradictions)
 
 
 def check_against_anchor(
