@@ -77,7 +77,7 @@ def test_unanswerable_question_exits_with_1_and_says_why(demo, penode, tmp_path)
     done = penode("identify", run, "--flux-map", "mlp", "--horizon", 1, "--out", tmp_path / "out")
     assert done.returncode == 1
     assert "not identifiable" in done.stdout
-    assert "cannot tell R" in " ".join(done.stdout.split())
+    assert "cannot distinguish R" in " ".join(done.stdout.split())
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["horizon"]["verdict"] == "not identifiable"
 

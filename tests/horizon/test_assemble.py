@@ -131,7 +131,7 @@ def test_an_indistinguishable_parameter_overrules_the_verdict(climbed):
     assert fit.horizon.verdict == "not identifiable"
     assert not fit.horizon.answered
     sentence = (
-        "These data cannot tell R (2.0e-04 of it is its own) from the learned map. "
+        "These data cannot distinguish R (2.0e-04 of it is its own) from the learned map. "
         "Reverse the speed."
     )
     assert fit.horizon.reason == sentence

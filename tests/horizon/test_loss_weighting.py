@@ -166,8 +166,8 @@ def test_a_line_in_the_passband_takes_the_loss_over(rng):
         pytest.approx(40, abs=0.01),
         pytest.approx(-6.2, abs=0.01),
     )
-    assert view.shares(strong) == pytest.approx([0.99, 0.03], abs=0.02)
-    assert view.shares(faint) == pytest.approx([0.01, 0.97], abs=0.02)
+    assert view.fractions(strong) == pytest.approx([0.99, 0.03], abs=0.02)
+    assert view.fractions(faint) == pytest.approx([0.01, 0.97], abs=0.02)
     assert (strong.share, faint.amplitude) == (
         pytest.approx(0.99, abs=0.01),
         pytest.approx(0.1, rel=0.02),

@@ -1,4 +1,4 @@
-"""Expected pulls against what really happens to a ladder that is pulled."""
+"""Expected forecast against what really happens to a ladder that is pulled."""
 
 import numpy as np
 import pytest
@@ -46,27 +46,27 @@ def rippled(machine):
 
 def test_lines_pull_as_foretold(machine, rippled):
     run, rungs = rippled
-    pulls = Spectral([run]).pulls(rungs)
+    forecast = Spectral([run]).forecast(rungs)
     truth = machine.raw.copy()
     truth[:2] = np.exp(truth[:2])
     happened = np.stack([rung.values[: len(truth)] - truth for rung in rungs])
     largest = np.abs(happened).max(axis=0)
-    assert pulls.horizons == HORIZONS
-    assert (np.abs(pulls.lines).max(axis=0) > 0.5 * largest).all()
+    assert forecast.horizons == HORIZONS
+    assert (np.abs(forecast.lines).max(axis=0) > 0.5 * largest).all()
     # The pull is quadratic too: a tenth of the inductance at the most.
-    np.testing.assert_array_less(np.abs(pulls.lines - happened).max(axis=0), 0.35 * largest)
+    np.testing.assert_array_less(np.abs(forecast.lines - happened).max(axis=0), 0.35 * largest)
 
 
-def test_noise_on_the_starts_pulls_as_foretold(machine):
+def test_noise_on_the_starts_forecast_as_foretold(machine):
     run = recording(machine, np.zeros((SAMPLES, 2)), 0.6)
     rungs = climb(machine, run)
-    pulls = Spectral([run], seed=1).pulls(rungs)
+    forecast = Spectral([run], seed=1).forecast(rungs)
     at = 2  # R
     happened = np.array([rung.values[at] for rung in rungs]) - machine.raw[2]
-    assert np.sign(pulls.starts[0, at]) == np.sign(happened[0])
-    assert abs(pulls.starts[0, at] - happened[0]) < 0.5 * abs(happened[0])
+    assert np.sign(forecast.starts[0, at]) == np.sign(happened[0])
+    assert abs(forecast.starts[0, at] - happened[0]) < 0.5 * abs(happened[0])
     # The law of errors in variables: it falls with the horizon.
-    assert abs(pulls.starts[-1, at]) < 0.2 * abs(pulls.starts[0, at])
+    assert abs(forecast.starts[-1, at]) < 0.2 * abs(forecast.starts[0, at])
 
 
 def test_a_horizon_without_pull_is_chosen(machine, rippled):

@@ -44,7 +44,9 @@ def test_unconstrained_map_at_one_speed_is_called_unanswerable(slow_run):
     assert fit.horizon.verdict == "not identifiable"
     assert not fit.horizon.answered
     assert fit.parameters["R"].value < 0
-    assert any("cannot tell R" in warning and "coenergy" in warning for warning in fit.warnings)
+    assert any(
+        "cannot distinguish R" in warning and "coenergy" in warning for warning in fit.warnings
+    )
 
 
 def test_flux_map_csv_is_the_fits_own_map(fit):

@@ -62,7 +62,7 @@ def test_it_stops_when_reported_quantities_stand_still(machine, problem_of):
     """The remaining Gauss-Newton step is a small share of the deviations, found independently."""
     problem = problem_of(machine, 7, experiments=machine.recorded_again(noise=0.05))
     solution = LevenbergMarquardt().minimise(problem, machine.raw + OFF)
-    assert solution.outcome == "Reported quantities stand still."
+    assert solution.outcome == "Reported quantities have converged."
     assert solution.evaluations < 40
     further = LevenbergMarquardt(100, tolerance=1e-8).minimise(problem, solution.raw)
     moved = problem.reported.values(further.raw) - problem.reported.values(solution.raw)

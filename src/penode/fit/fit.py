@@ -171,7 +171,7 @@ class Fit:
         Parameters
         ----------
         points : ndarray, shape (point, state)
-            SI units. Outside the excited region it tells what the map's form allows, no more.
+            SI units. Outside the excited region it shows what the map's form allows, no more.
         """
         return self.learned_uncertainty.deviation(self.model, np.asarray(points, dtype=np.float64))
 

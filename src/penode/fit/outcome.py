@@ -26,8 +26,8 @@ class Estimate:
     unit : str
         SI unit.
     identifiability : float or None
-        Share of the parameter's low-passed regressor that no regressor of the learned map explains:
-        1 is independent, 0 is indistinguishable; None where it was not computed.
+        Fraction of the parameter's low-passed regressor that no regressor of the learned map
+        explains: 1 is independent, 0 is indistinguishable; None where it was not computed.
     meaning : str
         What it is, in a few words; empty where the model does not say.
     """

@@ -1,1 +1,1 @@
-"""Horizon: the ladder of horizons, what the data can tell, and the choice."""
+"""Horizon: the ladder of horizons, what the data determine, and the choice."""

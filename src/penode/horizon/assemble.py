@@ -42,7 +42,7 @@ class Assembly:
     problem : LadderProblem
         Objective, recordings and reported quantities.
     start : Start
-        Where training began and what the data could tell before it.
+        Where training began and what the data determine, before it.
     plan : Plan
         What was to be climbed.
     rungs : sequence of HorizonFit
@@ -240,8 +240,8 @@ class Assembly:
 
 
 def _hidden(start: Start, names: Sequence[str]) -> str:
-    shares = ", ".join(f"{n} ({start.identifiability[n]:.1e} of it is its own)" for n in names)
-    return f"These data cannot tell {shares} from the learned map."
+    listed = ", ".join(f"{n} ({start.identifiability[n]:.1e} of it is its own)" for n in names)
+    return f"These data cannot distinguish {listed} from the learned map."
 
 
 def _if_finite(value: float) -> float | None:

@@ -63,7 +63,7 @@ class Checkpoint:
         ----------
         plan : Plan
         observer : callable
-            Told of the horizons taken over.
+            Receives the horizons taken over.
 
         Raises
         ------
@@ -164,10 +164,12 @@ class _Kept:
         if kept is not None:
             terms = problem.gauss_newton(kept.raw)
             return Solution(kept.raw, terms, kept.evaluations, kept.outcome)
-        found = self.optimiser.minimise(problem, raw, progress)
-        if found.outcome != DIVERGED:
-            self.journal.keep(_Rung(self.horizon, found.raw, found.evaluations, found.outcome))
-        return found
+        solution = self.optimiser.minimise(problem, raw, progress)
+        if solution.outcome != DIVERGED:
+            self.journal.keep(
+                _Rung(self.horizon, solution.raw, solution.evaluations, solution.outcome)
+            )
+        return solution
 
 
 def _given_by_plan(plan: Plan) -> dict[str, str]:

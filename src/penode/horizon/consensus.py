@@ -18,7 +18,7 @@ from penode.training.second_order import LevenbergMarquardt
 #: Weight of rungs that know their deviations from which on the mean's is given.
 _MOST = 0.5
 
-#: Share of the squared spread over a plateau that counts as bias of its mean. Of 32 drawn
+#: Fraction of the squared spread over a plateau that counts as bias of its mean. Of 32 drawn
 #: recordings 88 % were covered with none of it, 94 % with a quarter, 97 % with half, all with all.
 _BIAS = 0.5
 
@@ -49,7 +49,7 @@ class Consensus:
 
         The variance is that of the weighted influences, in which what horizons share counts as
         shared and what is their own averages out, and half the square of the spread: influences do
-        not show a bias, and what pulls horizons apart pulls their mean, but part of the spread is
+        not show a bias, and what biases a horizon biases the mean, but part of the spread is
         the rungs' own chance, which is counted already.
         """
         values, weights = _weighed(rungs)
@@ -103,5 +103,5 @@ def retrained(
     others = problem.moving & ~layout.physical_members
     if np.array_equal(values, rung.values[: len(values)]) or not others.any():
         return start
-    found = optimiser.minimise(replace(problem, moving=others), start)
-    return start if found.outcome == DIVERGED else found.raw
+    solution = optimiser.minimise(replace(problem, moving=others), start)
+    return start if solution.outcome == DIVERGED else solution.raw

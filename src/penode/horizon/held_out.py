@@ -78,9 +78,9 @@ class HeldOut:
         """Return the squared error of each sample (time,), states over their deviations."""
         model, predictor = rung.model, rung.predictor
         if steps == FREE_RUN or model.unmeasured:
-            told = compare(predictor, model, experiment)
-            measured = told.measured[predictor.past :]
-            ahead = (told.one_step if steps == 1 else told.free_run)[predictor.past :]
+            seen = compare(predictor, model, experiment)
+            measured = seen.measured[predictor.past :]
+            ahead = (seen.one_step if steps == 1 else seen.free_run)[predictor.past :]
         else:
             with float64():
                 batched = with_batch_axis(model)
@@ -88,8 +88,8 @@ class HeldOut:
                     jnp.asarray(experiment.stack(names).T) for names in (model.states, model.inputs)
                 )
                 states = batched.corrected(states)
-                found = look_ahead(predictor, batched, states, inputs, steps)
-                measured, ahead = np.asarray(states).T[predictor.past :], np.asarray(found).T
+                predicted = look_ahead(predictor, batched, states, inputs, steps)
+                measured, ahead = np.asarray(states).T[predictor.past :], np.asarray(predicted).T
         with np.errstate(invalid="ignore", over="ignore"):
             gap = (measured - ahead) / measured.std(axis=0)
             return np.asarray(np.sum(gap**2, axis=1))

@@ -1,4 +1,4 @@
-"""What the data can tell of a physical parameter, before and beside any training."""
+"""What the data determine of a physical parameter, before and beside any training."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,14 +12,14 @@ THRESHOLD = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where training begins, and what the data can tell of each physical parameter.
+    """Where training begins, and what the data determine of each physical parameter.
 
     Attributes
     ----------
     model : Model
         Untrained or convexly started model with physical values.
     identifiability : mapping of str to float
-        Share of each physical parameter's low-passed regressor that no regressor of the learned
+        Fraction of each physical parameter's low-passed regressor that no regressor of the learned
         map explains; a parameter without an entry was not examined.
     anchor : mapping of str to (float, float)
         What a method without a horizon finds of a physical parameter, and its deviation, in SI
@@ -41,5 +41,5 @@ class Start:
 
     @property
     def indistinguishable(self) -> tuple[str, ...]:
-        """Physical parameters that the data cannot tell from the learned map."""
+        """Physical parameters that the data cannot distinguish from the learned map."""
         return tuple(n for n, rho in self.identifiability.items() if rho < THRESHOLD)

@@ -199,13 +199,13 @@ class LadderProblem:
         """Append finished rungs until the plan ends or a stage diverges."""
         for number, stage in enumerate(plan.stages):
             problem = self.problem(stage, plan)
-            share = (number + 1, len(plan.stages))
-            solution = stage.optimiser.minimise(problem, raw, self._progress(stage.horizon, share))
+            place = (number + 1, len(plan.stages))
+            solution = stage.optimiser.minimise(problem, raw, self._progress(stage.horizon, place))
             if solution.outcome == DIVERGED:
                 break
             raw = solution.raw
             rungs.append(self._finish(stage.horizon, problem, solution))
-            self._tell(rungs[-1], share)
+            self._report(rungs[-1], place)
 
     def problem(self, stage: Stage, plan: Plan) -> Problem:
         """Return the problem of one stage: its windows, and which parameters move."""
@@ -227,7 +227,7 @@ class LadderProblem:
         working = working_deviation(solution.terms, jacobian, problem.windows)
         few = dominated_by_few_windows(solution.terms, jacobian[: len(physical)])
         deviation[: len(few)][few] = working[: len(few)][few] = np.inf
-        share = influence(solution.terms, jacobian[: len(physical)])
+        influences = influence(solution.terms, jacobian[: len(physical)])
         with float64():
             model = self.objective.layout.plain_model(solution.raw)
         return HorizonFit(
@@ -236,20 +236,20 @@ class LadderProblem:
             values=values,
             deviation=deviation,
             working=working,
-            influence=share,
+            influence=influences,
             windows=problem.windows,
             predictor=self.objective.predictor,
             model=model,
         )
 
-    def _tell(self, rung: HorizonFit, share: tuple[int, int]) -> None:
+    def _report(self, rung: HorizonFit, place: tuple[int, int]) -> None:
         names = self.objective.layout.physical
         self.observer(
             {
                 "event": "rung",
                 "horizon": rung.horizon,
-                "stage": share[0],
-                "stages": share[1],
+                "stage": place[0],
+                "stages": place[1],
                 "rmse": float(np.sqrt(rung.solution.terms.loss)),
                 "parameters": dict(zip(names, rung.values.tolist(), strict=False)),
                 "std": dict(zip(names, rung.deviation.tolist(), strict=False)),
@@ -268,22 +268,22 @@ class LadderProblem:
         return deviation
 
     def _progress(
-        self, horizon: int, share: tuple[int, int]
+        self, horizon: int, place: tuple[int, int]
     ) -> Callable[[FloatArray, float], None]:
         names = self.objective.layout.physical
 
-        def tell(raw: FloatArray, loss: float) -> None:
+        def report(raw: FloatArray, loss: float) -> None:
             values = self.reported.values(raw)[: len(names)]
             self.observer(
                 {
                     "event": "evaluation",
                     "horizon": horizon,
-                    "stage": share[0],
-                    "stages": share[1],
+                    "stage": place[0],
+                    "stages": place[1],
                     "loss": loss,
                     "parameters": dict(zip(names, values.tolist(), strict=True)),
                     "units": self.objective.layout.units,
                 }
             )
 
-        return tell
+        return report

@@ -1,4 +1,4 @@
-"""Prefilter: what training at a horizon listens to, and which lines stand in the residual.
+"""Loss weighting: how the loss at a horizon weighs frequencies, and the lines of the residual.
 
 The k-step error is a filtered one-step error, eps_(t+k|t) = sum_j Phi(t+k, t+j+1) e_(t+j) (paper,
 section 3). With Phi frozen to powers of one matrix A it is F_k e with
@@ -62,8 +62,8 @@ class LossWeighting:
         """What the loss adds up at each horizon, shape (horizon, frequency, signal)."""
         return self.weight * self.power
 
-    def shares(self, line: Line) -> FloatArray:
-        """Return the share of a line in its signal's loss at each horizon, shape (horizon,)."""
+    def fractions(self, line: Line) -> FloatArray:
+        """Return the fraction of a line in its signal's loss at each horizon, shape (horizon,)."""
         within = (self.frequency >= line.low) & (self.frequency <= line.high)
         loss = self.weighted[:, :, line.signal]
         return np.asarray(loss[:, within].sum(axis=1) / loss.sum(axis=1))

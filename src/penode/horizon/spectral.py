@@ -1,9 +1,9 @@
-"""Selection by what pulls: lines of the residual, noise, and noise on the windows' starts.
+"""Selection by a forecast of the bias: lines of the residual, and noise on the windows' starts.
 
-The rung that lines can pull least, at worst, is taken for the truth. Its one-step residual is split
+The rung that lines can bias least, at worst, is taken for the truth. Its one-step residual is split
 into lines and the rest, the model is simulated with each part as a disturbance, and one
-Gauss-Newton step from the truth on that simulated recording tells how far it would pull the
-parameters at every horizon.
+Gauss-Newton step from the truth on that simulated recording gives the bias of the parameters at
+every horizon.
 """
 
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ _RUNGS, _FACTOR = 3, 4.0
 
 @dataclass(frozen=True, eq=False)
 class BiasForecast:
-    """What moves the physical parameters at each horizon, SI units.
+    """Bias of the physical parameters at each horizon, as forecast, beside their chance; SI units.
 
     Attributes
     ----------
@@ -83,28 +83,28 @@ class Spectral:
 
     def select(self, rungs: Sequence[HorizonFit]) -> Choice:
         """Return the choice among rungs, shortest horizon first."""
-        pulls = self.pulls(rungs)
-        expected = np.exp(np.mean(np.log(np.maximum(pulls.expected, 1e-300)), axis=1))
+        forecast = self.forecast(rungs)
+        expected = np.exp(np.mean(np.log(np.maximum(forecast.expected, 1e-300)), axis=1))
         index = int(np.argmax(expected <= _TIE * expected.min()))
-        steady = np.abs(pulls.lines) + np.abs(pulls.starts) <= 2 * pulls.chance
+        steady = np.abs(forecast.lines) + np.abs(forecast.starts) <= 2 * forecast.chance
         agreeing = tuple(int(k) for k in np.flatnonzero(steady.all(axis=1)))
         chosen = rungs[index].horizon
         span = rungs[agreeing[-1]].horizon / rungs[agreeing[0]].horizon if agreeing else 0.0
         if index not in agreeing or len(agreeing) < _RUNGS or span < _FACTOR:
             reason = (
-                f"Lines of the residual or noise on the starts pull the estimate at nearly every "
+                f"Lines of the residual or noise on the starts bias the estimate at nearly every "
                 f"horizon; at H = {chosen} least."
             )
             return Choice(index, "no plateau", reason, tuple(range(len(rungs))))
         low, high = rungs[agreeing[0]].horizon, rungs[agreeing[-1]].horizon
         reason = (
-            f"From H = {low} to {high} neither lines of the residual nor noise on the starts pull "
+            f"From H = {low} to {high} neither lines of the residual nor noise on the starts bias "
             f"the estimate by more than chance; H = {chosen} is the shortest of the surest."
         )
         return Choice(index, "plateau" if chosen > 1 else "H = 1 suffices", reason, agreeing)
 
-    def pulls(self, rungs: Sequence[HorizonFit]) -> BiasForecast:
-        """Return what moves the physical parameters at each rung.
+    def forecast(self, rungs: Sequence[HorizonFit]) -> BiasForecast:
+        """Return the bias of the physical parameters that is to be expected at each rung.
 
         Parameters
         ----------
@@ -115,18 +115,18 @@ class Spectral:
         chance = np.stack([rung.working[:physical] for rung in rungs])
         truth = rungs[int(np.argmin(self._worst(rungs)))]
         lines, noise = self._disturbances(truth)
-        pulled = partial(_Puller.of(truth).pulls, rungs)
+        biases = partial(_Reference.of(truth).biases, rungs)
         quiet = _simulated(truth, [np.zeros_like(part) for part in lines])
-        both = [pulled(_on_sensors(quiet, [sign * part for part in noise])) for sign in (1, -1)]
+        both = [biases(_on_sensors(quiet, [sign * part for part in noise])) for sign in (1, -1)]
         return BiasForecast(
             horizons=tuple(rung.horizon for rung in rungs),
-            lines=pulled(_simulated(truth, lines)),
+            lines=biases(_simulated(truth, lines)),
             starts=np.mean(both, axis=0),
             chance=chance,
         )
 
     def _worst(self, rungs: Sequence[HorizonFit]) -> FloatArray:
-        """Return the logarithm of what lines can pull at most at each rung, shape (rung,).
+        """Return the logarithm of what lines can bias at most at each rung, shape (rung,).
 
         By Cauchy and Schwarz |A^-1 S'r|^2 <= A^-1 r'r, r being the lines' part of the residual.
         """
@@ -137,14 +137,14 @@ class Spectral:
         for experiment in self.experiments:
             matrices = linearised(predictor, model, experiment, scale)
             view = loss_weighting(compare(predictor, model, experiment), matrices, horizons)
-            lines += sum((view.shares(line) for line in view.lines), lines * 0)
+            lines += sum((view.fractions(line) for line in view.lines), lines * 0)
         reported = Reported(Layout(model), states[:1])
         worst = []
-        for rung, share in zip(rungs, lines / len(self.experiments), strict=True):
+        for rung, fraction in zip(rungs, lines / len(self.experiments), strict=True):
             terms = rung.solution.terms
             slopes = reported.jacobian(rung.solution.raw)[: len(rung.influence)]
             reach = np.diag(slopes @ inverse_normal(terms.normal) @ slopes.T)
-            squares = reach * terms.loss * terms.count * share
+            squares = reach * terms.loss * terms.count * fraction
             worst.append(np.log(np.maximum(squares, 1e-300)).mean())
         return np.array(worst)
 
@@ -152,8 +152,8 @@ class Spectral:
         """Return the lines (time, state), and noise on the states as large as the rest allows."""
         random, lines, noise = np.random.default_rng(self.seed), [], []
         for experiment in self.experiments:
-            told = compare(truth.predictor, truth.model, experiment)
-            residual = told.measured - told.one_step
+            seen = compare(truth.predictor, truth.model, experiment)
+            residual = seen.measured - seen.one_step
             residual[: truth.predictor.past] = 0.0
             line = _lines(residual, experiment.time_step)
             # The residual of white noise n on the sensors is about n(k) - n(k - 1).
@@ -215,7 +215,7 @@ def _on_sensors(states: FloatArray, noise: Sequence[FloatArray]) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Puller:
+class _Reference:
     """The objective at the rung taken for the truth."""
 
     objective: Objective
@@ -223,7 +223,7 @@ class _Puller:
     slopes: FloatArray
 
     @classmethod
-    def of(cls, truth: HorizonFit) -> "_Puller":
+    def of(cls, truth: HorizonFit) -> "_Reference":
         states = truth.windows.states
         scale = residual_scale(truth.model, states, DEFAULT_LOSS)
         objective = Objective(truth.predictor, truth.model, scale)
@@ -231,10 +231,10 @@ class _Puller:
         slopes = Reported(objective.layout, states[:1]).jacobian(raw)
         return cls(objective, raw, slopes[: len(objective.layout.physical)])
 
-    def pulls(self, rungs: Sequence[HorizonFit], states: FloatArray) -> FloatArray:
+    def biases(self, rungs: Sequence[HorizonFit], states: FloatArray) -> FloatArray:
         """Return one Gauss-Newton step on simulated states at each rung, (rung, physical)."""
-        return np.stack([self._pull(replace(rung.windows, states=states)) for rung in rungs])
+        return np.stack([self._bias(replace(rung.windows, states=states)) for rung in rungs])
 
-    def _pull(self, windows: Windows) -> FloatArray:
+    def _bias(self, windows: Windows) -> FloatArray:
         terms = self.objective.gauss_newton(self.raw, windows)
         return np.asarray(self.slopes @ (inverse_normal(terms.normal) @ terms.descent))

@@ -17,7 +17,7 @@ class LinearSkip(eqx.Module):
 
     Where the network says nothing, as a `penode.models.splines.Spline` beyond its box, the sum
     continues linearly. A network that can be linear itself shares that part with the matrix, so
-    the two are told apart by the sum only. The sum is reciprocal where network and matrix are.
+    the two are distinguished by the sum only. The sum is reciprocal where network and matrix are.
 
     Attributes
     ----------

@@ -166,9 +166,9 @@ class ConvexGradient(FeatureNetwork):
         if features is not None and self.modulation is not None:
             hidden += dense(self.modulation, features)
         saturation = jnp.tanh(hidden)
-        pull = self.gain * saturation
+        rate = self.gain * saturation
         slope = self.gain * (1.0 - saturation**2)
         gradient = self.offset + dense(self.stiffness, x)
-        gradient += jnp.sum(self.directions * pull[:, None], axis=0)
+        gradient += jnp.sum(self.directions * rate[:, None], axis=0)
         outer = self.directions[:, :, None] * self.directions[:, None]
         return gradient, self.stiffness + jnp.sum(outer * slope[:, None, None], axis=0)

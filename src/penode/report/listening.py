@@ -31,7 +31,7 @@ def listening(view: LossWeighting, lines: Sequence[tuple[Line, str]]) -> str:
     """
     rest = "what lies between the lines" if lines else "noise without lines"
     names = [*(f"the line at {name}" for _, name in lines), rest]
-    shares = np.array([view.shares(line) for line, _ in lines]).reshape(-1, len(view.horizons))
+    shares = np.array([view.fractions(line) for line, _ in lines]).reshape(-1, len(view.horizons))
     shares = np.vstack([shares, np.maximum(1 - shares.sum(axis=0), 0.0)])
     parts: list[str] = []
     for horizon, share in zip(view.horizons, shares.T, strict=True):

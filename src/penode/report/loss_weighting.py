@@ -67,7 +67,7 @@ def prefilter_section(view: LossWeighting, names: Sequence[Name], note: str = ""
     Section
         A sentence, a figure, and a table where there are lines.
     """
-    largest = [float(view.shares(name.line).max()) for name in names]
+    largest = [float(view.fractions(name.line).max()) for name in names]
     order = sorted(
         (k for k in range(len(names)) if largest[k] >= _WORTH), key=lambda k: -largest[k]
     )
@@ -214,7 +214,7 @@ def _table(view: LossWeighting, names: Sequence[Name]) -> list[Table]:
             Cell(number(line.frequency, 4), line.frequency, "number"),
             Cell(number(line.amplitude), line.amplitude, "number"),
         ]
-        for share in view.shares(line).tolist():
+        for share in view.fractions(line).tolist():
             cells.append(Cell(f"{number(100 * share, 2)} %", share, "number"))
         rows.append(Row((*cells, *([Cell(name.cause)] if len(columns) > len(cells) else []))))
     caption = "Share of the loss at each horizon; what the lines leave is between them."

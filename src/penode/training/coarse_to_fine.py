@@ -30,7 +30,7 @@ class CoarseToFine:
     def minimise(
         self, problem: Problem, raw: FloatArray, progress: Progress = ignore_progress
     ) -> Solution:
-        """Lower the loss from `raw` (parameter,); coarse evaluations count by their share."""
+        """Lower the loss from `raw` (parameter,); coarse evaluations count by their fraction."""
         windows, error = problem.windows, problem.objective.error
         residuals = len(windows) * windows.horizon * len(error.compared)
         stride = int(np.clip(residuals / (_LEFT * max(problem.moving.sum(), 1)), 1, self.most))

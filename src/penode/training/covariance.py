@@ -13,7 +13,7 @@ from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.training.residuals import GaussNewtonTerms
 
-#: Directions of the normal matrix below this share of the largest (after scaling) are flat:
+#: Directions of the normal matrix below this fraction of the largest (after scaling) are flat:
 #: rounding makes what is said of them noise, which may swamp what the others say.
 FLAT = 1e-10
 

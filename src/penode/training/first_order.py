@@ -63,7 +63,7 @@ class FirstOrder:
         raws : ndarray, shape (start, parameter)
             Start k draws its batches with `seed` + k.
         progress : callable
-            Told the first start's parameters and loss after each epoch.
+            Receives the first start's parameters and loss after each epoch.
 
         Returns
         -------

@@ -16,7 +16,7 @@ from penode.training.prediction_error import Batch, PredictionError
 from penode.training.sensitivities import Sums, window_sums
 
 _MOST_PASSES = 30
-#: A window is settled when its next step can lower its squares by no more than this share.
+#: A window has converged when its next step can lower its squares by no more than this fraction.
 _TOLERANCE = 1e-14
 
 
@@ -28,7 +28,7 @@ class _Search(NamedTuple):
     damping: JaxArray
     trial: JaxArray
     passes: JaxArray
-    settled: JaxArray
+    converged: JaxArray
 
 
 def estimated_starts(
@@ -60,12 +60,12 @@ def estimated_starts(
         squares = jnp.minimum(jnp.where(better, squares, jnp.inf), at.squares)
         step = _solve(curvature, slope[:, None], damping)[:, 0]
         gain = jnp.sum(step * slope, axis=0)
-        settled = (gain <= _TOLERANCE * squares) | ~(damping < 1e12)
-        trial = best + jnp.where(settled, 0.0, step)
-        return _Search(best, squares, slope, curvature, damping, trial, at.passes + 1, settled)
+        converged = (gain <= _TOLERANCE * squares) | ~(damping < 1e12)
+        trial = best + jnp.where(converged, 0.0, step)
+        return _Search(best, squares, slope, curvature, damping, trial, at.passes + 1, converged)
 
-    def unsettled(at: _Search) -> JaxArray:
-        return (at.passes < _MOST_PASSES) & ~jnp.all(at.settled)
+    def unfinished(at: _Search) -> JaxArray:
+        return (at.passes < _MOST_PASSES) & ~jnp.all(at.converged)
 
     blank = jnp.ones((free, free, width), values.dtype)
     never = jnp.full(width, jnp.inf, values.dtype)
@@ -79,7 +79,7 @@ def estimated_starts(
         jnp.zeros((), int),
         never < 0,
     )
-    return jax.lax.while_loop(unsettled, body, start).best
+    return jax.lax.while_loop(unfinished, body, start).best
 
 
 def eliminated(

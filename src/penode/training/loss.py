@@ -48,14 +48,14 @@ Scale: TypeAlias = Callable[[FloatArray], FloatArray]
 
 
 def channel_deviation(values: FloatArray) -> FloatArray:
-    """Divide each channel's errors by its deviation: a share of what it does."""
+    """Divide each channel's errors by its deviation: a fraction of what it does."""
     return np.asarray(values.std(axis=0))
 
 
 def increment_deviation(values: FloatArray) -> FloatArray:
     """Divide each channel's errors by the deviation of its change over a sample.
 
-    One step's error is then a share of the derivative's deviation.
+    One step's error is then a fraction of the derivative's deviation.
     """
     return np.asarray(np.diff(values, axis=0).std(axis=0))
 

@@ -33,7 +33,7 @@ class BestOf:
         raws = [raw, *(layout.raw(start) for start in self.starts)]
         for other in raws[1:]:
             other[held] = raw[held]
-        found = [self.optimiser.minimise(problem, start, progress) for start in raws]
-        ended = [solution for solution in found if solution.outcome != DIVERGED]
-        best = min(ended or found[:1], key=lambda solution: solution.terms.loss)
-        return replace(best, evaluations=sum(solution.evaluations for solution in found))
+        solutions = [self.optimiser.minimise(problem, start, progress) for start in raws]
+        ended = [solution for solution in solutions if solution.outcome != DIVERGED]
+        best = min(ended or solutions[:1], key=lambda solution: solution.terms.loss)
+        return replace(best, evaluations=sum(solution.evaluations for solution in solutions))

@@ -16,10 +16,10 @@ from penode.training.covariance import Reported
 from penode.training.loss import DEFAULT_LOSS, Loss
 from penode.training.residuals import GaussNewtonTerms, Objective
 
-#: Told the raw parameters (parameter,) and the loss as an optimiser goes.
+#: Receives the raw parameters (parameter,) and the loss as an optimiser goes.
 Progress = Callable[[FloatArray, float], None]
 
-#: Squared sensitivities below this share of the largest are taken for rounding noise.
+#: Squared sensitivities below this fraction of the largest are taken for rounding noise.
 _ROUNDING = 1e-15
 
 DIVERGED = "The rollouts diverge."
@@ -104,7 +104,7 @@ class Optimiser(Protocol):
     def minimise(
         self, problem: Problem, raw: FloatArray, progress: Progress = ignore_progress
     ) -> Solution:
-        """Return the best parameters found from `raw` (parameter,)."""
+        """Return the best parameters reached from `raw` (parameter,)."""
         ...
 
 

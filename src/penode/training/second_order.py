@@ -13,8 +13,8 @@ _LARGEST_DAMPING = 1e10
 #: Directions of the normal matrix weaker than this are left out of the remaining step: the loss
 #: creeps along them for many iterations without moving anything that is reported.
 _CREEP = 1e-4
-#: A share of the loss that the remaining step must not take away: while the model does not yet fit,
-#: the deviations are as large as the misfit and nothing seems to move.
+#: A fraction of the loss that the remaining step must not take away: while the model does not yet
+#: fit, the deviations are as large as the misfit and nothing seems to move.
 _MISFIT = 0.02
 
 
@@ -53,7 +53,7 @@ class LevenbergMarquardt:
         raw : ndarray, shape (parameter,)
             Where to begin.
         progress : callable
-            Told the raw parameters and the loss before each step.
+            Receives the raw parameters and the loss before each step.
 
         Returns
         -------
@@ -67,8 +67,8 @@ class LevenbergMarquardt:
         for evaluation in range(1, self.evaluations):
             progress(raw, terms.loss)
             # One step at least: horizons are compared by differences far below one deviation.
-            if evaluation > 1 and self._settled(problem, raw, terms):
-                return Solution(raw, terms, evaluation, "Reported quantities stand still.")
+            if evaluation > 1 and self._converged(problem, raw, terms):
+                return Solution(raw, terms, evaluation, "Reported quantities have converged.")
             step = _step(terms, damping)
             candidate = raw + problem.spread(step)
             trial = problem.gauss_newton(candidate)
@@ -82,7 +82,7 @@ class LevenbergMarquardt:
                 damping, growth = damping * growth, growth * 2
         return Solution(raw, terms, self.evaluations, "The evaluations are used up.")
 
-    def _settled(self, problem: Problem, raw: FloatArray, terms: GaussNewtonTerms) -> bool:
+    def _converged(self, problem: Problem, raw: FloatArray, terms: GaussNewtonTerms) -> bool:
         jacobian = problem.reported_jacobian(raw)
         step = _step(terms, _CREEP)
         if not len(jacobian):  # nothing is reported: the loss decides
@@ -98,7 +98,7 @@ class LevenbergMarquardt:
 
 
 def _gain(terms: GaussNewtonTerms, trial: GaussNewtonTerms, step: FloatArray) -> float:
-    """Return the decrease of the loss by a step, as a share of what the quadratic model promised.
+    """Return a step's decrease of the loss, as a fraction of what the quadratic model promised.
 
     Negative infinity for a trial that diverged.
     """

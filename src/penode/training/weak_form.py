@@ -7,7 +7,7 @@ and state,
     sum_j c_j (int w r_j + int w' s_j) = -(int w r_0 + int w' s_0),
 
 linear in c. A Hann window over whole periods of a disturbance also nulls its harmonics from the
-second on, so they cannot pull the coefficients.
+second on, so they cannot bias the coefficients.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.training.covariance import bartlett
 
-#: Singular values below this share of the largest are noise of the arithmetic.
+#: Singular values below this fraction of the largest are noise of the arithmetic.
 _RANK_TOLERANCE = 1e-10
 #: Equations that share samples with one: two states, windows overlapping by three quarters.
 _OVERLAPPING = 16
@@ -62,12 +62,12 @@ class WeakRegression:
         size = np.linalg.norm(self.matrix, axis=0)
         size = np.where(size > 0, size, 1.0)
         gain = np.linalg.pinv(self.matrix / size, rcond=_RANK_TOLERANCE)[column] / size[column]
-        share = gain * (self.target - self.matrix @ self.solve())
-        lags = max(2 * int((len(share) / 2) ** 0.6), _OVERLAPPING)
-        return float(np.sqrt(bartlett(share[None], lags)[0, 0]))
+        influence = gain * (self.target - self.matrix @ self.solve())
+        lags = max(2 * int((len(influence) / 2) ** 0.6), _OVERLAPPING)
+        return float(np.sqrt(bartlett(influence[None], lags)[0, 0]))
 
     def independence(self, column: int) -> float:
-        """Return the share of a column's energy that no other column explains.
+        """Return the fraction of a column's energy that no other column explains.
 
         Parameters
         ----------
@@ -78,7 +78,7 @@ class WeakRegression:
         -------
         float
             rho = 1 - R^2 of the column on all others: 1 independent, 0 indistinguishable (or a
-            column of zeros, which nothing can tell).
+            column of zeros, which nothing determines).
         """
         own = self.matrix[:, column]
         if not own.any():

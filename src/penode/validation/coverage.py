@@ -5,7 +5,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from penode.arrays import BoolArray, FloatArray
 
-#: A supported point has a visited state within this share of the visited range, and lies no
+#: A supported point has a visited state within this fraction of the visited range, and lies no
 #: further than a fifth of that outside the hull of all visited states.
 _REACH = 0.1
 
@@ -28,7 +28,7 @@ def supported(visited: FloatArray, points: FloatArray) -> BoolArray:
     Returns
     -------
     ndarray of bool, shape (point,)
-        True between visited states that are close enough, each coordinate measured in shares of
+        True between visited states that are close enough, each coordinate measured in fractions of
         its visited range: gaps up to a fifth of the range are bridged, the outside is not.
     """
     span = np.ptp(visited, axis=0)

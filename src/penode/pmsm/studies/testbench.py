@@ -48,7 +48,7 @@ def testbench_resistance(runs: Runs) -> StudyResult:
         HORIZON,
         "share of the loss (%)",
         tuple(
-            Series(label, view.horizons, (100 * view.shares(line)).tolist(), colour, "")
+            Series(label, view.horizons, (100 * view.fractions(line)).tolist(), colour, "")
             for line, label, colour in zip(view.lines, labels, _COLOURS, strict=False)
         ),
     )
