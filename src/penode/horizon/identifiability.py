@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from penode.models.base import Model
+from penode.training.penalties import Penalty
 
 #: Below this independence a parameter and the learned map can stand in for each other.
 THRESHOLD = 0.01
@@ -30,6 +31,8 @@ class Start:
         Joins the provenance of the fit: how the model came about.
     warnings : tuple of str
         Joins those of the fit: what is odd in the recordings, a sentence each.
+    penalties : tuple of Penalty
+        Join those of the plan's loss: what is known of the learned map before training.
     """
 
     model: Model
@@ -38,6 +41,7 @@ class Start:
     repair: str = "Record another regime, or use a learned map with more structure."
     facts: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    penalties: tuple[Penalty, ...] = ()
 
     @property
     def indistinguishable(self) -> tuple[str, ...]:

@@ -202,7 +202,7 @@ def identify(
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:
     """Return the convex start, with what was asked for and what is odd in the recordings."""
-    machine, balance = weak_start(
+    machine, balance, penalties = weak_start(
         recordings,
         study.flux_map,
         study.seed,
@@ -217,7 +217,7 @@ def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str
     inspected = ("i_d", "i_q", "u_d", "u_q")
     odd = tuple(finding.sentence for e in recordings for finding in inspect(e, inspected))
     facts = _facts(recordings, study, reasons)
-    return Start(machine, balance.independence, balance.physical, repair, facts, odd)
+    return Start(machine, balance.independence, balance.physical, repair, facts, odd, penalties)
 
 
 def _facts(

@@ -156,7 +156,7 @@ def sandwich(terms: GaussNewtonTerms, windows: Windows) -> FloatArray:
         Those the terms were summed over.
     """
     inverse = inverse_normal(terms.normal)
-    meat = bartlett(terms.scores, bandwidth_in_windows(windows))
+    meat = bartlett(terms.scores, bandwidth_in_windows(windows)) + terms.prior
     return np.asarray(inverse @ meat @ inverse)
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import jax
@@ -36,7 +36,7 @@ class Penalty(Protocol):
 
 @dataclass(frozen=True)
 class WeightDecay:
-    """BiasForecast a group of parameters to zero.
+    """Shrinks a group of parameters towards zero.
 
     Attributes
     ----------
@@ -76,8 +76,43 @@ class Priors:
 
 
 @dataclass(frozen=True, eq=False)
+class GaussianPrior:
+    """A Gaussian belief about linear combinations of the learned parameters.
+
+    What the data do not determine then varies as the belief says: its variance joins that of the
+    data in the covariance of the estimate (Wahba, J. R. Stat. Soc. B 45 (1983) 133,
+    doi:10.1111/j.2517-6161.1983.tb01239.x), so a band grows where nothing was recorded.
+
+    Attributes
+    ----------
+    factor : ndarray, shape (combination, value)
+        Each combination of the group's values is zero but for the belief's deviation. It is scaled
+        so that its squares add to the loss.
+    variance : ndarray, shape (combination,)
+        Variance of each scaled combination.
+    group : str
+    """
+
+    factor: FloatArray = field(repr=False)
+    variance: FloatArray = field(repr=False)
+    group: str = "learned"
+
+    def residuals(self, layout: Layout[Model], values: JaxArray) -> JaxArray:
+        """Return the scaled combinations."""
+        chosen = np.flatnonzero(layout.value_members((self.group,)))
+        return jnp.asarray(self.factor) @ values[chosen]
+
+    def slopes(self, layout: Layout[Model]) -> FloatArray:
+        """Return the derivative of the combinations by all values, (combination, value)."""
+        members = layout.value_members((self.group,))
+        slopes = np.zeros((len(self.factor), len(members)))
+        slopes[:, members] = self.factor
+        return slopes
+
+
+@dataclass(frozen=True, eq=False)
 class Smoothness:
-    """BiasForecast the learned map to a straight one, by its second differences along each state.
+    """Shrinks the learned map towards a straight one, by its second differences along each state.
 
     Attributes
     ----------
@@ -104,7 +139,7 @@ class Smoothness:
 
 @dataclass(frozen=True, eq=False)
 class SoftReciprocity:
-    """BiasForecast the learned map's Jacobian towards a symmetric one: a map from an energy.
+    """Shrinks the learned map's Jacobian towards a symmetric one: a map from an energy.
 
     Attributes
     ----------

@@ -53,7 +53,11 @@ class Problem:
         terms = self.objective.gauss_newton(raw, self.windows)
         normal = (terms.normal + self._ridge(terms.normal))[np.ix_(self.moving, self.moving)]
         scores = terms.scores[self.moving]
-        return GaussNewtonTerms(terms.loss, terms.count, normal, terms.descent[self.moving], scores)
+        prior = terms.prior
+        if isinstance(prior, np.ndarray):
+            prior = prior[np.ix_(self.moving, self.moving)]
+        descent = terms.descent[self.moving]
+        return GaussNewtonTerms(terms.loss, terms.count, normal, descent, scores, prior)
 
     def _ridge(self, normal: FloatArray) -> FloatArray:
         """Return what keeps a learned parameter that nothing depends on from drifting away.

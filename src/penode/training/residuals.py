@@ -19,6 +19,7 @@ from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
 from penode.training.free_starts import eliminated, estimated_starts
 from penode.training.loss import DEFAULT_LOSS, Loss, channel_deviation
+from penode.training.penalties import GaussianPrior
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
 from penode.training.sensitivities import window_sums
 
@@ -51,6 +52,8 @@ class GaussNewtonTerms:
         Sum of S'r: minus half the gradient of the summed squares.
     scores : ndarray, shape (parameter, window)
         S'r summed over the steps of each window.
+    prior : ndarray, shape (parameter, parameter), or 0
+        Covariance that Gaussian priors add to the sum of the scores.
     """
 
     loss: float
@@ -58,6 +61,7 @@ class GaussNewtonTerms:
     normal: FloatArray
     descent: FloatArray
     scores: FloatArray
+    prior: FloatArray | float = 0.0
 
     @property
     def finite(self) -> bool:
@@ -142,18 +146,34 @@ class Objective:
         windows : Windows
             One program serves every horizon and number of windows cut from the same recordings.
         """
-        count = len(windows.starts)
+        residuals = len(windows.starts) * windows.horizon * len(self.error.compared)
         with float64():
-            penalties, slopes = (np.asarray(part) for part in self._penalties(jnp.asarray(raw)))
+            at = jnp.asarray(raw)
+            penalties, slopes = (np.asarray(part) for part in self._penalties(at))
+            prior = self._prior(at, residuals)
         squares, normal, scores = self._sums(raw, windows)
-        residuals = count * windows.horizon * len(self.error.compared)
         return GaussNewtonTerms(
             loss=float(squares) / residuals + float(penalties @ penalties),
             count=residuals,
             normal=normal + residuals * slopes.T @ slopes,
             descent=scores.sum(axis=1) - residuals * slopes.T @ penalties,
             scores=scores,
+            prior=prior,
         )
+
+    def _prior(self, raw: JaxArray, residuals: int) -> FloatArray | float:
+        """Return what Gaussian priors add to the covariance of the scores."""
+        beliefs = [p for p in self.loss.penalties if isinstance(p, GaussianPrior)]
+        if not beliefs:
+            return 0.0
+        transform = np.asarray(self._transform(raw))
+        slopes = [belief.slopes(self.layout) @ transform for belief in beliefs]
+        parts = zip(beliefs, slopes, strict=True)
+        return residuals**2 * sum(s.T @ (b.variance[:, None] * s) for b, s in parts)
+
+    @cached_property
+    def _transform(self) -> Any:
+        return jax.jit(jax.jacfwd(self.layout.values))
 
     @cached_property
     def chunk(self) -> int:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,10 +14,12 @@ from penode.data.experiment import Experiment
 from penode.models.compositions import LinearSkip
 from penode.models.layout import Layout
 from penode.models.networks import TanhLayers
+from penode.pmsm.balance.spline_start import reach, spline_start
 from penode.pmsm.balance.voltage_balance import BalanceForm, BalanceSolution
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, FluxMap, draw_flux_map
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.terms import Resistance, Term
+from penode.training.penalties import Penalty
 
 #: Networks drawn, of which the better after a few evaluations is fitted to the end.
 _DRAWS, _FEW, _MANY = 2, 20, 100
@@ -30,6 +32,24 @@ _ANGLE_WEIGHT = 0.05
 _WEAK = 0.05
 
 
+class WeakStart(NamedTuple):
+    """A machine by convex steps.
+
+    Attributes
+    ----------
+    machine : Machine
+        Terms and map.
+    balance : BalanceSolution
+        The voltage balance with a polynomial map: estimates without training, their deviations.
+    penalties : tuple of Penalty
+        What the weak form knows of the map's smoothness, for training.
+    """
+
+    machine: Machine
+    balance: BalanceSolution
+    penalties: tuple[Penalty, ...] = ()
+
+
 def weak_start(
     experiments: Sequence[Experiment],
     kind: str,
@@ -37,7 +57,7 @@ def weak_start(
     *,
     angle_orders: tuple[int, ...] = (),
     terms: Sequence[Term] = (),
-) -> tuple[Machine, BalanceSolution]:
+) -> WeakStart:
     """Find resistance and flux map by convex steps.
 
     Parameters
@@ -47,7 +67,8 @@ def weak_start(
     kind : str
         A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
     seed : int
-        Seed of the network draws; the best of two is kept.
+        Seed of the network draws, of which the better of two is kept; a map of splines draws
+        nothing.
     angle_orders : tuple of int
         Harmonics of the electrical angle in the map.
     terms : sequence of Term
@@ -55,20 +76,21 @@ def weak_start(
 
     Returns
     -------
-    Machine
-        Terms and fitted network.
-    BalanceSolution
-        The voltage balance behind it: estimates without training, and their deviations.
+    WeakStart
     """
     currents = np.concatenate([e.stack(Machine.states) for e in experiments])
     form = BalanceForm.of(experiments, FLUX_MAPS[kind].reciprocal, terms, angle_orders)
     balance = form.solve(experiments)
     points = currents[np.linspace(0, len(currents) - 1, _POINTS).round().astype(int)]
     largest = float(np.abs(balance.flux(points, np.zeros(len(points)))[0]).max())
+    if kind == "coenergy":
+        scales = (reach(experiments), _round_scale(largest))
+        splines = spline_start(experiments, form.terms, scales, angle_orders)
+        return WeakStart(splines.machine, balance, (splines.prior,))
     scales = (_round_scale(form.polynomial.current_scale), _round_scale(largest))
     draws = [draw_flux_map(kind, seed + k, scales, angle_orders) for k in range(_DRAWS)]
     flux_map = _fit_networks(draws, balance, points, np.random.default_rng(seed))
-    return Machine(flux_map, balance.terms), balance
+    return WeakStart(Machine(flux_map, balance.terms), balance)
 
 
 def nominal_start(experiments: Sequence[Experiment], seed: int) -> Machine:

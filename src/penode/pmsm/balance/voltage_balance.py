@@ -76,8 +76,8 @@ class BalanceSolution:
         weights = np.tile(self.mean, (len(currents), 1))
         turning = np.zeros_like(weights)
         if self.form.angle_orders:
-            weights = weights + _waves(theta_el, self.form.angle_orders) @ self.harmonics
-            turning = _waves(theta_el, self.form.angle_orders, derivative=1) @ self.harmonics
+            weights = weights + waves(theta_el, self.form.angle_orders) @ self.harmonics
+            turning = waves(theta_el, self.form.angle_orders, derivative=1) @ self.harmonics
         return (
             np.einsum("pic,pc->pi", basis, weights),
             np.einsum("pijc,pc->pij", slopes, weights),
@@ -167,17 +167,17 @@ class BalanceForm:
 
     def _harmonic_equations(self, experiment: Experiment, solution: FloatArray) -> WeakRegression:
         """Return the balance that a solution for the mean leaves, in short windows."""
-        length = _short_window(experiment, max(self.angle_orders))
+        length = short_window(experiment, max(self.angle_orders))
         known = self._mean_equations(experiment, length)
         basis = self.polynomial.basis(experiment.stack(CURRENTS))
-        waves = _waves(experiment.channels["theta_el"], self.angle_orders)
-        full = (waves[:, None, :, None] * basis[:, :, None]).reshape(*basis.shape[:2], -1)
+        turning = waves(experiment.channels["theta_el"], self.angle_orders)
+        full = (turning[:, None, :, None] * basis[:, :, None]).reshape(*basis.shape[:2], -1)
         unknown = balance_equations(experiment, self.terms, full, length)
         physical = unknown.matrix.shape[1] - full.shape[2]
         return WeakRegression(unknown.matrix[:, physical:], known.target - known.matrix @ solution)
 
 
-def _waves(theta_el: FloatArray, orders: Sequence[int], derivative: int = 0) -> FloatArray:
+def waves(theta_el: FloatArray, orders: Sequence[int], derivative: int = 0) -> FloatArray:
     """Return cos and sin of each order, or their slope over the angle, shape (time, 2 order)."""
     columns = [
         n**derivative * np.cos(n * theta_el + (derivative * np.pi / 2 - lag))
@@ -197,7 +197,7 @@ def harmonic_window(experiment: Experiment) -> int:
     return int(np.clip(round(1 / (3 * turns)), min(8, longest), longest))
 
 
-def _short_window(experiment: Experiment, order: int) -> int:
+def short_window(experiment: Experiment, order: int) -> int:
     """Return a little more than one period of an order in samples."""
     longest = max((len(experiment) - 1) // 8, 1)
     period = 1 / max(order * _turns(experiment), 1 / longest)

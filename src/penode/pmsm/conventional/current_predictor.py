@@ -73,7 +73,7 @@ class CurrentPredictor:
         runs = [drive_recording(e) for e in experiments]
         unseen = [drive_recording(e) for e in validation]
         asked.check([*runs, *unseen])
-        start, _ = weak_start(runs, self.flux_map, self.seed, terms=terms)
+        start, *_ = weak_start(runs, self.flux_map, self.seed, terms=terms)
         return identify(
             Start(start),
             runs,

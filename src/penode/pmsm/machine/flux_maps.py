@@ -18,6 +18,7 @@ from penode.models.learned_map import LearnedMap
 from penode.models.networks import ConvexGradient, FeatureNetwork, TanhLayers
 from penode.models.polynomials import Polynomial
 from penode.models.splines import Spline
+from penode.pmsm.machine.coenergy_map import CoenergySplines
 
 
 class Flux(NamedTuple):
@@ -71,7 +72,7 @@ class FluxMap(eqx.Module):
             i_d and i_q in A (peak).
         """
         x = currents / self.current_scale
-        if not self.angle_orders:
+        if not self.angle_orders or isinstance(self.network, CoenergySplines):
             value, jacobian = self.network.value_and_jacobian(x)
         else:
             over_a_period = self._features(self._one_period())[0].T[..., None]
@@ -108,6 +109,8 @@ class FluxMap(eqx.Module):
         It equals `flux_and_inductance`, for those who want to write the network down.
         """
         network = self.network
+        if isinstance(network, CoenergySplines):
+            return FluxMap(CoenergySplines(network.mean), self.current_scale, self.flux_scale)
         if not self.angle_orders or not isinstance(network, TanhLayers | ConvexGradient):
             return self
         with float64():
@@ -189,6 +192,11 @@ class FluxMapKind:
 #: To add a family, add one entry; its network needs `value_and_jacobian`.
 FLUX_MAPS: dict[str, FluxMapKind] = {
     "coenergy": FluxMapKind(
+        lambda seed: CoenergySplines.linear(),
+        reciprocal=True,
+        draw_with_features=lambda seed, features: CoenergySplines.linear(features // 2),
+    ),
+    "convex": FluxMapKind(
         lambda seed: ConvexGradient.random(2, 12, seed),
         reciprocal=True,
         draw_with_features=lambda seed, features: ConvexGradient.random(2, 16, seed, features),

@@ -64,7 +64,7 @@ class Variant:
         if self.adam:
             return nominal_start([run], seed)
         terms = (DeadTime(),) if self.inverter else ()
-        machine, _ = weak_start(
+        machine, *_ = weak_start(
             [run], self.flux_map, seed, angle_orders=self.angle_orders, terms=terms
         )
         return machine

@@ -1,0 +1,155 @@
+"""Smoothing by marginal likelihood: how far roughness is held down is estimated, not set.
+
+Equations A c = y with a penalty sum_k lambda_k c' S_k c. The penalty is a Gaussian prior whose
+precision is lambda_k S_k over the variance of an equation; its strengths maximise the restricted
+likelihood (REML). S. N. Wood, J. R. Stat. Soc. B 73 (2011) 3, doi:10.1111/j.1467-9868.2010.00749.x.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+
+from penode.arrays import FloatArray
+from penode.training.weak_form import WeakRegression
+
+#: Windows overlap by three quarters: so many equations are worth one.
+_OVERLAP = 4
+#: Decades within which a strength is sought, over that at which penalty and data weigh the same.
+_LOWEST, _HIGHEST, _FIRST = -7.0, 3.0, -3.0
+#: Keeps directions that neither data nor penalty see, such as a coenergy's constant.
+_RIDGE = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Roughness:
+    """A quadratic penalty on consecutive coefficients.
+
+    Attributes
+    ----------
+    first : int
+        Of the coefficients.
+    matrix : ndarray, shape (coefficient, coefficient)
+        S, positive semidefinite.
+    rank : int
+        Of S.
+    """
+
+    first: int
+    matrix: FloatArray
+    rank: int
+
+    @classmethod
+    def of(cls, first: int, matrix: FloatArray) -> "Roughness":
+        """Return the penalty with the rank of its matrix."""
+        return cls(first, matrix, int(np.linalg.matrix_rank(matrix, hermitian=True)))
+
+    @property
+    def place(self) -> slice:
+        """Where its coefficients are."""
+        return slice(self.first, self.first + len(self.matrix))
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """Penalised least squares at the strengths that the data favour.
+
+    Attributes
+    ----------
+    solution : ndarray, shape (coefficient,)
+    strength : ndarray, shape (penalty,)
+        lambda of each penalty.
+    prior_variance : ndarray, shape (penalty,)
+        Variance of a coefficient along the eigenvectors of S, over its eigenvalue.
+    evidence : float
+        -2 log restricted likelihood, up to a constant: smaller is better.
+    """
+
+    solution: FloatArray
+    strength: FloatArray
+    prior_variance: FloatArray
+    evidence: float
+
+
+def smoothed(equations: WeakRegression, penalties: Sequence[Roughness]) -> Smoothed:
+    """Solve equations with penalties whose strengths maximise the restricted likelihood.
+
+    Parameters
+    ----------
+    equations : WeakRegression
+        In the order of their windows, which overlap by three quarters.
+    penalties : sequence of Roughness
+    """
+    problem = _Normal.of(equations, penalties)
+    found = minimize(
+        lambda logs: (
+            problem.evidence(np.clip(logs, _LOWEST, _HIGHEST))[0]
+            + float(np.sum((logs - np.clip(logs, _LOWEST, _HIGHEST)) ** 2))
+        ),
+        np.full(len(penalties), _FIRST),
+        method="Nelder-Mead",
+        options={
+            "xatol": 0.1,
+            "fatol": 0.1,
+            "initial_simplex": _simplex(len(penalties)),
+        },
+    )
+    logs = np.clip(found.x, _LOWEST, _HIGHEST)
+    evidence, solution, variance = problem.evidence(logs)
+    strength = problem.balance * 10.0**logs
+    return Smoothed(solution, strength, variance / strength, evidence)
+
+
+def _simplex(size: int) -> FloatArray:
+    """Return first trials (size + 1, size) a decade and a half apart."""
+    first = np.full((size + 1, size), _FIRST)
+    first[1:] += 1.5 * np.eye(size)
+    return first
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Normal equations with scaled columns."""
+
+    normal: FloatArray
+    right: FloatArray
+    energy: float
+    count: float
+    penalties: Sequence[Roughness]
+    balance: FloatArray
+
+    @classmethod
+    def of(cls, equations: WeakRegression, penalties: Sequence[Roughness]) -> "_Normal":
+        matrix, target = equations.matrix, equations.target
+        normal = matrix.T @ matrix
+        even = [np.trace(normal[p.place, p.place]) / np.trace(p.matrix) for p in penalties]
+        return cls(
+            normal=normal,
+            right=matrix.T @ target,
+            energy=float(target @ target),
+            count=len(target) / _OVERLAP,
+            penalties=penalties,
+            balance=np.maximum(even, 1e-300),
+        )
+
+    def evidence(self, logs: FloatArray) -> tuple[float, FloatArray, float]:
+        """Return -2 log REML, the solution and the variance of an equation at log10 strengths."""
+        whole = self.normal.copy()
+        for penalty, strength in zip(self.penalties, self.balance * 10.0**logs, strict=True):
+            whole[penalty.place, penalty.place] += strength * penalty.matrix
+        size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+        scaled = whole / np.outer(size, size)
+        scaled[np.diag_indices_from(scaled)] += _RIDGE
+        factor: Any = cho_factor(scaled, lower=True, check_finite=False)
+        solution = cho_solve(factor, self.right / size, check_finite=False) / size
+        left = max(self.energy - float(self.right @ solution), 1e-14 * self.energy) / _OVERLAP
+        rank = sum(penalty.rank for penalty in self.penalties)
+        free = max(self.count - (len(self.right) - rank), 1.0)
+        volume = 2 * float(np.sum(np.log(np.diag(factor[0]))) + np.sum(np.log(size)))
+        prior = sum(
+            p.rank * np.log(10.0) * log for p, log in zip(self.penalties, logs, strict=True)
+        )
+        return free * np.log(left / free) + volume - float(prior), solution, _OVERLAP * left / free

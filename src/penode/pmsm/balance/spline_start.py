@@ -1,0 +1,213 @@
+"""Start of the map of splines: its coefficients by the weak form, its smoothness by likelihood."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from penode.arrays import FloatArray
+from penode.data.experiment import Experiment
+from penode.pmsm.balance.equations import CURRENTS, balance_equations
+from penode.pmsm.balance.smoothing import Roughness, Smoothed, smoothed
+from penode.pmsm.balance.voltage_balance import harmonic_window, short_window, waves
+from penode.pmsm.machine.coenergy_map import (
+    AMPLITUDE,
+    MEAN,
+    ODD,
+    CoenergyPart,
+    CoenergySplines,
+    columns,
+    roughness,
+)
+from penode.pmsm.machine.flux_maps import FluxMap
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.terms import Term, physical_values, with_physical
+from penode.training.penalties import GaussianPrior
+from penode.training.weak_form import WeakRegression, join
+
+#: Gain of -2 log likelihood from which the mean map is not taken for mirror symmetric.
+_ASYMMETRIC = 20.0
+#: Points at which the differential inductance is taken for the weight of the prior in training.
+_POINTS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class SplineStart:
+    """A machine with a map of splines, as the weak form gives it.
+
+    Attributes
+    ----------
+    machine : Machine
+    prior : GaussianPrior
+        Of the map's coefficients, for training.
+    symmetric : bool
+        Whether the mean map is mirror symmetric, W(i_d, -i_q) = W(i_d, i_q).
+    """
+
+    machine: Machine
+    prior: GaussianPrior
+    symmetric: bool
+
+
+def spline_start(
+    experiments: Sequence[Experiment],
+    terms: Sequence[Term],
+    scales: tuple[float, float],
+    angle_orders: tuple[int, ...] = (),
+) -> SplineStart:
+    """Find the physical parameters and the map of splines by penalised linear least squares.
+
+    Windows over whole periods of the sixth harmonic show the mean map and the physical parameters
+    alone; what those leave in short windows is the harmonics'.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Recordings with i_d, i_q (A), u_d, u_q (V), omega_el (rad/s), and the channels of the
+        terms; theta_el (rad) where there are harmonics.
+    terms : sequence of Term
+        Completed and prepared.
+    scales : tuple of float
+        Largest current in A, which the splines reach to, and flux linkage in Vs.
+    angle_orders : tuple of int
+        Harmonics of the electrical angle.
+    """
+    setting = _Setting(tuple(experiments), tuple(terms), scales)
+    even, odd = CoenergyPart.zero(MEAN, True), CoenergyPart.zero(ODD, False)
+    parts: tuple[CoenergyPart, ...] = (even,)
+    found = setting.mean(parts)
+    wider = setting.mean((even, odd))
+    if wider.evidence < found.evidence - _ASYMMETRIC:
+        parts, found = (even, odd), wider
+    symmetric = len(parts) == 1
+    count = len(physical_values(terms))
+    mean, first = [], count
+    for part in parts:
+        size = part.coefficients.size
+        mean.append(_filled(part, found.solution[first : first + size]))
+        first += size
+    network = CoenergySplines(tuple(mean))
+    blocks = [_block(part, found, k) for k, part in enumerate(parts)]
+    if angle_orders:
+        network, block = _with_harmonics(setting, network, found, angle_orders)
+        blocks.append(block)
+    machine = Machine(
+        FluxMap(network, *scales, angle_orders), with_physical(terms, found.solution[:count])
+    )
+    return SplineStart(machine, _prior(setting, machine, blocks), symmetric)
+
+
+@dataclass(frozen=True, eq=False)
+class _Setting:
+    """Recordings, terms and scales that all regressions share."""
+
+    experiments: tuple[Experiment, ...]
+    terms: tuple[Term, ...]
+    scales: tuple[float, float]
+
+    def basis(self, experiment: Experiment, parts: Sequence[CoenergyPart]) -> FloatArray:
+        """Return the flux linkage of each coefficient in Vs, shape (time, 2, coefficient)."""
+        x = experiment.stack(CURRENTS) / self.scales[0]
+        return self.scales[1] * np.concatenate([columns(p, x)[0] for p in parts], axis=2)
+
+    def equations(self, parts: Sequence[CoenergyPart]) -> WeakRegression:
+        """Return the balance with mean maps of the parts."""
+        return join(
+            [
+                balance_equations(e, self.terms, self.basis(e, parts), harmonic_window(e))
+                for e in self.experiments
+            ]
+        )
+
+    def mean(self, parts: Sequence[CoenergyPart]) -> Smoothed:
+        """Return physical parameters and mean map."""
+        first, penalties = len(physical_values(self.terms)), []
+        for part in parts:
+            penalties.append(Roughness.of(first, roughness(part)))
+            first += part.coefficients.size
+        return smoothed(self.equations(parts), penalties)
+
+
+def _filled(part: CoenergyPart, coefficients: FloatArray) -> CoenergyPart:
+    return replace(part, coefficients=coefficients.reshape(part.coefficients.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Prior of some consecutive coefficients: roughness, its strength and its variance."""
+
+    matrix: FloatArray
+    strength: float
+    variance: float
+
+
+def _block(part: CoenergyPart, found: Smoothed, number: int) -> _Block:
+    strength, variance = found.strength[number], found.prior_variance[number]
+    return _Block(roughness(part), float(strength), float(variance))
+
+
+def _with_harmonics(
+    setting: _Setting, network: CoenergySplines, found: Smoothed, orders: tuple[int, ...]
+) -> tuple[CoenergySplines, _Block]:
+    """Return the network with the amplitudes that what the mean leaves in short windows shows."""
+    count = len(orders)
+    cosine, sine = (CoenergyPart.zero(AMPLITUDE, even, count) for even in (True, False))
+    regressions = []
+    for e in setting.experiments:
+        length = short_window(e, max(orders))
+        known = balance_equations(e, setting.terms, setting.basis(e, network.mean), length)
+        turning = waves(e.channels["theta_el"], orders)  # cos and sin of each order by turns
+        tables = []
+        for part, first in ((cosine, 0), (sine, 1)):
+            basis = setting.basis(e, (part,))
+            tables += [turning[:, first + 2 * k, None, None] * basis for k in range(count)]
+        unknown = balance_equations(e, setting.terms, np.concatenate(tables, axis=2), length)
+        physical = len(physical_values(setting.terms))
+        left = known.target - known.matrix @ found.solution
+        regressions.append(WeakRegression(unknown.matrix[:, physical:], left))
+    matrix = block_diag(*[roughness(part) for part in (cosine, sine) for _ in orders])
+    solved = smoothed(join(regressions), [Roughness.of(0, matrix)])
+    split = cosine.coefficients.size
+    filled = replace(
+        network,
+        cosine=(_filled(cosine, solved.solution[:split]),),
+        sine=(_filled(sine, solved.solution[split:]),),
+    )
+    block = _Block(matrix, float(solved.strength[0]), float(solved.prior_variance[0]))
+    return filled, block
+
+
+def _prior(setting: _Setting, machine: Machine, blocks: Sequence[_Block]) -> GaussianPrior:
+    """Return the prior in units of the training loss.
+
+    A constant voltage error v of a sample moves a one-step residual by T v / L, and an equation of
+    the weak form by half a window's length times v: their squares over all samples and equations
+    say how much a penalty of the one weighs in the other.
+    """
+    currents = np.concatenate([e.stack(CURRENTS) for e in setting.experiments])
+    points = currents[np.linspace(0, len(currents) - 1, _POINTS).round().astype(int)]
+    inductance = machine.maps()["differential_inductance"](*points.T)
+    inverse = np.linalg.inv(np.moveaxis(inductance, -1, 0))
+    gain = float(np.median(np.sum(inverse**2, axis=(1, 2)))) / 2
+    samples, equations = 0.0, 0.0
+    for e in setting.experiments:
+        length = harmonic_window(e)
+        samples += len(e) * e.time_step**2 * gain
+        equations += len(e) / max(length // 4, 1) * (length * e.time_step / 2) ** 2
+    weight = samples / equations / (2 * len(currents))
+    rows, variances = [], []
+    for block in blocks:
+        eigenvalues, vectors = np.linalg.eigh(block.matrix)
+        kept = eigenvalues > 1e-12 * eigenvalues[-1]
+        scaled = np.sqrt(weight * block.strength * eigenvalues[kept])
+        rows.append((vectors[:, kept] * scaled).T)
+        variances.append(np.full(kept.sum(), weight * block.strength * block.variance))
+    return GaussianPrior(np.asarray(block_diag(*rows)), np.concatenate(variances))
+
+
+def reach(experiments: Sequence[Experiment]) -> float:
+    """Return the largest current along an axis, rounded up so that recordings share programs."""
+    largest = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
+    return float(f"{10 ** (math.ceil(20 * math.log10(largest) - 1e-9) / 20):.3g}")

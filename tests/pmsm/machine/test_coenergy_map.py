@@ -1,0 +1,126 @@
+"""The map of splines: one coenergy at every angle, mirror symmetry, the linear machine."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from penode.arrays import float64
+from penode.models.parameters import with_batch_axis
+from penode.pmsm.machine.coenergy_map import CoenergyPart, CoenergySplines, columns, roughness
+from penode.pmsm.machine.flux_maps import FluxMap
+
+ORDERS = (6, 12)
+
+
+def drawn(part, rng):
+    return replace(part, coefficients=rng.normal(size=part.coefficients.shape))
+
+
+@pytest.fixture
+def network(rng):
+    even, odd = (drawn(CoenergyPart.zero(9, parity), rng) for parity in (True, False))
+    waves = (drawn(CoenergyPart.zero(5, parity, len(ORDERS)), rng) for parity in (True, False))
+    cosine, sine = waves
+    return CoenergySplines((even, odd), (cosine,), (sine,))
+
+
+def at(network, x, theta):
+    flux = FluxMap(network, 1.0, 1.0, ORDERS)
+    with float64():
+        found = with_batch_axis(flux).at_angle(jnp.asarray(x), jnp.asarray(theta))
+        return tuple(np.asarray(part) for part in found)
+
+
+def test_jacobian_and_slope_over_the_angle_are_derivatives(network, rng):
+    x, theta = rng.uniform(-1.2, 1.2, (2, 8)), rng.uniform(0, 6.0, 8)
+    _, inductance, turning = at(network, x, theta)
+    h = 1e-6
+    for k in range(2):
+        step = h * np.eye(2)[:, k : k + 1]
+        slope = (at(network, x + step, theta)[0] - at(network, x - step, theta)[0]) / (2 * h)
+        np.testing.assert_allclose(inductance[:, k], slope, rtol=1e-6, atol=1e-6)
+    slope = (at(network, x, theta + h)[0] - at(network, x, theta - h)[0]) / (2 * h)
+    np.testing.assert_allclose(turning, slope, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(inductance[0, 1], inductance[1, 0], rtol=1e-12)
+
+
+def test_a_machine_without_skew_mirrors_its_flux(network, rng):
+    symmetric = replace(network, mean=network.mean[:1])
+    x, theta = rng.uniform(-1.0, 1.0, (2, 8)), rng.uniform(0, 6.0, 8)
+    mirror = np.array([[1.0], [-1.0]])
+    there, here = at(symmetric, mirror * x, -theta)[0], at(symmetric, x, theta)[0]
+    np.testing.assert_allclose(there, mirror * here, atol=1e-12)
+    assert (
+        np.abs(at(network, mirror * x, -theta)[0] - mirror * at(network, x, theta)[0]).max() > 0.1
+    )
+
+
+def test_the_angle_average_is_the_map_without_waves(network, rng):
+    x = rng.uniform(-1.0, 1.0, (2, 4))
+    turn = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    every = [at(network, x, np.full(4, angle))[0] for angle in turn]
+    flux = FluxMap(network, 1.0, 1.0, ORDERS)
+    with float64():
+        mean = with_batch_axis(flux).flux_and_inductance(jnp.asarray(x))[0]
+        averaged = with_batch_axis(flux.averaged()).flux_and_inductance(jnp.asarray(x))[0]
+    np.testing.assert_allclose(np.mean(every, axis=0), mean, atol=1e-12)
+    np.testing.assert_array_equal(averaged, mean)
+
+
+@pytest.mark.parametrize("even", [True, False])
+def test_columns_are_what_each_coefficient_adds(even, rng):
+    part = drawn(CoenergyPart.zero(7, even), rng)
+    points = rng.uniform(-1.3, 1.3, (6, 2))
+    gradient, hessian = columns(part, points)
+    weights = part.coefficients.ravel()
+    with float64():
+        value, slopes = with_batch_axis(part).jet(jnp.asarray(points.T))
+    np.testing.assert_allclose(gradient @ weights, np.asarray(value).T, atol=1e-12)
+    rows = np.stack([slopes[0, 0], slopes[0, 1], slopes[1, 1]])
+    np.testing.assert_allclose(hessian @ weights, rows.T, atol=1e-11)
+
+
+@pytest.mark.parametrize(("even", "flat"), [(True, 4), (False, 2)])
+def test_only_a_linear_machine_has_no_roughness(even, flat):
+    """Even: a constant, i_d, i_d^2, i_q^2. Odd: i_q and i_d i_q."""
+    matrix = roughness(CoenergyPart.zero(9, even))
+    eigenvalues = np.linalg.eigvalsh(matrix)
+    assert np.sum(eigenvalues < 1e-11 * eigenvalues[-1]) == flat
+    linear = CoenergySplines.linear().mean[0].coefficients.ravel()
+    wide = roughness(CoenergyPart.zero(15, True))
+    assert linear @ wide @ linear < 1e-12 * np.trace(wide) * linear @ linear
+
+
+def test_roughness_is_the_integral_of_squared_third_derivatives(rng):
+    part = drawn(CoenergyPart.zero(6, True), rng)
+    weights = part.coefficients.ravel()
+    grid = np.linspace(-1.0, 1.0, 801)
+    middle = (grid[1:] + grid[:-1]) / 2
+    points = np.stack(np.meshgrid(middle, middle, indexing="ij"), axis=-1).reshape(-1, 2)
+
+    def curvatures(x):
+        d_dd, d_dq, d_qq = with_batch_axis(part).jet(x)[1][
+            jnp.array([0, 0, 1]), jnp.array([0, 1, 1])
+        ]
+        return jnp.stack([d_dd, d_dq, d_qq])
+
+    with float64():
+        x = jnp.asarray(points.T)
+        ones = jnp.ones(len(points))
+        zeros = jnp.zeros(len(points))
+        by_d = jax.jvp(curvatures, (x,), (jnp.stack([ones, zeros]),))[1]
+        by_q = jax.jvp(curvatures, (x,), (jnp.stack([zeros, ones]),))[1]
+    squares = by_d[0] ** 2 + 3 * by_d[1] ** 2 + 3 * by_d[2] ** 2 + by_q[2] ** 2
+    integral = float(np.sum(squares)) * (grid[1] - grid[0]) ** 2
+    assert weights @ roughness(part) @ weights == pytest.approx(integral, rel=1e-3)
+
+
+def test_the_linear_map_is_linear_everywhere(rng):
+    x = rng.uniform(-2.0, 2.0, (2, 20))
+    with float64():
+        value, slope = with_batch_axis(CoenergySplines.linear()).value_and_jacobian(jnp.asarray(x))
+    np.testing.assert_allclose(value, 0.3 * x, atol=1e-9)
+    np.testing.assert_allclose(slope, np.tile(0.3 * np.eye(2)[..., None], 20), atol=1e-9)
