@@ -13,13 +13,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import penode
-from penode.horizon.selection import Longest
-from penode.models.networks import TanhLayers
-from penode.models.parameters import Positive, with_batch_axis
-from penode.training.loss import Loss
-from penode.training.multi_start import BestOf
-from penode.training.penalties import WeightDecay
-from penode.training.second_order import LevenbergMarquardt
+from penode.engine import (
+    BestOf,
+    LevenbergMarquardt,
+    Longest,
+    Loss,
+    Positive,
+    TanhLayers,
+    WeightDecay,
+    with_batch_axis,
+)
 
 CURRENT, INDUCTANCE = 5.0, 50e-6  # scales inside the network: A, H
 

@@ -16,13 +16,8 @@ from scipy.io import loadmat
 from scipy.signal import butter, filtfilt
 
 import penode
-from penode.horizon.selection import Longest
-from penode.models.parameters import Positive
-from penode.models.splines import Spline
-from penode.predictors.base import Predictor
-from penode.training.loss import Loss
-from penode.training.penalties import Smoothness
-from penode.validation.free_run import compare
+from penode import Predictor
+from penode.engine import Longest, Loss, Positive, Smoothness, Spline, compare
 
 HORIZONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
 

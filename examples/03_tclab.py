@@ -15,8 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import penode
-from penode.models.parameters import Positive
-from penode.training.second_order import LevenbergMarquardt
+from penode.engine import LevenbergMarquardt, Positive
 
 MASS, HEAT_CAPACITY = 4e-3, 500.0  # kg, J/(kg K)
 AREA, SHARED_AREA = 1e-3, 2e-4  # m2

@@ -11,9 +11,7 @@ import sys
 import numpy as np
 
 import penode
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
+from penode.pmsm.bench import TRACTION_300A, Lissajous, simulate
 
 
 def record(speed_rpm, duration):

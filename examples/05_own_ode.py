@@ -14,10 +14,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import penode
-from penode.models.networks import TanhLayers
-from penode.models.parameters import Positive, with_batch_axis
-from penode.training.multi_start import BestOf
-from penode.training.second_order import LevenbergMarquardt
+from penode.engine import BestOf, LevenbergMarquardt, Positive, TanhLayers, with_batch_axis
 
 STEP = 0.01  # s
 

@@ -62,6 +62,7 @@ class Duffing(Model):
     states: ClassVar[tuple[str, ...]] = ("x", "v")
     inputs: ClassVar[tuple[str, ...]] = ("force",)
     state_units: ClassVar[tuple[str, ...]] = ("m", "m/s")
+    map_units: ClassVar[dict[str, str]] = {"spring": "N"}
 
     spring: TanhLayers
     mass: Leaf = physical("kg", Positive())

@@ -11,17 +11,28 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 
-from penode import Contiguous, Experiment, Jittered, Model, Predictor, ladder_plan, physical
-from penode.arrays import Leaf
-from penode.data.windows import cut
-from penode.horizon.ladder import LadderProblem
-from penode.horizon.loss_weighting import linearised, prefilter_view
-from penode.models.parameters import parameter
-from penode.training.covariance import Reported
-from penode.training.plan import Problem
-from penode.training.residuals import Objective
-from penode.training.second_order import LevenbergMarquardt
-from penode.validation.free_run import compare
+from penode import (
+    Contiguous,
+    Experiment,
+    Jittered,
+    Model,
+    Predictor,
+    ladder_plan,
+    parameter,
+    physical,
+)
+from penode.engine import (
+    LadderProblem,
+    Leaf,
+    LevenbergMarquardt,
+    Objective,
+    Problem,
+    Reported,
+    compare,
+    cut,
+    linearised,
+    loss_weighting,
+)
 
 INK, BLUE, RED, GREEN, GREY = "#222831", "#1768ac", "#c8553d", "#13694e", "#aab4c0"
 R, L_D, L_Q, PSI = 10e-3, 180e-6, 450e-6, 58e-3
@@ -109,7 +120,7 @@ def draw_prefilter(run: Experiment) -> plt.Figure:
     predictor, machine = Predictor(STEP), truth()
     matrices = linearised(predictor, machine, run, np.ones(2))
     base = OMEGA / (2 * np.pi)
-    view = prefilter_view(compare(predictor, machine, run), matrices, (1, 17, 100), base)
+    view = loss_weighting(compare(predictor, machine, run), matrices, (1, 17, 100), base)
     figure, (top, bottom) = plt.subplots(2, 1, figsize=(8, 5), sharex=True, layout="constrained")
     order = view.frequency / base
     top.semilogy(order, np.sqrt(view.power[:, 0]), color=GREY, lw=0.8)

@@ -5,10 +5,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
-from penode.pmsm.study import Study, identify
+from penode.pmsm import Study, identify
+from penode.pmsm.bench import TRACTION_300A, Lissajous, simulate
 
 INK, BLUE, RED = "#222831", "#1768ac", "#c8553d"
 

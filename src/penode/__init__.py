@@ -1,14 +1,20 @@
-"""penode: physical parameters and learned maps from recorded data, at the horizon that fits."""
+"""penode: physical parameters and learned maps from recorded data, at the horizon that fits.
 
-from penode import pmsm
+These are the names for every day. `penode.engine` has those for writing one's own training,
+`penode.pmsm` those for machines, `penode.pmsm.bench` those of the simulated drive. Modules below
+these four may move.
+"""
+
+from penode import engine, pmsm
 from penode.data.experiment import Experiment
 from penode.data.load import load
+from penode.data.save import save
 from penode.data.windows import Contiguous, Jittered, Windows
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import ladder_plan
-from penode.identify import identify
+from penode.identify import Stopped, identify
 from penode.models.base import Model
 from penode.models.parameters import nuisance, parameter, physical
 from penode.predictors.base import Predictor
@@ -25,7 +31,9 @@ __all__ = [
     "Predictor",
     "Stage",
     "Start",
+    "Stopped",
     "Windows",
+    "engine",
     "identify",
     "ladder_plan",
     "load",
@@ -33,4 +41,9 @@ __all__ = [
     "parameter",
     "physical",
     "pmsm",
+    "save",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,4 +1,4 @@
-"""Array aliases, axis names of shape annotations, the scope of float64, and threads of BLAS.
+"""Array aliases, axis names of shapes, the scope of float64, and threads of BLAS.
 
 Axis names: ``time``, ``channel``, ``state``, ``input``, ``output``, ``parameter``, ``window``,
 ``batch``. Outside compiled code arrays are ``(time, channel)``; inside it they are batch-last,

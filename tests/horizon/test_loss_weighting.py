@@ -9,11 +9,12 @@ import pytest
 from penode import Experiment, Jittered, Model, Predictor, physical
 from penode.arrays import Leaf
 from penode.data.windows import cut
-from penode.horizon.loss_weighting import linearised, prefilter_view, weight_matrix
+from penode.horizon.loss_weighting import linearised, loss_weighting, weight_matrix
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.tableaus import AB2
 from penode.training.residuals import Objective
-from penode.validation.free_run import Comparison, compare
+from penode.validation.comparison import Comparison
+from penode.validation.free_run import compare
 
 STEP, SPEED, SAMPLES = 1e-4, 150.0, 400
 
@@ -116,7 +117,7 @@ def test_a_rotation_has_the_closed_form_at_signed_frequencies(rng, horizon):
     """W_H = (1/H) sum_k |(1 - (a/q)^k) / (1 - a/q)|^2, centred where the model turns."""
     a = 0.99 * np.exp(-0.4j)
     residual = rng.normal(size=(901, 2))
-    view = prefilter_view(comparison_of(residual), rotation(0.99, -0.4), [horizon])
+    view = loss_weighting(comparison_of(residual), rotation(0.99, -0.4), [horizon])
     ratio = a * np.exp(-2j * np.pi * view.frequency * STEP)
     k = np.arange(1, horizon + 1)[:, None]
     expected = np.mean(np.abs((1 - ratio**k) / (1 - ratio)) ** 2, axis=0)
@@ -129,7 +130,7 @@ def test_a_rotation_has_the_closed_form_at_signed_frequencies(rng, horizon):
 
 def test_of_a_white_residual_the_weighted_spectrum_is_the_weight(rng):
     residual = 0.3 * rng.normal(size=(60_000, 2))
-    view = prefilter_view(comparison_of(residual), rotation(0.98, -0.2), [1, 20])
+    view = loss_weighting(comparison_of(residual), rotation(0.98, -0.2), [1, 20])
     level = 2 * 0.3**2 / 60_000
     found, expected = (
         values[:, :, 0].reshape(2, 60, 1000).mean(axis=2)
@@ -141,7 +142,7 @@ def test_of_a_white_residual_the_weighted_spectrum_is_the_weight(rng):
 
 def test_states_of_two_units_are_seen_one_by_one(rng):
     matrices = np.array([[[0.9, 0.0], [0.0, 0.5]]])
-    view = prefilter_view(comparison_of(rng.normal(size=(500, 2)), ("m", "m/s")), matrices, [4])
+    view = loss_weighting(comparison_of(rng.normal(size=(500, 2)), ("m", "m/s")), matrices, [4])
     turn = np.exp(-2j * np.pi * view.frequency * STEP)
     assert view.signals == ("x0", "x1")
     assert view.unit == ""
@@ -159,7 +160,7 @@ def test_a_line_in_the_passband_takes_the_loss_over(rng):
     signal = 0.1 * slow + 1.0 * fast
     residual = np.column_stack([signal.real, signal.imag]) + 0.01 * rng.normal(size=(20_000, 2))
     matrices = rotation(0.999, -2 * np.pi * 310 * STEP)
-    view = prefilter_view(comparison_of(residual), matrices, [1, 100], base=50.0)
+    view = loss_weighting(comparison_of(residual), matrices, [1, 100], base=50.0)
     strong, faint = view.lines
     assert (strong.order, faint.order) == (
         pytest.approx(40, abs=0.01),

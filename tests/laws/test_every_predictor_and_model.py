@@ -14,7 +14,7 @@ import pytest
 from penode import Jittered, Predictor
 from penode.arrays import float64
 from penode.data.windows import cut
-from penode.predictors.holds import FirstOrder, ZeroOrder
+from penode.predictors.holds import FirstOrderHold, ZeroOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta, Substeps
@@ -24,15 +24,15 @@ from penode.training.residuals import Objective
 HORIZON, ACCURACY = 3, 1e-10
 
 PREDICTORS = {
-    "euler": (RungeKutta(EULER), ZeroOrder()),
-    "midpoint, straight input": (RungeKutta(MIDPOINT), FirstOrder()),
-    "rk4": (RungeKutta(RK4), ZeroOrder()),
-    "dopri5, straight input": (RungeKutta(DOPRI5), FirstOrder()),
-    "ab2": (AdamsBashforth(AB2), ZeroOrder()),
-    "ab4, straight input": (AdamsBashforth(AB4), FirstOrder()),
-    "implicit midpoint": (ImplicitMidpoint(), ZeroOrder()),
-    "trapezoidal, straight input": (Trapezoidal(), FirstOrder()),
-    "sub-steps, straight input": (Substeps(RungeKutta(EULER), 2), FirstOrder()),
+    "euler": (RungeKutta(EULER), ZeroOrderHold()),
+    "midpoint, straight input": (RungeKutta(MIDPOINT), FirstOrderHold()),
+    "rk4": (RungeKutta(RK4), ZeroOrderHold()),
+    "dopri5, straight input": (RungeKutta(DOPRI5), FirstOrderHold()),
+    "ab2": (AdamsBashforth(AB2), ZeroOrderHold()),
+    "ab4, straight input": (AdamsBashforth(AB4), FirstOrderHold()),
+    "implicit midpoint": (ImplicitMidpoint(), ZeroOrderHold()),
+    "trapezoidal, straight input": (Trapezoidal(), FirstOrderHold()),
+    "sub-steps, straight input": (Substeps(RungeKutta(EULER), 2), FirstOrderHold()),
 }
 
 

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from penode import Experiment, Model, physical
 from penode.predictors.base import Predictor
-from penode.predictors.holds import FirstOrder
+from penode.predictors.holds import FirstOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta, Substeps
@@ -72,7 +72,7 @@ def test_a_first_order_hold_follows_a_ramp_that_a_zero_order_hold_cannot():
     """On an input that is straight between samples RK4 keeps its order with the second."""
     runs = [exact(lambda t: 0.3 + 0.5 * t, steps) for steps in (100, 200)]
     held = [error(RungeKutta(RUNGE_KUTTA[5]), run) for run in runs]
-    straight = [error(RungeKutta(RUNGE_KUTTA[5]), run, hold=FirstOrder()) for run in runs]
+    straight = [error(RungeKutta(RUNGE_KUTTA[5]), run, hold=FirstOrderHold()) for run in runs]
     assert np.log2(held[0] / held[1]) == pytest.approx(1.0, abs=0.1)
     assert np.log2(straight[0] / straight[1]) == pytest.approx(4.0, abs=0.1)
     assert straight[1] < 1e-5 * held[1]

@@ -20,7 +20,7 @@ from scipy.optimize import root
 from penode import Model, Predictor, physical
 from penode.arrays import float64
 from penode.models.parameters import with_batch_axis
-from penode.predictors.holds import FirstOrder, ZeroOrder
+from penode.predictors.holds import FirstOrderHold, ZeroOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta, Substeps
@@ -256,7 +256,7 @@ def test_every_solver_has_a_reference():
 @pytest.mark.parametrize(("name", "who"), PAIRS, ids=lambda x: x)
 def test_held_input(name, who, measured):
     expected = REFERENCES[name][who](held, measured)
-    found = by_penode(SOLVERS[name], ZeroOrder(), measured)
+    found = by_penode(SOLVERS[name], ZeroOrderHold(), measured)
     assert np.ptp(expected) > 3  # it has gone round, so that errors had time to grow
     np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE)
 
@@ -269,13 +269,15 @@ def test_held_input(name, who, measured):
 def test_straight_input_is_read_at_the_nodes_of_the_method(name, who, measured):
     """Only an input that moves within the step shows a wrong node."""
     expected = REFERENCES[name][who](straight, measured)
-    found = by_penode(SOLVERS[name], FirstOrder(), measured)
+    found = by_penode(SOLVERS[name], FirstOrderHold(), measured)
     np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE)
 
 
 def test_methods_of_one_order_are_told_apart(measured):
     """The tolerance is far below what parts neighbouring methods on this problem."""
-    four, three_eighth = (by_penode(RungeKutta(t), ZeroOrder(), measured) for t in (RK4, RK4_38))
-    five = by_penode(RungeKutta(DOPRI5), ZeroOrder(), measured)
+    four, three_eighth = (
+        by_penode(RungeKutta(t), ZeroOrderHold(), measured) for t in (RK4, RK4_38)
+    )
+    five = by_penode(RungeKutta(DOPRI5), ZeroOrderHold(), measured)
     assert np.abs(four - three_eighth).max() > 1e4 * TOLERANCE
     assert np.abs(four - five).max() > 1e4 * TOLERANCE

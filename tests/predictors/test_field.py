@@ -12,7 +12,7 @@ from penode.arrays import float64
 from penode.errors import InputError
 from penode.models.inputs import Inputs
 from penode.predictors.field import Field
-from penode.predictors.holds import ZeroOrder
+from penode.predictors.holds import ZeroOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta, Substeps
@@ -38,7 +38,7 @@ def spans(solver):
 
     with float64():
         rows = jnp.asarray([[0.0], [1.0 / T]])
-        field = Field(Watching(), lambda k: rows, ZeroOrder(), T)
+        field = Field(Watching(), lambda k: rows, ZeroOrderHold(), T)
         solver.advance(field, jnp.zeros((solver.past, 1, 1)))
     return seen
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from penode.fit.fit import Estimate, HorizonChoice, HorizonSummary
-from penode.validation.free_run import Comparison
+from penode.validation.comparison import Comparison
 from penode.validation.residual_tests import Spectrum
 
 HORIZONS = (1, 2, 5, 10, 20, 50, 100)

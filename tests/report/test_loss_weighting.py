@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from penode.horizon.loss_weighting import prefilter_view
+from penode.horizon.loss_weighting import loss_weighting
 from penode.report.document import Figure, Table
 from penode.report.listening import listening
 from penode.report.loss_weighting import Name, prefilter_figure, prefilter_section, unnamed
-from penode.validation.free_run import Comparison
+from penode.validation.comparison import Comparison
 
 STEP, SAMPLES = 1e-4, 20_000
 TURN = 2 * np.pi * 100 * STEP
@@ -18,7 +18,7 @@ def view_of(signal, units=("A", "A"), horizons=(1, 60)):
     noise = 0.02 * np.random.default_rng(5).normal(size=(SAMPLES, 2))
     rows = np.column_stack([signal.real, signal.imag]) + noise
     comparison = Comparison("a.csv", "train", STEP, ("i_d", "i_q"), units, rows, 0 * rows, 0 * rows)
-    return prefilter_view(comparison, MATRICES, horizons)
+    return loss_weighting(comparison, MATRICES, horizons)
 
 
 @pytest.fixture(scope="module")

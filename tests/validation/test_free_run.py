@@ -13,7 +13,8 @@ from penode.models.parameters import with_batch_axis
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import AB3, EULER
-from penode.validation.free_run import Comparison, compare, free_run_errors, look_ahead
+from penode.validation.comparison import Comparison
+from penode.validation.free_run import compare, free_run_errors, look_ahead
 
 
 def predictor_of(system):

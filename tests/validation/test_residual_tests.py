@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from penode import Experiment
-from penode.validation.free_run import Comparison
+from penode.validation.comparison import Comparison
 from penode.validation.residual_tests import residual_correlations, residual_spectrum
 
 SAMPLES, STEP = 1000, 1e-3

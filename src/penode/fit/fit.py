@@ -3,10 +3,11 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
+import polars as pl
 
 from penode.arrays import BoolArray, FloatArray, float64
 from penode.errors import InputError
@@ -18,23 +19,29 @@ from penode.fit.archive import (
     write_archive,
     write_atomically,
 )
+from penode.fit.frames import ladder_frame, parameters_frame
 from penode.fit.learned_uncertainty import LearnedUncertainty
 from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary, estimate_of, horizon_of
+from penode.fit.summary import html, text
 from penode.models.base import Model
+from penode.validation.comparison import Comparison
 from penode.validation.coverage import supported
-from penode.validation.free_run import Comparison
 from penode.validation.residual_tests import Correlations, Spectrum
+
+if TYPE_CHECKING:
+    from penode.fit import plots
 
 __all__ = ["Estimate", "Fit", "HorizonChoice", "HorizonSummary", "unused"]
 
 SCHEMA = "penode/1"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Fit:
     """What identification gives back.
 
     The learned maps of the model are methods of the fit: ``fit.flux_map(i_d, i_q)`` for a machine.
+    Printed, it shows parameters, horizon and errors; a notebook shows them as a table.
 
     Attributes
     ----------
@@ -87,6 +94,73 @@ class Fit:
             raise AttributeError(f"Fit has no {name!r}; this model's maps are {sorted(maps)}.")
         return _in_float64(maps[name])
 
+    def __repr__(self) -> str:
+        return text(self)
+
+    def _repr_html_(self) -> str:
+        return html(self)
+
+    def parameters_frame(self) -> pl.DataFrame:
+        """Return a row a physical parameter: value, std, low_95, high_95 and unit, SI units."""
+        return parameters_frame(self.parameters)
+
+    def ladder_frame(self) -> pl.DataFrame:
+        """Return a row a horizon: parameters with NAME_std, errors, outcome, selected, plateau."""
+        return ladder_frame(self.horizon)
+
+    def plot_ladder(self) -> "plots.Figure":
+        """Return a matplotlib figure of each physical parameter over the horizon, with 95 % bars.
+
+        Raises
+        ------
+        InputError
+            If the fit has no ladder or no physical parameter.
+        """
+        from penode.fit import plots  # loads the plotting library
+
+        return plots.draw_ladder(self)
+
+    def plot_predictions(self, recording: int = 0) -> "plots.Figure":
+        """Return a matplotlib figure of a recording and its predictions, errors below.
+
+        Parameters
+        ----------
+        recording : int
+            Index into `comparisons`.
+
+        Raises
+        ------
+        InputError
+            If there is no such recording.
+        """
+        from penode.fit import plots
+
+        if not -len(self.comparisons) <= recording < len(self.comparisons):
+            raise InputError(
+                f"recording {recording} came; the fit has predictions of {len(self.comparisons)}, "
+                "counted from 0."
+            )
+        return plots.draw_predictions(self.comparisons[recording])
+
+    def plot_map(self, name: str, **ranges: tuple[float, float]) -> "plots.Figure":
+        """Return a matplotlib figure of a learned map of one or two arguments.
+
+        Parameters
+        ----------
+        name : str
+            Of the map, such as ``"flux_map"``.
+        **ranges : (float, float)
+            Lowest and highest value of an argument; one called like a state has the excited range.
+
+        Raises
+        ------
+        InputError
+            If there is no such map, an argument has no range, or there are more than two.
+        """
+        from penode.fit import plots
+
+        return plots.draw_map(self, name, ranges)
+
     def supported(self, points: FloatArray) -> BoolArray:
         """Return which points (point, state), SI units, lie in the excited region."""
         return supported(self.excited, np.asarray(points, dtype=np.float64))
@@ -106,7 +180,7 @@ class Fit:
         metrics: dict[str, Any] = {"train": {}, "validation": {}}
         for comparison in self.comparisons:
             known = metrics[comparison.role]
-            known[unused(comparison.name, known)] = _errors(comparison)
+            known[unused(comparison.name, known)] = comparison.metrics()
         return {
             "schema": SCHEMA,
             "horizon": asdict(self.horizon),
@@ -186,22 +260,6 @@ class Fit:
             warnings=tuple(document["warnings"]),
             provenance=document["provenance"],
         )
-
-
-def _errors(comparison: Comparison) -> dict[str, Any]:
-    """Return a recording's errors: of each state, and together where the states share a unit."""
-    one_step, free_run = comparison.one_step_errors, comparison.free_run_errors
-    each = {
-        name: {"unit": unit, "one_step_rmse": one_step[name], "free_run_rmse": free_run[name]}
-        for name, unit in zip(comparison.states, comparison.units, strict=True)
-    }
-    if comparison.unit is None:
-        return {"states": each}
-    return {
-        f"one_step_rmse_{comparison.unit}": comparison.one_step_rmse,
-        f"free_run_rmse_{comparison.unit}": comparison.free_run_rmse,
-        "states": each,
-    }
 
 
 def _in_float64(learned: Callable[..., Any]) -> Callable[..., Any]:

@@ -21,8 +21,9 @@ from penode.horizon.selection import Choice
 from penode.models.base import Model
 from penode.training.covariance import sandwich
 from penode.training.plan import Plan, Problem
+from penode.validation.comparison import Comparison
 from penode.validation.coverage import thin
-from penode.validation.free_run import Comparison, compare, free_run_errors, with_unmeasured
+from penode.validation.free_run import compare, free_run_errors, with_unmeasured
 from penode.validation.residual_tests import residual_correlations, residual_spectrum
 
 

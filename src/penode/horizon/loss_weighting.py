@@ -19,7 +19,7 @@ from penode.data.experiment import Experiment
 from penode.models.base import Model
 from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
-from penode.validation.free_run import Comparison
+from penode.validation.comparison import Comparison
 from penode.validation.residual_lines import Line, find_lines, power_spectrum
 
 #: Matrices kept of a recording; speed and saturation move slowly against a sample.
@@ -27,7 +27,7 @@ _KEPT = 64
 
 
 @dataclass(frozen=True, eq=False)
-class PrefilterView:
+class LossWeighting:
     """The one-step residual's spectrum, and how the loss at each horizon weighs it.
 
     Attributes
@@ -155,12 +155,12 @@ def weight_matrix(transitions: FloatArray, states: int, horizon: int, samples: i
     return np.asarray(np.fft.fft(lags, axis=0))
 
 
-def prefilter_view(
+def loss_weighting(
     comparison: Comparison,
     transitions: FloatArray,
     horizons: Sequence[int],
     base: float | None = None,
-) -> PrefilterView:
+) -> LossWeighting:
     """Return a recording's residual spectrum, its lines, and its weight at each horizon.
 
     Parameters
@@ -189,7 +189,7 @@ def prefilter_view(
         frequency = np.abs(frequency)
     power, frequency = power[order], frequency[order]
     names = comparison.states
-    return PrefilterView(
+    return LossWeighting(
         signals=(f"{names[0]} + j {names[1]}",) if paired else names,
         unit=comparison.units[0] if len(set(comparison.units)) == 1 else "",
         frequency=frequency,

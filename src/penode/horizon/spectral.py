@@ -18,7 +18,7 @@ from penode.arrays import FloatArray, JaxArray, float64
 from penode.data.experiment import Experiment
 from penode.data.windows import Windows
 from penode.horizon.ladder import HorizonFit
-from penode.horizon.loss_weighting import linearised, prefilter_view
+from penode.horizon.loss_weighting import linearised, loss_weighting
 from penode.horizon.selection import Choice
 from penode.models.base import Model
 from penode.models.layout import Layout
@@ -136,7 +136,7 @@ class Spectral:
         lines = np.zeros(len(rungs))
         for experiment in self.experiments:
             matrices = linearised(predictor, model, experiment, scale)
-            view = prefilter_view(compare(predictor, model, experiment), matrices, horizons)
+            view = loss_weighting(compare(predictor, model, experiment), matrices, horizons)
             lines += sum((view.shares(line) for line in view.lines), lines * 0)
         reported = Reported(Layout(model), states[:1])
         worst = []

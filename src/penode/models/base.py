@@ -31,12 +31,15 @@ class Model(eqx.Module):
     unmeasured : tuple of str
         States that no sensor measures (none by default): nothing is compared with them, and each
         window estimates where they start. A channel of that name is taken as a first guess.
+    map_units : mapping of str to str
+        SI units of what `maps` return, for figures (none by default).
     """
 
     states: ClassVar[tuple[str, ...]]
     state_units: ClassVar[tuple[str, ...]]
     unmeasured: ClassVar[tuple[str, ...]] = ()
     input_rates: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    map_units: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     @property
     @abstractmethod

@@ -7,13 +7,13 @@ import jax.numpy as jnp
 from penode.arrays import JaxArray
 from penode.models.base import Model
 from penode.predictors.field import Field
-from penode.predictors.holds import Drive, Hold, ZeroOrder
+from penode.predictors.holds import Drive, Hold, ZeroOrderHold
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.solver import Solver
 from penode.predictors.tableaus import RK4
 
 DEFAULT_SOLVER: Solver = RungeKutta(RK4)
-DEFAULT_HOLD: Hold = ZeroOrder()
+DEFAULT_HOLD: Hold = ZeroOrderHold()
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ class Hold(Protocol):
 
 
 @dataclass(frozen=True)
-class ZeroOrder:
+class ZeroOrderHold:
     """Constant from each sample to the next."""
 
     def __call__(
@@ -50,7 +50,7 @@ class ZeroOrder:
 
 
 @dataclass(frozen=True)
-class FirstOrder:
+class FirstOrderHold:
     """Straight from each sample to the next."""
 
     def __call__(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.horizon.loss_weighting import PrefilterView
+from penode.horizon.loss_weighting import LossWeighting
 from penode.report.quantities import number
 from penode.validation.residual_lines import Line
 
@@ -13,12 +13,12 @@ from penode.validation.residual_lines import Line
 _TURN = 0.01
 
 
-def listening(view: PrefilterView, lines: Sequence[tuple[Line, str]]) -> str:
+def listening(view: LossWeighting, lines: Sequence[tuple[Line, str]]) -> str:
     """Say which part of the residual the loss at each horizon is made of.
 
     Parameters
     ----------
-    view : PrefilterView
+    view : LossWeighting
         Residual spectrum and weights.
     lines : sequence of (Line, str)
         Lines that have a name, and the name.

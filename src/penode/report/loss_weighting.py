@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from penode.arrays import FloatArray, IntArray
-from penode.horizon.loss_weighting import PrefilterView
+from penode.horizon.loss_weighting import LossWeighting
 from penode.report import palette, panels
 from penode.report.document import Cell, Figure, Row, Section, Table
 from penode.report.listening import listening
@@ -45,17 +45,17 @@ class Name:
     cause: str = ""
 
 
-def unnamed(view: PrefilterView) -> tuple[Name, ...]:
+def unnamed(view: LossWeighting) -> tuple[Name, ...]:
     """Return the view's lines called by their frequency."""
     return tuple(Name(line, with_unit(line.frequency, "Hz")) for line in view.lines)
 
 
-def prefilter_section(view: PrefilterView, names: Sequence[Name], note: str = "") -> Section:
+def prefilter_section(view: LossWeighting, names: Sequence[Name], note: str = "") -> Section:
     """Say and show what the loss at each horizon listens to.
 
     Parameters
     ----------
-    view : PrefilterView
+    view : LossWeighting
         Of the horizons to show, three at most.
     names : sequence of Name
         The view's lines, strongest first.
@@ -88,12 +88,12 @@ def prefilter_section(view: PrefilterView, names: Sequence[Name], note: str = ""
     )
 
 
-def prefilter_figure(view: PrefilterView, names: Sequence[Name]) -> go.Figure:
+def prefilter_figure(view: LossWeighting, names: Sequence[Name]) -> go.Figure:
     """Draw the residual's spectrum with its lines named, and the weight at each horizon.
 
     Parameters
     ----------
-    view : PrefilterView
+    view : LossWeighting
         Three horizons at most.
     names : sequence of Name
         Lines to mark.
@@ -127,7 +127,7 @@ def prefilter_figure(view: PrefilterView, names: Sequence[Name]) -> go.Figure:
     return figure
 
 
-def _draw(figure: go.Figure, view: PrefilterView, signal: int, factor: float) -> None:
+def _draw(figure: go.Figure, view: LossWeighting, signal: int, factor: float) -> None:
     amplitude = np.sqrt(view.power[:, signal])
     chosen = _largest(amplitude)
     relative = view.weight[:, :, signal] / view.weight[:, :, signal].mean(axis=1, keepdims=True)
@@ -196,7 +196,7 @@ def _mark(
             )
 
 
-def _table(view: PrefilterView, names: Sequence[Name]) -> list[Table]:
+def _table(view: LossWeighting, names: Sequence[Name]) -> list[Table]:
     if not names:
         return []
     columns = (
@@ -229,7 +229,7 @@ def _largest(values: FloatArray) -> IntArray:
     return np.asarray(np.arange(whole) * size + stretches.argmax(axis=1))
 
 
-def _shown(view: PrefilterView, names: Sequence[Name]) -> tuple[float, float]:
+def _shown(view: LossWeighting, names: Sequence[Name]) -> tuple[float, float]:
     """Return the frequencies drawn at first: those of the lines, or all."""
     low, high = float(view.frequency[0]), float(view.frequency[-1])
     farthest = max((abs(name.line.frequency) for name in names), default=0.0)

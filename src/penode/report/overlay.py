@@ -6,7 +6,7 @@ import plotly.graph_objects as go
 from penode.arrays import FloatArray
 from penode.report import palette, panels
 from penode.report.quantities import symbol
-from penode.validation.free_run import Comparison
+from penode.validation.comparison import Comparison
 
 _POINTS = 2000
 _CLOSE_UP = 200

@@ -9,7 +9,7 @@ from penode.fit.fit import Estimate, Fit, HorizonChoice
 from penode.fit.outcome import NORMAL_95
 from penode.report.document import KeyValue, Notice
 from penode.report.quantities import Scale, decimals_for, fixed, number, scale_for, with_unit
-from penode.validation.free_run import Comparison
+from penode.validation.comparison import Comparison
 from penode.validation.residual_tests import Spectrum
 
 _SPACE = "\N{NO-BREAK SPACE}"

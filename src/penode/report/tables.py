@@ -7,7 +7,7 @@ from typing import Any
 from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.report.document import Cell, Row, Table
 from penode.report.quantities import decimals_for, fixed, number, scale_for
-from penode.validation.free_run import Comparison
+from penode.validation.comparison import Comparison
 
 _SPACE = "\N{NO-BREAK SPACE}"
 _ROLES = {"train": "training", "validation": "validation"}

@@ -1,9 +1,10 @@
 """Forward sensitivities over a horizon: Gauss-Newton terms of one batch of windows, J never stored.
 
-One vector-Jacobian product a state and output gives S_(k+1) = (dg/dx) S_k + dg/dtheta exactly. The
+One vector-Jacobian product a state and output gives the recursion of S exactly (`_Recursion`). The
 columns of S are the parameters' values and, behind them, the corrections of free starts.
 """
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
@@ -60,58 +61,100 @@ def window_sums(
     shared : bool
         Whether the parameters are columns too, or only the windows' own starts.
     """
-    lead = values.shape[0] if shared else 0
     parts = error.layout.split(values)
+    recursion = _Recursion(error, parts, horizon, batch, values.shape[0] if shared else 0)
+    start, first = recursion.start(correction)
+    prefilter = error.loss.prefilter
 
-    def linear(direct: Parts, before: JaxArray, sensitivity: JaxArray) -> JaxArray:
-        """Return one row of the chain rule, shape (column, batch)."""
-        own = _joined(direct)
-        carried = jnp.sum(before[..., None, :] * sensitivity, axis=tuple(range(before.ndim - 1)))
-        return carried.at[:lead].add(own[:lead]) if len(error.free) else carried + own[:lead]
+    def visit(k: JaxArray, history: JaxArray, pull_back: Any, carry: Any) -> Any:
+        sensitivity, (before, slopes_before), sums = carry
+        sensitivity = recursion.ahead(history, pull_back, sensitivity)
+        residual, slopes = recursion.residual(k + 1, history[0], sensitivity[0])
+        filtered, before = prefilter.advance(before, residual * batch.used)
+        slopes, slopes_before = prefilter.advance(slopes_before, slopes * batch.used)
+        return sensitivity, (before, slopes_before), _added(sums, filtered, slopes)
 
-    def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, Any]:
-        return jax.vjp(lambda p, h: error.step(p, h, k, batch), parts, history)
+    columns, width, lead = first.shape[2], values.shape[1], recursion.shared
+    shape = (prefilter.order, len(error.compared))
 
-    def visit(k: JaxArray, history: JaxArray, pull: Any, carry: Any) -> Any:
-        sensitivity, memory, sums = carry
-        pulled = [pull(_unit(history, (0, i))) for i in range(history.shape[1])]
-        rows = [linear(own, before, sensitivity) for own, before in pulled]
+    def zeros(*shape: int) -> JaxArray:
+        return jnp.zeros(shape, values.dtype)
+
+    memory = (zeros(*shape, width), zeros(*shape, columns, width))
+    own = zeros(len(error.free), columns, width)
+    sums = Sums(zeros(width), zeros(columns, width), own, zeros(lead, lead))
+    return rollout(recursion.step, start, horizon, visit, (first, memory, sums))[2]
+
+
+@dataclass(frozen=True, eq=False)
+class _Recursion:
+    """The sensitivity S = dx/d(column) of a batch of windows, from its start to each step.
+
+    Attributes
+    ----------
+    error : PredictionError
+    parts : tuple of arrays
+        Values of each parameter.
+    horizon : scalar array
+    batch : Batch
+    shared : int
+        Leading columns that are parameters; behind them are the free starts.
+    """
+
+    error: PredictionError
+    parts: Parts
+    horizon: JaxArray
+    batch: Batch
+    shared: int
+
+    def start(self, correction: JaxArray) -> tuple[JaxArray, JaxArray]:
+        """Return x_0 (past, state, batch) and S_0 (past, state, column, batch).
+
+        S_0 is dx_0/dtheta, and one where a column is the correction of that state.
+        """
+        error, batch = self.error, self.batch
+        start, pull_back = jax.vjp(lambda p: error.start(p, correction, batch), self.parts)
+        rows = (pull_back(_unit(start, at))[0] for at in np.ndindex(*start.shape[:2]))
+        first = jnp.stack([_joined(row)[: self.shared] for row in rows])
+        own = jnp.zeros((len(first), len(error.free), first.shape[-1]), first.dtype)
+        own = own.at[error.free, np.arange(len(error.free))].set(1.0)
+        first = jnp.concatenate([first, own], axis=1)
+        return start, first.reshape(*start.shape[:2], -1, start.shape[-1])
+
+    def step(self, k: JaxArray, history: JaxArray) -> tuple[JaxArray, Any]:
+        """Return x_(k+1) = g(x_k, ..., theta) in front of its past, and g's pull-back."""
+        error, batch = self.error, self.batch
+        return jax.vjp(lambda p, h: error.step(p, h, k, batch), self.parts, history)
+
+    def ahead(self, history: JaxArray, pull_back: Any, sensitivity: JaxArray) -> JaxArray:
+        """Return S_(k+1) = (dg/dx) S_k + dg/dtheta in front of its past."""
+        pulled = [pull_back(_unit(history, (0, i))) for i in range(history.shape[1])]
+        rows = [self._row(direct, before, sensitivity) for direct, before in pulled]
         ahead = jnp.stack(rows)[None]
-        sensitivity = jnp.concatenate([ahead, sensitivity[:-1]]) if len(sensitivity) > 1 else ahead
-        residual, pull = jax.vjp(
-            lambda p, x: error.residual(p, x, k + 1, horizon, batch), parts, history[0]
-        )
-        pulled = [pull(_unit(residual, (i,))) for i in range(len(residual))]
-        if error.plain:  # dr/dx is known, and a product with its zeros would cost a fifth
-            weight = error.weight(k + 1, horizon)[error.compared][:, None, None]
-            direct = jnp.stack([_joined(own)[:lead] for own, _ in pulled])
-            slopes = _less(weight * sensitivity[0][error.compared], direct)
-        else:
-            rows = [linear(own, before, sensitivity[0]) for own, before in pulled]
-            slopes = -jnp.stack(rows)
-        filtered, first = error.loss.prefilter.advance(memory[0], residual * batch.used)
-        slopes, second = error.loss.prefilter.advance(memory[1], slopes * batch.used)
-        return sensitivity, (first, second), _added(sums, filtered, slopes)
+        return jnp.concatenate([ahead, sensitivity[:-1]]) if len(sensitivity) > 1 else ahead
 
-    start, pull = jax.vjp(lambda p: error.start(p, correction, batch), parts)
-    places = np.ndindex(*start.shape[:2])
-    first = jnp.stack([_joined(pull(_unit(start, at))[0])[:lead] for at in places])
-    own = jnp.zeros((*first.shape[:1], len(error.free), first.shape[-1]), values.dtype)
-    own = own.at[error.free, np.arange(len(error.free))].set(1.0)
-    first = jnp.concatenate([first, own], axis=1).reshape(*start.shape[:2], -1, start.shape[-1])
-    columns, free, width = first.shape[2], len(error.free), values.shape[1]
-    shape = (error.loss.prefilter.order, len(error.compared))
-    memory = (
-        jnp.zeros((*shape, width), values.dtype),
-        jnp.zeros((*shape, columns, width), values.dtype),
-    )
-    sums = Sums(
-        jnp.zeros(width, values.dtype),
-        jnp.zeros((columns, width), values.dtype),
-        jnp.zeros((free, columns, width), values.dtype),
-        jnp.zeros((lead, lead), values.dtype),
-    )
-    return rollout(step, start, horizon, visit, (first, memory, sums))[2]
+    def residual(
+        self, step: JaxArray, predicted: JaxArray, sensitivity: JaxArray
+    ) -> tuple[JaxArray, JaxArray]:
+        """Return r (output, batch) and -dr/d(column) = -(dr/dx) S - dr/dtheta."""
+        error, batch = self.error, self.batch
+        residual, pull_back = jax.vjp(
+            lambda p, x: error.residual(p, x, step, self.horizon, batch), self.parts, predicted
+        )
+        pulled = [pull_back(_unit(residual, (i,))) for i in range(len(residual))]
+        if not error.plain:
+            rows = [self._row(direct, before, sensitivity) for direct, before in pulled]
+            return residual, -jnp.stack(rows)
+        # -dr/dx is the weight: a product with its zeros would cost a fifth.
+        weight = error.weight(step, self.horizon)[error.compared][:, None, None]
+        direct = jnp.stack([_joined(own)[: self.shared] for own, _ in pulled])
+        return residual, _less(weight * sensitivity[error.compared], direct)
+
+    def _row(self, direct: Parts, before: JaxArray, sensitivity: JaxArray) -> JaxArray:
+        """Return one row of the chain rule, (df/dx) S + df/dtheta, shape (column, batch)."""
+        own = _joined(direct)[: self.shared]
+        carried = jnp.sum(before[..., None, :] * sensitivity, axis=tuple(range(before.ndim - 1)))
+        return carried.at[: self.shared].add(own) if len(self.error.free) else carried + own
 
 
 def _added(sums: Sums, residual: JaxArray, slopes: JaxArray) -> Sums:

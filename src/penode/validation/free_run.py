@@ -1,7 +1,7 @@
 """Measured states against the model's one-step and free-run predictions."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -16,74 +16,7 @@ from penode.models.base import Model
 from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
-from penode.validation.metrics import rmse
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """One recording beside its predictions.
-
-    Attributes
-    ----------
-    name : str
-        The recording.
-    role : str
-        ``"train"`` or ``"validation"``.
-    time_step : float
-        Sampling interval in s; row k of the arrays is at time k * time_step.
-    states, units : tuple of str
-        Names and SI units of the columns.
-    measured, one_step, free_run : ndarray, shape (time, state)
-        Measured states, less the sensor errors the model knows; prediction of each sample from the
-        measured one before it (nan where a state is neither measured nor guessed); prediction of
-        the whole recording from its first sample alone (not finite after a divergence).
-    """
-
-    name: str
-    role: str
-    time_step: float
-    states: tuple[str, ...]
-    units: tuple[str, ...]
-    measured: FloatArray
-    one_step: FloatArray
-    free_run: FloatArray
-
-    @property
-    def one_step_errors(self) -> dict[str, float]:
-        """Root mean squared one-step error of each state, in its unit."""
-        return self._errors(self.one_step)
-
-    @property
-    def free_run_errors(self) -> dict[str, float]:
-        """Root mean squared free-run error of each state, in its unit; infinite if it diverged."""
-        return self._errors(self.free_run)
-
-    @property
-    def unit(self) -> str | None:
-        """The unit that all states share; None where they differ."""
-        return self.units[0] if len(set(self.units)) == 1 else None
-
-    @property
-    def one_step_rmse(self) -> float:
-        """Root mean squared one-step error over all states; nan where their units differ."""
-        return self._pooled(self.one_step)
-
-    @property
-    def free_run_rmse(self) -> float:
-        """The same of the free run; infinite if it diverged."""
-        return self._pooled(self.free_run)
-
-    @property
-    def diverged(self) -> bool:
-        """Whether the free run left the range of numbers."""
-        return not np.isfinite(list(self.free_run_errors.values())).all()
-
-    def _errors(self, predicted: FloatArray) -> dict[str, float]:
-        pairs = zip(self.states, self.measured[1:].T, predicted[1:].T, strict=True)
-        return {name: rmse(column, other) for name, column, other in pairs}
-
-    def _pooled(self, predicted: FloatArray) -> float:
-        return rmse(self.measured[1:], predicted[1:]) if self.unit is not None else np.nan
+from penode.validation.comparison import Comparison
 
 
 def with_unmeasured(experiment: Experiment, model: Model) -> Experiment:

@@ -6,7 +6,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
-from penode.validation.free_run import Comparison
+from penode.validation.comparison import Comparison
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.terms import Resistance
 from penode.predictors.field import Field
-from penode.predictors.holds import FirstOrder
+from penode.predictors.holds import FirstOrderHold
 from penode.validation.free_run import compare
 
 T = 1e-4
@@ -95,7 +95,7 @@ def test_an_angle_goes_on_over_its_wrap_under_a_first_order_hold():
 
     rows = jnp.asarray([[[6.2], [1000.0]], [[0.1], [3000.0]]])
     with float64():
-        field = Field(Turning(), lambda offset: rows[offset], FirstOrder(), T)
+        field = Field(Turning(), lambda offset: rows[offset], FirstOrderHold(), T)
         u = field(jnp.zeros((1, 1)), fraction=0.5)
         assert float(u["theta_el"][0]) == pytest.approx(6.25, rel=1e-6)
         assert float(u["omega_el"][0]) == pytest.approx(2000.0)

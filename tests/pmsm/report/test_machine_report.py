@@ -20,7 +20,7 @@ from penode.pmsm.report.map_figures import (
     flux_map_contours,
     flux_map_surfaces,
 )
-from penode.validation.free_run import Comparison
+from penode.validation.comparison import Comparison
 from penode.validation.residual_tests import Spectrum, residual_correlations
 
 ELECTRICAL_FREQUENCY = 125.0

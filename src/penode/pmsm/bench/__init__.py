@@ -1,1 +1,123 @@
-"""The simulated bench: a machine whose truth is known, driven and recorded like a real one."""
+"""The simulated bench: a machine whose truth is known, driven and recorded like a real one.
+
+Recording
+    `simulate` gives a recording, `record` also the truth behind it; `load_config` reads a run from
+    a TOML file.
+Machines
+    `TRACTION_300A` and the others in `MACHINES`; `import_machine` from a flux table,
+    `identified_machine` from a result.
+Current references
+    `Lissajous`, `Spiral`, `Steps`, `stationary_grid`, each with an `Injection` if wanted, in a
+    `Domain`.
+The drive and its imperfections
+    `Drive`: `Inverter` (`DeadTime`, `DeviceDrop`, `Switching`), `CurrentSensors`, `Resolver`,
+    `SpeedSensor`, `Winding` (`Warming`, `IronLoss`), the shaft's `SpeedPoints` or `FreeShaft`.
+
+It shares no code with the estimator.
+"""
+
+from penode.pmsm.bench.coenergies import HarmonicCoenergy, SaturatingCoenergy
+from penode.pmsm.bench.coenergy_table import CoenergyTable, SplineCoenergy, true_flux_map
+from penode.pmsm.bench.config import Simulation, load_config, shipped_configs
+from penode.pmsm.bench.current_controller import CurrentController
+from penode.pmsm.bench.current_sensors import CurrentSensors, Quantisation
+from penode.pmsm.bench.drive import Drive
+from penode.pmsm.bench.identified import identified_machine
+from penode.pmsm.bench.inverter import (
+    DeadTime,
+    DeviceDrop,
+    Inverter,
+    RotorHold,
+    StationaryHold,
+    Switching,
+)
+from penode.pmsm.bench.machines import (
+    BRUSA_250A,
+    COMSOL_300A,
+    EV400V_420A,
+    MACHINES,
+    TRACTION_300A,
+    Machine,
+    machine,
+    torque,
+)
+from penode.pmsm.bench.map_import import ImportedMachine, MapFindings, import_machine
+from penode.pmsm.bench.references import (
+    GENERATOR,
+    MOTOR,
+    WHOLE_DISC,
+    Domain,
+    Injection,
+    Lissajous,
+    Reference,
+    Spiral,
+    Steps,
+    stationary_grid,
+)
+from penode.pmsm.bench.run import Recording, record, simulate
+from penode.pmsm.bench.sensors import Resolver, SpeedSensor
+from penode.pmsm.bench.shaft import FreeShaft, SpeedPoints, SpeedRipple
+from penode.pmsm.bench.switching import CarrierPwm
+from penode.pmsm.bench.truth import Trace, Truth
+from penode.pmsm.bench.winding import IronLoss, Warming, Winding
+
+__all__ = [
+    "BRUSA_250A",
+    "COMSOL_300A",
+    "EV400V_420A",
+    "GENERATOR",
+    "MACHINES",
+    "MOTOR",
+    "TRACTION_300A",
+    "WHOLE_DISC",
+    "CarrierPwm",
+    "CoenergyTable",
+    "CurrentController",
+    "CurrentSensors",
+    "DeadTime",
+    "DeviceDrop",
+    "Domain",
+    "Drive",
+    "FreeShaft",
+    "HarmonicCoenergy",
+    "ImportedMachine",
+    "Injection",
+    "Inverter",
+    "IronLoss",
+    "Lissajous",
+    "Machine",
+    "MapFindings",
+    "Quantisation",
+    "Recording",
+    "Reference",
+    "Resolver",
+    "RotorHold",
+    "SaturatingCoenergy",
+    "Simulation",
+    "SpeedPoints",
+    "SpeedRipple",
+    "SpeedSensor",
+    "Spiral",
+    "SplineCoenergy",
+    "StationaryHold",
+    "Steps",
+    "Switching",
+    "Trace",
+    "Truth",
+    "Warming",
+    "Winding",
+    "identified_machine",
+    "import_machine",
+    "load_config",
+    "machine",
+    "record",
+    "shipped_configs",
+    "simulate",
+    "stationary_grid",
+    "torque",
+    "true_flux_map",
+]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

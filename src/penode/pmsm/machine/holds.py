@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from penode.errors import InputError
 from penode.models.inputs import Inputs
-from penode.predictors.holds import Hold, ZeroOrder
+from penode.predictors.holds import Hold, ZeroOrderHold
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class StationaryFrame:
 
 
 #: Frame in which the voltage stands still -> hold.
-HOLDS: dict[str, Hold] = {"dq": ZeroOrder(), "stationary": StationaryFrame()}
+HOLDS: dict[str, Hold] = {"dq": ZeroOrderHold(), "stationary": StationaryFrame()}
 
 
 def check_hold(name: str) -> None:

@@ -33,6 +33,7 @@ class Machine(Model):
     states: ClassVar[tuple[str, ...]] = ("i_d", "i_q")
     state_units: ClassVar[tuple[str, ...]] = ("A", "A")
     input_rates: ClassVar[Mapping[str, str]] = {ANGLE.name: ANGLE.rate}
+    map_units: ClassVar[Mapping[str, str]] = {"flux_map": "Vs", "differential_inductance": "H"}
 
     flux: FluxMap
     terms: tuple[Term, ...] = eqx.field(default=(), converter=completed)

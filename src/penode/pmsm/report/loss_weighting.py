@@ -1,7 +1,7 @@
 """What each horizon listens to in a drive's residual, as a section of its report."""
 
 from penode.fit.fit import Fit
-from penode.horizon.loss_weighting import prefilter_view
+from penode.horizon.loss_weighting import loss_weighting
 from penode.pmsm.report.line_causes import NamedLine, named_lines, signed_frequency
 from penode.report.document import Section
 from penode.report.loss_weighting import Name, prefilter_section, unnamed
@@ -27,7 +27,7 @@ def listening(fit: Fit) -> list[Section]:
     horizons = sorted({1, fit.horizon.selected, max(ladder, default=1)})
     base = float(fit.provenance.get("electrical_frequency_hz") or 0.0)
     base = signed_frequency(base, fit.transitions)
-    view = prefilter_view(fit.comparisons[0], fit.transitions, horizons, base or None)
+    view = loss_weighting(fit.comparisons[0], fit.transitions, horizons, base or None)
     if not base:
         return [prefilter_section(view, unnamed(view))]
     found = named_lines(view.lines, base, fit.provenance.get("pole_pairs"))

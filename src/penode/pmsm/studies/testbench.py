@@ -5,7 +5,7 @@ from math import gcd
 
 import numpy as np
 
-from penode.horizon.loss_weighting import PrefilterView, prefilter_view
+from penode.horizon.loss_weighting import LossWeighting, loss_weighting
 from penode.pmsm.report.line_causes import named_lines, signed_frequency
 from penode.pmsm.studies.panels import Claim, Panel, Series, StudyResult
 from penode.pmsm.studies.runs import Place, Run, Runs
@@ -73,14 +73,14 @@ def testbench_resistance(runs: Runs) -> StudyResult:
 _COLOURS = ("paper", "second_order", "coenergy", "inverter", "harmonics")
 
 
-def _listening(runs: Runs) -> tuple[PrefilterView, list[str]]:
+def _listening(runs: Runs) -> tuple[LossWeighting, list[str]]:
     """Return how the paper's fit at H = 1 leaves lines, and their names, strongest first."""
     fit = runs.fit(Place("testbench", PAPER.name, runs.extent.seeds[0], 1))
     run = runs.case("testbench").experiment
     seen = compare(Predictor(run.time_step), fit.model, run, "train")
     base = float(np.median(run.channels["omega_el"])) / (2 * np.pi)
     base = signed_frequency(base, fit.transitions)
-    view = prefilter_view(seen, fit.transitions, runs.extent.horizons, base)
+    view = loss_weighting(seen, fit.transitions, runs.extent.horizons, base)
     pole_pairs = runs.case("testbench").recording.truth.machine.pole_pairs
     named = named_lines(view.lines[:_LINES], base, pole_pairs)
     return view, [f"order {_signed(one.order)}: {_short(one.cause)}" for one in named]

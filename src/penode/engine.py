@@ -1,0 +1,232 @@
+"""For those who write their own physics, training or analysis; nothing here knows of machines.
+
+Solvers and holds
+    `RungeKutta` with a tableau such as `RK4`, `AdamsBashforth`, `ImplicitMidpoint`, `Trapezoidal`,
+    `Substeps`; `ZeroOrderHold`, `FirstOrderHold`.
+Learned maps and transforms
+    `TanhLayers`, `ConvexGradient`, `Polynomial`, `Spline`, and what combines them: `LinearSkip`,
+    `QuadraticSkip`, `Gradient`, `Scaled`; `Positive`, `Bounded`, `PositiveDefinite`; `Normal`.
+Training
+    `Loss` with `Prefilter`, scales and domains; penalties; the optimisers `LevenbergMarquardt`,
+    `FirstOrder`, `BestOf`, `CoarseToFine`; `Objective` and `Problem` beneath them.
+Horizon
+    `LadderProblem`, the selectors `Plateau`, `Longest`, `HeldOut`, `Spectral`, `Anchor`;
+    `Checkpoint`; `loss_weighting`, which shows how each horizon weighs the residual.
+Data and validation
+    `read`, `cut`, `inspect`; `compare`, `find_lines`, `residual_correlations`.
+
+The everyday names are in `penode`.
+"""
+
+from penode.arrays import Leaf, float64
+from penode.data.load import read
+from penode.data.mapping import Origin
+from penode.data.quality import Finding, check_excitation, inspect
+from penode.data.windows import Placement, cut
+from penode.fit.learned_uncertainty import LearnedUncertainty
+from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary
+from penode.horizon.checkpoint import Checkpoint
+from penode.horizon.cross_checks import Anchor
+from penode.horizon.held_out import HeldOut
+from penode.horizon.ladder import HORIZONS, Climb, HorizonFit, LadderProblem, fitting_plan
+from penode.horizon.loss_weighting import LossWeighting, linearised, loss_weighting, weight_matrix
+from penode.horizon.parallel_starts import Sweep, sweep
+from penode.horizon.selection import Choice, Longest, Plateau, Selector
+from penode.horizon.spectral import BiasForecast, Spectral
+from penode.models.compositions import Gradient, LinearSkip, QuadraticSkip, Scaled
+from penode.models.inputs import Inputs
+from penode.models.layout import Layout
+from penode.models.learned_map import LearnedMap
+from penode.models.networks import ConvexGradient, TanhLayers
+from penode.models.parameters import (
+    Bounded,
+    Identity,
+    Normal,
+    Positive,
+    PositiveDefinite,
+    Transform,
+    with_batch_axis,
+)
+from penode.models.polynomials import Polynomial
+from penode.models.splines import Spline
+from penode.predictors.holds import FirstOrderHold, Hold, ZeroOrderHold
+from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
+from penode.predictors.multistep import AdamsBashforth
+from penode.predictors.one_step import RungeKutta, Substeps
+from penode.predictors.solver import Solver
+from penode.predictors.tableaus import (
+    AB2,
+    AB3,
+    AB4,
+    AB5,
+    ADAMS_BASHFORTH,
+    DOPRI5,
+    EULER,
+    HEUN,
+    MIDPOINT,
+    RALSTON,
+    RK3,
+    RK4,
+    RK4_38,
+    RUNGE_KUTTA,
+    AdamsBashforthTable,
+    ButcherTableau,
+)
+from penode.training.coarse_to_fine import CoarseToFine
+from penode.training.covariance import Reported
+from penode.training.first_order import FirstOrder
+from penode.training.loss import (
+    Discounted,
+    Loss,
+    Prefilter,
+    channel_deviation,
+    equation,
+    every_step,
+    increment_deviation,
+    last_step,
+    states,
+)
+from penode.training.multi_start import BestOf
+from penode.training.penalties import (
+    Orthogonality,
+    Penalty,
+    Priors,
+    Smoothness,
+    SoftReciprocity,
+    WeightDecay,
+)
+from penode.training.plan import Optimiser, Problem, Solution
+from penode.training.residuals import GaussNewtonTerms, Objective, residual_scale
+from penode.training.second_order import LevenbergMarquardt
+from penode.training.weak_form import WeakRegression, weak_regression
+from penode.validation.comparison import Comparison
+from penode.validation.coverage import supported
+from penode.validation.free_run import compare
+from penode.validation.residual_lines import Line, find_lines, power_spectrum
+from penode.validation.residual_tests import (
+    Correlations,
+    Spectrum,
+    residual_correlations,
+    residual_spectrum,
+)
+
+__all__ = [
+    "AB2",
+    "AB3",
+    "AB4",
+    "AB5",
+    "ADAMS_BASHFORTH",
+    "DOPRI5",
+    "EULER",
+    "HEUN",
+    "HORIZONS",
+    "MIDPOINT",
+    "RALSTON",
+    "RK3",
+    "RK4",
+    "RK4_38",
+    "RUNGE_KUTTA",
+    "AdamsBashforth",
+    "AdamsBashforthTable",
+    "Anchor",
+    "BestOf",
+    "BiasForecast",
+    "Bounded",
+    "ButcherTableau",
+    "Checkpoint",
+    "Choice",
+    "Climb",
+    "CoarseToFine",
+    "Comparison",
+    "ConvexGradient",
+    "Correlations",
+    "Discounted",
+    "Estimate",
+    "Finding",
+    "FirstOrder",
+    "FirstOrderHold",
+    "GaussNewtonTerms",
+    "Gradient",
+    "HeldOut",
+    "Hold",
+    "HorizonChoice",
+    "HorizonFit",
+    "HorizonSummary",
+    "Identity",
+    "ImplicitMidpoint",
+    "Inputs",
+    "LadderProblem",
+    "Layout",
+    "Leaf",
+    "LearnedMap",
+    "LearnedUncertainty",
+    "LevenbergMarquardt",
+    "Line",
+    "LinearSkip",
+    "Longest",
+    "Loss",
+    "LossWeighting",
+    "Normal",
+    "Objective",
+    "Optimiser",
+    "Origin",
+    "Orthogonality",
+    "Penalty",
+    "Placement",
+    "Plateau",
+    "Polynomial",
+    "Positive",
+    "PositiveDefinite",
+    "Prefilter",
+    "Priors",
+    "Problem",
+    "QuadraticSkip",
+    "Reported",
+    "RungeKutta",
+    "Scaled",
+    "Selector",
+    "Smoothness",
+    "SoftReciprocity",
+    "Solution",
+    "Solver",
+    "Spectral",
+    "Spectrum",
+    "Spline",
+    "Substeps",
+    "Sweep",
+    "TanhLayers",
+    "Transform",
+    "Trapezoidal",
+    "WeakRegression",
+    "WeightDecay",
+    "ZeroOrderHold",
+    "channel_deviation",
+    "check_excitation",
+    "compare",
+    "cut",
+    "equation",
+    "every_step",
+    "find_lines",
+    "fitting_plan",
+    "float64",
+    "increment_deviation",
+    "inspect",
+    "last_step",
+    "linearised",
+    "loss_weighting",
+    "power_spectrum",
+    "read",
+    "residual_correlations",
+    "residual_scale",
+    "residual_spectrum",
+    "states",
+    "supported",
+    "sweep",
+    "weak_regression",
+    "weight_matrix",
+    "with_batch_axis",
+]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
