@@ -106,7 +106,7 @@ def test_the_identified_machine_and_its_dead_time_are_a_configuration(recordings
     assert simulation.drive.inverter.dead_time.duration > 0
 
 
-@pytest.mark.parametrize("name", ["map-your-channels", "record-a-good-experiment"])
+@pytest.mark.parametrize("name", ["map-your-channels", "record-a-good-experiment", "terms-and-temperature"])
 def test_toml_blocks_are_study_files(name, tmp_path):
     texts = blocks(HOW_TO / f"{name}.md", "toml")
     assert texts
