@@ -72,7 +72,7 @@ def test_data_that_cannot_tell(penode, tmp_path):
     found = json.loads(done.stdout)
     assert found["identifiability"]["indistinguishable"] == ["R"]
     assert "reciprocal map" in found["identifiability"]["repair"]
-    assert found["verdict"] == "These recordings cannot tell R from the map."
+    assert found["verdict"] == "These recordings cannot distinguish R from the map."
 
 
 def test_a_name_plate_tells_rms(run, penode, tmp_path):

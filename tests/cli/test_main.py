@@ -62,12 +62,12 @@ def test_identify_fixed_horizon_and_parquet(demo, penode, tmp_path):
     pl.read_csv(recordings / "train_1500rpm.csv").write_parquet(parquet)
     out = tmp_path / "out"
     validation = recordings / "test_900rpm.csv"
-    plain = ("--no-inverter", "--angle-orders", "none", "--horizon", 27)
+    plain = ("--no-inverter", "--angle-orders", "none", "--horizon", 2)
     done = penode("identify", parquet, "--validate", validation, *plain, "--out", out)
     assert done.returncode == 0, done.stderr
     assert done.stderr == "", "piped output is quiet"
     result = json.loads((out / "result.json").read_text())
-    assert result["horizon"]["selected"] == 27
+    assert result["horizon"]["selected"] == 2
     assert set(result["metrics"]["validation"]) == {"test_900rpm.csv"}
     assert result["provenance"]["command"].startswith("penode identify")
 

@@ -154,7 +154,7 @@ def test_a_diverging_free_run_is_a_warning_and_no_number(climbed):
 
 def test_provenance_names_versions_and_data(oscillator):
     provenance = oscillator.fit.provenance
-    assert set(provenance["versions"]) == {"penode", "jax", "numpy", "scipy"}
+    assert set(provenance["versions"]) == {"penode", "jax", "numpy", "scipy", "optax"}
     assert set(provenance["data"]) == {"train.csv", "unseen.csv"}
     assert provenance["placement"] == "Jittered(seed=0, stride=None)"
     assert provenance["training_time_s"] > 0

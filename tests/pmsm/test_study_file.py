@@ -96,6 +96,7 @@ def test_options_override_the_file(config):
         ('horizon = "long"', ["horizon = 'long'", 'whole number from 1, or "auto"']),
         ("horizon = 0", ["horizon 0 came"]),
         ("seed = true", ["seed = True", "whole number"]),
+        ("seed = -1", ["seed = -1", "whole number from 0"]),
         ("pole_pairs = 0", ["pole_pairs = 0", "whole number from 1"]),
         ('flux_map = "coenrgy"', ["flux map 'coenrgy'", "coenergy"]),
         ("angle_orders = [6.5]", ["angle_orders = [6.5]", "whole numbers"]),

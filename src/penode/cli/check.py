@@ -29,12 +29,12 @@ def check_command(
     picture: Annotated[Path | None, typer.Option(help="PNG of what is covered.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead.")] = False,
 ) -> None:
-    """Tell what recordings can and cannot tell, before any training: a few seconds.
+    """Check what recordings determine and what they cannot, before any training: a few seconds.
 
     Quality of the channels, their conventions tested against physics, what currents and speeds
-    cover, and how far the resistance can be told from the map.
+    cover, and how far the resistance can be distinguished from the map.
 
-    Exit status: 0 all is well, 1 a convention is broken or the data cannot tell, 2 unusable input.
+    Exit status: 0 all is well, 1 a convention is broken or the data cannot answer, 2 bad input.
 
     Example: penode check run.csv --picture cover.png
     """
@@ -50,11 +50,13 @@ def check_command(
         plate=asked.name_plate,
     )
     drawn = picture is not None and found.excitation is not None
-    if picture is not None and found.excitation is not None and found.prospects is not None:
+    if picture is not None and found.excitation is not None and found.identifiability is not None:
         # Imported here: the plotting library takes a third of a second, and few commands draw.
         from penode.pmsm.precheck.check_picture import check_picture
 
-        write_atomically(picture, check_picture(found.drives, found.excitation, found.prospects))
+        write_atomically(
+            picture, check_picture(found.drives, found.excitation, found.identifiability)
+        )
     if as_json:
         typer.echo(json.dumps({**found.as_json(), "picture": str(picture) if drawn else None}))
     else:
@@ -69,7 +71,7 @@ def _print(found: RecordingCheck, picture: Path | None) -> None:
         *_recordings(found),
         *_conventions(found),
         *_coverage(found),
-        *_prospects(found),
+        *_identifiability(found),
         ("verdict", verdict),
     ]
     if picture is not None:
@@ -91,11 +93,11 @@ def _recordings(found: RecordingCheck) -> list[tuple[str, str]]:
 
 
 def _conventions(found: RecordingCheck) -> list[tuple[str, str]]:
-    told = [b.sentence for b in found.broken] or [
+    sentences = [b.sentence for b in found.broken] or [
         "Nothing speaks against the signs, units, order, timing and angle of the channels."
     ]
-    return [("conventions", sentence) for sentence in told] + [
-        ("not told", sentence) for sentence in found.untold
+    return [("conventions", sentence) for sentence in sentences] + [
+        ("undetermined", sentence) for sentence in found.untold
     ]
 
 
@@ -112,16 +114,17 @@ def _coverage(found: RecordingCheck) -> list[tuple[str, str]]:
     return [("coverage", sentence) for sentence in (summary, *cover.advice)]
 
 
-def _prospects(found: RecordingCheck) -> list[tuple[str, str]]:
-    if found.prospects is None:
+def _identifiability(found: RecordingCheck) -> list[tuple[str, str]]:
+    if found.identifiability is None:
         return []
-    told = found.prospects
-    rhos = ", ".join(f"{name} {rho:.2g}" for name, rho in told.independence.items())
+    judged = found.identifiability
+    rhos = ", ".join(f"{name} {rho:.2g}" for name, rho in judged.independence.items())
     summary = (
-        f"Independence with the {told.flux_map} map: {rhos} (1 its own, below 0.01 not to be told)."
+        f"Independence with the {judged.flux_map} map: {rhos} "
+        "(1 its own, below 0.01 not identifiable)."
     )
     rows = [
         ("identifiability", s)
-        for s in (summary, told.alarm, told.repair and f"Repair: {told.repair}")
+        for s in (summary, judged.alarm, judged.repair and f"Repair: {judged.repair}")
     ]
     return [row for row in rows if row[1]] + [("model", reason) for reason in found.structure]

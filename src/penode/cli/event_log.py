@@ -31,7 +31,7 @@ class EventLog:
         self._began = time.monotonic()
 
     def __call__(self, event: Mapping[str, Any]) -> None:
-        """Log one event, unless it tells a rung again that was taken over."""
+        """Log one event, unless it repeats a rung that was taken over."""
         file = self._file or self._open()
         if event["event"] == "resume":
             self._told &= set(event["horizons"])
@@ -68,5 +68,5 @@ class EventLog:
 
 
 def _rungs(log: bytes) -> set[int]:
-    """Return the horizons whose rungs a log tells, whatever else is in it."""
+    """Return the horizons whose rungs a log records, whatever else is in it."""
     return {int(horizon) for horizon in re.findall(rb'"event": "rung", "horizon": (\d+)', log)}

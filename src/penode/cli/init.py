@@ -1,4 +1,4 @@
-"""`penode init`: begin a study file with what a recording tells about itself."""
+"""`penode init`: begin a study file with what a recording shows of itself."""
 
 from pathlib import Path
 from typing import Annotated

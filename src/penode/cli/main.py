@@ -22,7 +22,7 @@ from penode.cli.sweep import sweep_command
 from penode.errors import InputError
 
 app = typer.Typer(
-    help="Find the flux-linkage map and the resistance of a PMSM from an ordinary recording.",
+    help="Identify the flux-linkage map and the resistance of a PMSM from an ordinary recording.",
     no_args_is_help=True,
     add_completion=True,
     pretty_exceptions_enable=False,
@@ -47,7 +47,7 @@ _GARBAGE = 100_000
 
 
 def main() -> None:
-    """Run the command line; bad input is told in one sentence."""
+    """Run the command line; bad input is refused in one sentence."""
     # Modules and compiled programs stay to the end; to search them again and again is 3 % of a fit.
     gc.freeze()
     gc.set_threshold(_GARBAGE, 10, 10)

@@ -61,7 +61,7 @@ def watched(
 
 
 def _stamp(checkpoint: Checkpoint | None) -> tuple[int, int] | None:
-    """Return what tells a checkpoint that was replaced from the one before, or None without one."""
+    """Return what distinguishes a replaced checkpoint from its predecessor, None without one."""
     if checkpoint is None or not checkpoint.path.exists():
         return None
     file = checkpoint.path.stat()

@@ -46,7 +46,7 @@ def simulate_command(
     """Record a run on the simulated bench, with the truth written beside it.
 
     Shipped: paper_simulation, paper_testbench, well_designed. In a TOML file of your own the
-    machine may be a built-in one, a flux map in a file, or what penode identify found.
+    machine may be a built-in one, a flux map in a file, or what penode identify wrote.
 
     Example: penode simulate paper_testbench --out run.csv
 

@@ -7,7 +7,17 @@ from typing import Any
 from penode.data.experiment import Experiment
 from penode.fit.fit import unused
 
-_PACKAGES = ("penode", "jax", "numpy", "scipy")
+_PACKAGES = ("penode", "jax", "numpy", "scipy", "optax")
+
+
+def penode_version() -> str:
+    """Return the installed version of penode, by which kept results are recognised."""
+    return version("penode")
+
+
+def versions() -> dict[str, str]:
+    """Return the installed version of every package that computes, by name."""
+    return {name: version(name) for name in _PACKAGES}
 
 
 def provenance_of(experiments: Sequence[Experiment]) -> dict[str, Any]:
@@ -21,4 +31,4 @@ def provenance_of(experiments: Sequence[Experiment]) -> dict[str, Any]:
     data: dict[str, str] = {}
     for experiment in experiments:
         data[unused(experiment.name, data)] = experiment.source.sha256
-    return {"versions": {name: version(name) for name in _PACKAGES}, "data": data}
+    return {"versions": versions(), "data": data}

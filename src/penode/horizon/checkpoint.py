@@ -5,7 +5,6 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ import numpy as np
 from penode.arrays import FloatArray, float64
 from penode.errors import InputError
 from penode.fit.archive import to_json, write_atomically
+from penode.fit.provenance import penode_version
 from penode.horizon.ladder import Observer
 from penode.training.plan import (
     DIVERGED,
@@ -174,7 +174,7 @@ class _Kept:
 
 def _given_by_plan(plan: Plan) -> dict[str, str]:
     return {
-        "penode version": version("penode"),
+        "penode version": penode_version(),
         "horizons": ", ".join(str(stage.horizon) for stage in plan.stages),
         "moving groups": _readable([stage.groups for stage in plan.stages]),
         "optimisers": _readable([stage.optimiser for stage in plan.stages]),

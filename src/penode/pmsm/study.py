@@ -62,7 +62,7 @@ class Study:
         ``"simulation"`` and ``"one_step"`` by the errors of free runs and of single steps, on the
         validation recordings where there are any.
     hold : str
-        Frame in which the voltage of a row stands still until the next: ``"dq"``, or
+        Frame in which the voltage of a row is held until the next: ``"dq"``, or
         ``"stationary"`` for an inverter without correction of the turn.
 
     Raises
@@ -150,7 +150,7 @@ def identify(
     observer: Observer = ignore_events,
     checkpoint: Checkpoint | None = None,
 ) -> Fit:
-    """Find the resistance and the flux-linkage map of a machine from drive recordings.
+    """Identify the resistance and the flux-linkage map of a machine from drive recordings.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def identify(
     validation : sequence of Experiment
         Recordings that are predicted but not trained on.
     observer : callable
-        Told of each evaluation and rung.
+        Receives each evaluation and rung.
     checkpoint : Checkpoint, optional
         Keeps finished horizons in a file, from which a stopped fit goes on.
 

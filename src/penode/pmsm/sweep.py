@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.fit.archive import to_json, write_atomically
+from penode.fit.provenance import penode_version
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.studies.panels import Panel, Series
 from penode.pmsm.study import Study, identify
@@ -182,7 +182,7 @@ def _given(experiments: Sequence[Experiment], study: Study) -> dict[str, Any]:
         for name in sorted(experiment.channels):
             digest.update(name.encode() + experiment.channels[name].tobytes())
     known = {"recordings": digest.hexdigest(), "study": str(study)}
-    return {"penode": version("penode"), **known}
+    return {"penode": penode_version(), **known}
 
 
 def _read(path: Path, given: Mapping[str, Any]) -> Swept | None:

@@ -98,6 +98,13 @@ def test_every_kind_can_be_called(choices):
         ('machine = "traction_300A"', "", "machine"),
         ('machine = "traction_300A"', "machine = { map = 'gone.csv' }", "resistance"),
         ("duration = 0.01", "duration = 0.01\n[drive]\ndc = 3.0\n", "dc_voltage"),
+        (
+            "duration = 0.01",
+            "duration = 0.01\nseed = -1",
+            "case.toml: seed = -1 came; give a",
+        ),
+        ("duration", "duratoin", "case.toml: entry duratoin came .did you mean duration"),
+        ("duration = 0.01", "duration = ", "case.toml: not a TOML file"),
     ],
 )
 def test_refusals_name_the_entry(load, old, new, words):

@@ -347,7 +347,7 @@ def test_weak_start_finds_the_harmonics_of_the_bench(slow_run):
 
 
 def test_identification_with_the_inverter_term(dead_time_run, tmp_path):
-    fit = identify([dead_time_run], study=Study(horizon=40, terms=(DeadTime(),), angle_orders=()))
+    fit = identify([dead_time_run], study=Study(horizon=8, terms=(DeadTime(),), angle_orders=()))
     voltage, resistance = fit.parameters["dead_time_voltage"], fit.parameters["R"]
     assert voltage.unit == "V"
     assert voltage.value == pytest.approx(2.4, rel=0.05)

@@ -10,7 +10,7 @@ from penode.pmsm.balance.start import weak_start
 from penode.pmsm.balance.voltage_balance import BalanceForm
 from penode.pmsm.machine.terms import DeadTime as DeadTimeTerm
 from penode.pmsm.precheck.excitation import excitation_of
-from penode.pmsm.precheck.identifiability import prospects_of
+from penode.pmsm.precheck.identifiability import identifiability_of
 
 
 @pytest.fixture(autouse=True)
@@ -20,17 +20,17 @@ def _one_thread():
 
 
 def test_independence_is_that_of_the_start(slow_run):
-    found = prospects_of([slow_run], "coenergy", ())
+    found = identifiability_of([slow_run], "coenergy", ())
     assert found.independence == pytest.approx(weak_start([slow_run], "coenergy")[1].independence)
     assert (found.indistinguishable, found.alarm, found.repair) == ((), "", "")
 
 
 def test_a_free_map_at_one_speed_is_refused_and_the_reciprocal_map_is_the_repair(slow_run):
-    found = prospects_of([slow_run], "mlp", ())
+    found = identifiability_of([slow_run], "mlp", ())
     assert found.indistinguishable == ("R",)
     assert found.repair.startswith("Use a reciprocal map (--flux-map coenergy): the least")
     reached = float(found.repair.rstrip(".").split()[-1])
-    told = prospects_of([slow_run], "coenergy", ()).independence["R"]
+    told = identifiability_of([slow_run], "coenergy", ()).independence["R"]
     assert reached == pytest.approx(told, rel=0.05)
 
 
@@ -39,7 +39,7 @@ def test_dead_time_of_one_amplitude_wants_another(slow_run):
     angle = 15.0 * np.arange(len(slow_run)) * slow_run.time_step
     turning = {"i_d": 200 * np.cos(angle), "i_q": 200 * np.sin(angle)}
     run = replace(slow_run, channels={**slow_run.channels, **turning})
-    found = prospects_of([run], "coenergy", (DeadTimeTerm(),))
+    found = identifiability_of([run], "coenergy", (DeadTimeTerm(),))
     assert found.indistinguishable == ("R", "dead_time_voltage")
     assert found.repair.startswith("Vary the amplitude of the currents: ")
 
@@ -49,8 +49,8 @@ def test_gauge_alarm_of_a_free_map(slow_run):
     angle = 15.0 * np.arange(len(slow_run)) * slow_run.time_step
     turning = {"i_d": 200 * np.cos(angle), "i_q": 200 * np.sin(angle)}
     run = replace(slow_run, channels={**slow_run.channels, **turning})
-    assert prospects_of([run], "mlp", ()).alarm.startswith("Gauge alarm: ")
-    assert prospects_of([run], "coenergy", ()).alarm == ""
+    assert identifiability_of([run], "mlp", ()).alarm.startswith("Gauge alarm: ")
+    assert identifiability_of([run], "coenergy", ()).alarm == ""
 
 
 def test_excitation_of_a_disc_and_of_a_line(slow_run, unseen_run):
@@ -66,7 +66,7 @@ def test_excitation_of_a_disc_and_of_a_line(slow_run, unseen_run):
 
 
 def test_the_profile_is_the_balance_solved_anew_with_r_held(slow_run):
-    found = prospects_of([slow_run], "coenergy", ())
+    found = identifiability_of([slow_run], "coenergy", ())
     reciprocal, free = found.profiles
     assert (reciprocal.flux_map, free.flux_map) == ("reciprocal", "unconstrained")
     equations = BalanceForm.of([slow_run], True).solve([slow_run]).equations

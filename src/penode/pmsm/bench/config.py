@@ -1,7 +1,6 @@
 """A simulation as a TOML file: machine, reference, speed and every imperfection, by name."""
 
 import inspect
-import tomllib
 import types
 import typing
 from collections.abc import Callable, Mapping
@@ -10,6 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from penode.data.toml_file import FLAG, NATURAL, NUMBER, WHOLE, read_toml, require, require_known
 from penode.errors import InputError
 from penode.pmsm.bench.drive import Drive
 from penode.pmsm.bench.identified import identified_machine
@@ -51,6 +51,7 @@ _SOURCES: dict[str, Callable[..., ImportedMachine]] = {
     "map": import_machine,
     "result": identified_machine,
 }
+_PLAIN = {bool: FLAG, int: WHOLE}
 _DOMAINS = {"whole": WHOLE_DISC, "motor": MOTOR, "generator": GENERATOR}
 
 
@@ -122,22 +123,18 @@ def load_config(source: str | Path) -> Simulation:
         raise InputError(
             f"{source}: no such file; give a .toml file or one of {', '.join(shipped_configs())}."
         )
-    try:
-        table = tomllib.loads(path.read_text())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
-    entries = {
-        **_read_machine(path, table.pop("machine", None)),
-        "drive": _read(Drive, table.pop("drive", {}), f"{path}: drive"),
-        "seed": table.pop("seed", 0),
-    }
-    return Simulation(**entries, **_arguments(_Rest, table, str(path)))
+    table = {"drive": {}, "seed": 0, **read_toml(path)}
+    require(f"{path}: seed", table["seed"], NATURAL)
+    origin = _read_machine(path, table.pop("machine", None))
+    return Simulation(**origin, **_arguments(_Rest, table, f"{path}:"))
 
 
 class _Rest:
     """Entries at the top of the file that need no special reading."""
 
-    def __init__(self, reference: Reference, speed_rpm: Speed, duration: float) -> None: ...
+    def __init__(
+        self, reference: Reference, speed_rpm: Speed, duration: float, drive: Drive, seed: int
+    ) -> None: ...
 
 
 def _read_machine(path: Path, entry: Any) -> dict[str, Any]:
@@ -178,12 +175,21 @@ def _read(kind: Any, entry: Any, where: str) -> Any:
 def _read_record(kind: Any, entry: dict[str, Any], where: str) -> Any:
     choices = KINDS.get(kind)
     if choices is None:
-        return kind(**_arguments(kind, entry, where))
+        return _make(kind, entry, where)
     name = entry.get("kind")
     if name not in choices:
         raise InputError(f"{where}: kind = {name!r} came; choose one of {', '.join(choices)}.")
     rest = {key: value for key, value in entry.items() if key != "kind"}
-    return choices[name](**_arguments(choices[name], rest, where))
+    return _make(choices[name], rest, where)
+
+
+def _make(target: Callable[..., Any], entry: Mapping[str, Any], where: str) -> Any:
+    """Return the record that a table describes; its refusals name the table."""
+    arguments = _arguments(target, entry, where)
+    try:
+        return target(**arguments)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
 
 
 def _arguments(
@@ -194,13 +200,12 @@ def _arguments(
     hints = typing.get_type_hints(target.__init__ if inspect.isclass(target) else target)
     if hasattr(target, "__dataclass_fields__"):
         hints = typing.get_type_hints(target)
-    unknown = sorted(set(entry) - set(wanted))
-    if unknown:
-        raise InputError(f"{where}: no entry {', '.join(unknown)}; it has {', '.join(wanted)}.")
+    require_known(f"{where} entry", entry, wanted)
     missing = [n for n, p in wanted.items() if p.default is p.empty and n not in entry]
     if missing:
-        raise InputError(f"{where}: {', '.join(missing)} is missing; add it.")
-    return {n: _read(_sole(hints.get(n)), v, f"{where}.{n}") for n, v in entry.items()}
+        raise InputError(f"{where} {', '.join(missing)} is missing; add it.")
+    inside = f"{where} " if where.endswith(":") else f"{where}."
+    return {n: _read(_sole(hints.get(n)), v, inside + n) for n, v in entry.items()}
 
 
 def _sole(hint: Any) -> Any:
@@ -217,10 +222,5 @@ def _plain(kind: Any, entry: Any, where: str) -> Any:
     """Return numbers, truth values and nested lists of numbers as they are wanted."""
     if isinstance(entry, list):
         return tuple(_plain(float, item, f"{where}[{k}]") for k, item in enumerate(entry))
-    if kind is bool or kind is int:
-        if type(entry) is not kind:
-            raise InputError(f"{where} = {entry!r} came; want {kind.__name__}.")
-        return entry
-    if isinstance(entry, bool) or not isinstance(entry, (int, float)):
-        raise InputError(f"{where} = {entry!r} came; want a number.")
-    return float(entry)
+    require(where, entry, _PLAIN.get(kind, NUMBER))
+    return entry if kind in _PLAIN else float(entry)

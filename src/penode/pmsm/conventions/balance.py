@@ -1,4 +1,4 @@
-"""Conventions that the voltage balance tells: signs, speed, timing, the direction of the magnet.
+"""Conventions that the voltage balance shows: signs, speed, timing, the direction of the magnet.
 
 A wrong sign makes the best d psi / d i indefinite and leaves more of the voltages over; the right
 one is the one that leaves least. What is found is mended before the next is judged.
@@ -31,11 +31,11 @@ _SIGN_DEGREE = 6
 #: Doubt of a reversal, or of a factor of the speed, over that of the recording as it stands.
 _CLEARER = 0.7
 _MOST_POLE_PAIRS = 12
-#: Lag in samples that is one, and its deviation up to which it is told.
+#: Lag in samples that is one, and its deviation up to which it is reported.
 _LATE, _TOLD = 0.6, 0.2
 #: Angle in deg and deviations from which the magnet lies beside the d axis.
 _ASIDE, _SIGNIFICANT = 5.0, 5.0
-#: Least current, as a share of the largest, up to which the map at no current is told.
+#: Least current, as a share of the largest, up to which the map at no current is determined.
 _NEAR_ZERO = 0.2
 #: Magnet's flux linkage over that of the largest current below which there is no magnet.
 _LEAST_MAGNET = 0.05
@@ -99,7 +99,7 @@ def _why(standing: TrialBalance, mended: TrialBalance, angle: int) -> str:
 
 
 def judge_speed_factor(experiment: Experiment, pole_pairs: int | None) -> Judged:
-    """Find a mechanical speed where no angle tells, by the rotation's voltage against d psi/dt.
+    """Find a mechanical speed where no angle shows it, by the rotation's voltage against d psi/dt.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def judge_delay(
     Experiment
         With the voltages in place; of phases, the turn of the rotor is undone.
     str
-        Why nothing can be told, empty where it can.
+        Why nothing can be determined, empty where it can.
     """
     lag, deviation = lag_of_voltage(experiment, in_phases)
     if not deviation < _TOLD:
@@ -174,7 +174,7 @@ def judge_delay(
             None,
             experiment,
             (
-                f"{experiment.name}: a delay of the voltage cannot be told here ({lag:.2g} ± "
+                f"{experiment.name}: a delay of the voltage cannot be determined here ({lag:.2g} ± "
                 f"{deviation:.2g} samples); faster currents or a higher speed would show it."
             ),
         )
@@ -220,7 +220,7 @@ def judge_magnet(experiment: Experiment, in_phases: bool) -> tuple[BrokenConvent
     -------
     BrokenConvention or None
     str
-        Why nothing can be told, empty where it can.
+        Why nothing can be determined, empty where it can.
     """
     trial = try_balance(experiment)
     length = np.hypot(*experiment.stack(("i_d", "i_q")).T)
@@ -228,7 +228,7 @@ def judge_magnet(experiment: Experiment, in_phases: bool) -> tuple[BrokenConvent
     reach = float(length.max() * trial.inductance.max())
     if length.min() > _NEAR_ZERO * length.max() or magnet < _LEAST_MAGNET * reach:
         return None, (
-            f"{experiment.name}: an offset of the angle cannot be told without currents near "
+            f"{experiment.name}: an offset of the angle cannot be determined without currents near "
             "zero and a magnet."
         )
     aside = float(np.degrees(np.arctan2(trial.magnet[1], trial.magnet[0])))

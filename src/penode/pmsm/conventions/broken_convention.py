@@ -10,7 +10,7 @@ from penode.data.experiment import Experiment
 
 @dataclass(frozen=True)
 class BrokenConvention:
-    """What is wrong with the channels of a recording, as the physics tells it.
+    """What is wrong with the channels of a recording, as the physics shows it.
 
     Attributes
     ----------

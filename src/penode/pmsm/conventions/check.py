@@ -81,8 +81,8 @@ def check_conventions(
     broken += judge_rms_by_plate(drive, plate)
     if plate.magnet_flux_linkage is None and not _has_both(experiment):
         untold += (
-            "Rms values cannot be told from peak values; give magnet_flux_linkage and resistance "
-            "in [name_plate] of the study file, or record phase channels beside.",
+            "Rms values cannot be distinguished from peak values; give magnet_flux_linkage and "
+            "resistance in [name_plate] of the study file, or record phase channels beside.",
         )
     return Conventions(broken, untold)
 

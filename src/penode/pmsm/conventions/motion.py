@@ -63,7 +63,7 @@ def _turn_of(experiment: Experiment) -> tuple[float | None, str]:
 def judge_speed_and_angle(experiment: Experiment) -> Judged:
     """Find a speed or an angle of the shaft, by the slope of the angle over the speed.
 
-    A ratio of -1 is left to the voltage balance, which tells which of the two is reversed.
+    A ratio of -1 is left to the voltage balance, which shows which of the two is reversed.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ def judge_phases(experiment: Experiment, kinds: str) -> Judged:
     -------
     BrokenConvention or None
     Experiment
-        With the phases in order. Which two were exchanged the voltage balance tells.
+        With the phases in order. Which two were exchanged the voltage balance shows.
     """
     slower = {kind: _spins_backwards(experiment, kind) for kind in kinds}
     swapped = "".join(kind for kind, ratio in slower.items() if ratio is not None)

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.pmsm.precheck.excitation import Excitation
-from penode.pmsm.precheck.identifiability import Prospects
+from penode.pmsm.precheck.identifiability import Identifiability
 from penode.report import palette
 
 _INK, _MUTED = palette.INK.light, palette.MUTED.light
@@ -23,9 +23,9 @@ _TO_RPM = 30 / np.pi
 
 
 def check_picture(
-    recordings: tuple[Experiment, ...], excitation: Excitation, prospects: Prospects
+    recordings: tuple[Experiment, ...], excitation: Excitation, identifiability: Identifiability
 ) -> bytes:
-    """Return a PNG of what recordings cover, and of what they can tell of R.
+    """Return a PNG of what recordings cover, and of how well they determine R.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def check_picture(
         With i_d, i_q (A) and omega_el (rad/s).
     excitation : Excitation
         Of these recordings.
-    prospects : Prospects
+    identifiability : Identifiability
         Of these recordings.
 
     Returns
@@ -50,7 +50,7 @@ def check_picture(
     figure.colorbar(image, ax=panels["plane"], label="time spent in a cell (ms)", shrink=0.8)
     _draw_lengths(panels["length"], recordings, excitation.largest_current)
     _draw_speeds(panels["speed"], recordings)
-    _draw_profiles(panels["profile"], prospects)
+    _draw_profiles(panels["profile"], identifiability)
     for axes in panels.values():
         axes.spines[["top", "right"]].set_visible(False)
     names = ", ".join(e.name for e in recordings)
@@ -61,7 +61,7 @@ def check_picture(
 
 
 def _times(recordings: tuple[Experiment, ...]) -> FloatArray:
-    """Return the time in ms that each sample of all recordings stands for."""
+    """Return the time in ms of each sample of all recordings."""
     return np.concatenate([np.full(len(e), 1e3 * e.time_step) for e in recordings])
 
 
@@ -115,12 +115,12 @@ def _draw_speeds(axes: Axes, recordings: tuple[Experiment, ...]) -> None:
     axes.set_title("Speed", loc="left", fontsize=10)
 
 
-def _draw_profiles(axes: Axes, prospects: Prospects) -> None:
-    """Draw what the balance loses with R held: where a curve is flat, the data cannot tell R."""
-    chosen = next(p for p in prospects.profiles if (p.flux_map == "reciprocal"))
+def _draw_profiles(axes: Axes, identifiability: Identifiability) -> None:
+    """Draw what the balance loses with R held: a flat curve does not determine R."""
+    chosen = next(p for p in identifiability.profiles if (p.flux_map == "reciprocal"))
     reach = max(1.5 * abs(chosen.resistance), 1e-4)
     resistance = chosen.resistance + np.linspace(-reach, reach, 301)
-    for profile, colour in zip(prospects.profiles, _LINES, strict=False):
+    for profile, colour in zip(identifiability.profiles, _LINES, strict=False):
         factor = 1 + profile.rise(resistance)
         axes.semilogy(
             1e3 * resistance, factor, color=colour, lw=1.6, label=f"{profile.flux_map} map"
@@ -128,4 +128,4 @@ def _draw_profiles(axes: Axes, prospects: Prospects) -> None:
     axes.set(xlabel="R held at (mohm)", ylabel="residual over the least")
     axes.set_ylim(bottom=1)
     axes.legend(fontsize=8, frameon=False)
-    axes.set_title("Profile of R: flat where the data cannot tell it", loc="left", fontsize=10)
+    axes.set_title("Profile of R: flat where the data cannot determine it", loc="left", fontsize=10)

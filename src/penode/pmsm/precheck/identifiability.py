@@ -1,4 +1,4 @@
-"""What recordings can tell of the physical parameters, before any training, and what would help.
+"""How well recordings determine the physical parameters, before any training, and what would help.
 
 Independence rho is the share of a parameter's regressor in the voltage balance that the map and the
 other parameters do not explain. It depends on currents and speed alone, so a change of the
@@ -50,8 +50,8 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class Prospects:
-    """What can be told of the physical parameters with a kind of flux map.
+class Identifiability:
+    """How well the physical parameters are determined with a kind of flux map.
 
     Attributes
     ----------
@@ -75,12 +75,14 @@ class Prospects:
 
     @property
     def indistinguishable(self) -> tuple[str, ...]:
-        """Parameters that these recordings cannot tell."""
+        """Parameters that these recordings cannot determine."""
         return tuple(name for name, rho in self.independence.items() if rho < THRESHOLD)
 
 
-def prospects_of(recordings: Sequence[Experiment], kind: str, terms: Sequence[Term]) -> Prospects:
-    """Judge what recordings can tell together.
+def identifiability_of(
+    recordings: Sequence[Experiment], kind: str, terms: Sequence[Term]
+) -> Identifiability:
+    """Judge what recordings determine together.
 
     Parameters
     ----------
@@ -93,14 +95,14 @@ def prospects_of(recordings: Sequence[Experiment], kind: str, terms: Sequence[Te
 
     Returns
     -------
-    Prospects
+    Identifiability
     """
     reciprocal = FLUX_MAPS[kind].reciprocal
     balances = {kind: _balance(recordings, kind, terms) for kind in (True, False)}
     solved = balances[reciprocal]
     names = {True: "reciprocal", False: "unconstrained"}
     poor = min(solved.independence.values()) < THRESHOLD
-    return Prospects(
+    return Identifiability(
         kind,
         solved.independence,
         "" if reciprocal else _alarm(recordings, solved),

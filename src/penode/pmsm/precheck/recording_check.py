@@ -12,7 +12,7 @@ from penode.pmsm.conventions.broken_convention import BrokenConvention
 from penode.pmsm.conventions.check import check_conventions
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.precheck.excitation import Excitation, excitation_of
-from penode.pmsm.precheck.identifiability import Prospects, prospects_of
+from penode.pmsm.precheck.identifiability import Identifiability, identifiability_of
 from penode.pmsm.recording.channels import drive_recording, require_channels
 from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
 
@@ -35,7 +35,7 @@ class RecordingCheck:
         The recordings in dq; empty where a convention is broken.
     excitation : Excitation or None
         None where a convention is broken, as is what follows.
-    prospects : Prospects or None
+    identifiability : Identifiability or None
     structure : tuple of str
         Terms that the model would get, and why.
     """
@@ -46,7 +46,7 @@ class RecordingCheck:
     untold: tuple[str, ...]
     drives: tuple[Experiment, ...] = ()
     excitation: Excitation | None = None
-    prospects: Prospects | None = None
+    identifiability: Identifiability | None = None
     structure: tuple[str, ...] = ()
 
     @property
@@ -60,17 +60,21 @@ class RecordingCheck:
             )
         if any(finding.severity == "error" for finding in self.quality):
             return "A channel cannot serve; record again."
-        if self.prospects is None or self.prospects.indistinguishable:
-            names = ", ".join(self.prospects.indistinguishable) if self.prospects else "anything"
-            return f"These recordings cannot tell {names} from the map."
+        if self.identifiability is None or self.identifiability.indistinguishable:
+            names = (
+                ", ".join(self.identifiability.indistinguishable)
+                if self.identifiability
+                else "anything"
+            )
+            return f"These recordings cannot distinguish {names} from the map."
         return "These recordings can be used as they are."
 
     @property
     def good(self) -> bool:
         """Whether the recordings can be used as they are."""
         serve = all(finding.severity != "error" for finding in self.quality)
-        told = self.prospects is not None and not self.prospects.indistinguishable
-        return serve and told and not self.broken
+        determined = self.identifiability is not None and not self.identifiability.indistinguishable
+        return serve and determined and not self.broken
 
     def as_json(self) -> dict[str, Any]:
         """Return the findings as what JSON knows, in SI units."""
@@ -97,7 +101,7 @@ class RecordingCheck:
             ],
             "untold": list(self.untold),
         }
-        if self.excitation is not None and self.prospects is not None:
+        if self.excitation is not None and self.identifiability is not None:
             found["excitation"] = {
                 "largest_current": self.excitation.largest_current,
                 "share_of_disc": self.excitation.share,
@@ -107,11 +111,11 @@ class RecordingCheck:
                 "advice": list(self.excitation.advice),
             }
             found["identifiability"] = {
-                "flux_map": self.prospects.flux_map,
-                "independence": dict(self.prospects.independence),
-                "indistinguishable": list(self.prospects.indistinguishable),
-                "alarm": self.prospects.alarm,
-                "repair": self.prospects.repair,
+                "flux_map": self.identifiability.flux_map,
+                "independence": dict(self.identifiability.independence),
+                "indistinguishable": list(self.identifiability.indistinguishable),
+                "alarm": self.identifiability.alarm,
+                "repair": self.identifiability.repair,
             }
             found["structure"] = list(self.structure)
         return found
@@ -163,7 +167,7 @@ def check_recordings(
         untold,
         drives,
         excitation_of(drives),
-        prospects_of(drives, flux_map, structure.terms),
+        identifiability_of(drives, flux_map, structure.terms),
         (*structure.term_reasons, *structure.angle_reasons),
     )
 

@@ -54,11 +54,11 @@ class StudyGuess:
     channels : mapping of str to ChannelGuess
         Key of `RECORDED` -> guess.
     missing : tuple of str
-        Channels that are needed and not found.
+        Channels that are needed and missing.
     unused : tuple of str
         Columns that belong to no channel.
     pole_pairs : int or None
-        None where the recording does not tell.
+        None where the recording does not show it.
     resample : bool
         The channels have different sampling times.
     """

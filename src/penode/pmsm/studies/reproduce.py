@@ -7,12 +7,12 @@ import platform
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from penode.errors import InputError
 from penode.fit.archive import to_json, write_atomically
+from penode.fit.provenance import versions
 from penode.horizon.ladder import Observer, ignore_events
 from penode.pmsm.studies.designed import subdomain, well_designed
 from penode.pmsm.studies.extent import FULL, Extent
@@ -134,7 +134,7 @@ def _facts(extent: Extent, seconds: float) -> dict[str, Any]:
     return {
         "machine": f"{_processor()}, {os.cpu_count()} cores",
         "python": platform.python_version(),
-        "versions": {name: version(name) for name in ("penode", "jax", "numpy", "scipy", "optax")},
+        "versions": versions(),
         "extent": asdict(extent),
         "wall_time_s": round(seconds, 1),
     }

@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import jax
 from penode.errors import InputError
 from penode.fit.archive import to_json, write_atomically
 from penode.fit.fit import Fit
+from penode.fit.provenance import penode_version
 from penode.horizon.ladder import Observer, ignore_events
 from penode.pmsm.conventional.method import Method
 from penode.pmsm.machine.model import Machine
@@ -219,7 +219,7 @@ class Runs:
         """Return what a kept run must have been made with."""
         size = self.extent
         return {
-            "penode": version("penode"),
+            "penode": penode_version(),
             "recordings": [size.share, size.unseen, size.unseen_duration],
             "simulation": fingerprint(case),
             **told,

@@ -1,0 +1,144 @@
+"""TOML files: read, and refused with one sentence that names the file and the entry."""
+
+import math
+import tomllib
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from penode.data.units import did_you_mean
+from penode.errors import InputError
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What an entry may hold.
+
+    Attributes
+    ----------
+    words : str
+        As a sentence says it: "give a whole number".
+    holds : callable
+        A value to whether it is of this kind.
+    """
+
+    words: str
+    holds: Callable[[Any], bool]
+
+
+def is_whole(value: object) -> bool:
+    """Return whether a value is a whole number; true and false are none."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def is_number(value: object) -> bool:
+    """Return whether a value is a number, infinities among them; true and false are none."""
+    return isinstance(value, float) or is_whole(value)
+
+
+TEXT = Kind("text", lambda value: isinstance(value, str))
+FLAG = Kind("true or false", lambda value: isinstance(value, bool))
+NUMBER = Kind("a number", is_number)
+FACTOR = Kind("a number other than 0", lambda v: is_number(v) and math.isfinite(v) and v != 0)
+POSITIVE = Kind("a number above zero", lambda v: is_number(v) and 0 < v < math.inf)
+SIGN = Kind("1 or -1", lambda value: is_whole(value) and value in (1, -1))
+WHOLE = Kind("a whole number", is_whole)
+NATURAL = Kind("a whole number from 0", lambda value: is_whole(value) and value >= 0)
+COUNT = Kind("a whole number from 1", lambda value: is_whole(value) and value >= 1)
+NAMES = Kind(
+    "names in brackets",
+    lambda value: isinstance(value, list) and all(isinstance(one, str) for one in value),
+)
+WHOLES = Kind(
+    "whole numbers in brackets",
+    lambda value: isinstance(value, list) and all(map(is_whole, value)),
+)
+TABLE = Kind("a table", lambda value: isinstance(value, dict))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the entries of a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        UTF-8 text.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise InputError(f"{path}: the file cannot be read ({reason}); check the path.") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
+
+
+def require(where: str, value: object, kind: Kind) -> None:
+    """Refuse a value that is not of the kind.
+
+    Parameters
+    ----------
+    where : str
+        The entry, after its file where that is known.
+    value : object
+        What the entry holds.
+    kind : Kind
+
+    Raises
+    ------
+    InputError
+        If it is of another kind.
+    """
+    if not kind.holds(value):
+        raise InputError(f"{where} = {value!r} came; give {kind.words}.")
+
+
+def require_known(where: str, entries: Collection[str], known: Collection[str]) -> None:
+    """Refuse entries of unknown name.
+
+    Parameters
+    ----------
+    where : str
+        The table, after its file where that is known.
+    entries : collection of str
+        Names that came.
+    known : collection of str
+        Names that may come.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown; the message suggests the nearest one.
+    """
+    for key in entries:
+        if key not in known:
+            raise InputError(
+                f"{where} {key} came{did_you_mean(key, known)}; known are {', '.join(known)}."
+            )
+
+
+def require_kinds(where: str, entries: Mapping[str, Any], kinds: Mapping[str, Kind]) -> None:
+    """Refuse entries that are unknown or of the wrong kind.
+
+    Parameters
+    ----------
+    where : str
+        The table, after its file where that is known.
+    entries : mapping of str to object
+    kinds : mapping of str to Kind
+        Every entry that may come.
+
+    Raises
+    ------
+    InputError
+        If an entry is unknown, or not of its kind.
+    """
+    require_known(where, entries, kinds)
+    for key, value in entries.items():
+        require(f"{where} {key}", value, kinds[key])
