@@ -31,12 +31,15 @@ class Model(eqx.Module):
     unmeasured : tuple of str
         States that no sensor measures (none by default): nothing is compared with them, and each
         window estimates where they start. A channel of that name is taken as a first guess.
+    map_units : mapping of str to str
+        SI unit of what each of `maps` returns (none by default), for figures.
     """
 
     states: ClassVar[tuple[str, ...]]
     state_units: ClassVar[tuple[str, ...]]
     unmeasured: ClassVar[tuple[str, ...]] = ()
     input_rates: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    map_units: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     @property
     @abstractmethod
@@ -116,5 +119,9 @@ class Model(eqx.Module):
         return x
 
     def maps(self) -> Mapping[str, Callable[..., Any]]:
-        """Return the learned maps by name, as functions of NumPy arrays (none by default)."""
+        """Return the learned maps by name, as functions of NumPy arrays (none by default).
+
+        Arguments named after states, as in ``lambda speed: ...``, say over which of them a map is
+        drawn.
+        """
         return {}

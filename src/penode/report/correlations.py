@@ -1,4 +1,4 @@
-"""What the one-step residual still has of its own past and of the inputs."""
+"""Correlations of the one-step residual with its own past and with the inputs."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -32,16 +32,16 @@ def correlations_title(tests: Correlations) -> str:
     str
         Title of the figure.
     """
-    past = "remembers its past" if _beyond_own(tests) else "is white"
-    share = np.abs(tests.cross) / np.maximum(tests.cross_limit, 1e-300)
-    if not share.size:
+    past = "is correlated with its past" if _beyond_own(tests) else "is white"
+    relative = np.abs(tests.cross) / np.maximum(tests.cross_limit, 1e-300)
+    if not relative.size:
         return f"The residual {past}"
-    _, _, which = np.unravel_index(int(share.argmax()), share.shape)
+    _, _, which = np.unravel_index(int(relative.argmax()), relative.shape)
     name = tests.inputs[int(which)]
     if not _beyond_cross(tests):
-        return f"The residual {past}; nothing of the inputs is left in it"
+        return f"The residual {past} and unrelated to the inputs"
     largest = number(float(np.abs(tests.cross[..., which]).max()), 2)
-    return f"The residual {past}; something of {name} is left in it (correlation up to {largest})"
+    return f"The residual {past} and related to {name} (correlation up to {largest})"
 
 
 def correlations_caption(tests: Correlations) -> str:
@@ -64,13 +64,13 @@ def correlations_caption(tests: Correlations) -> str:
     )
     if _beyond_own(tests):
         text += (
-            " A residual that remembers its past makes textbook deviations too small; those given "
-            "here allow for it."
+            " A residual that is correlated with its past makes textbook deviations too small; "
+            "those given here allow for it."
         )
     if _beyond_cross(tests):
         text += (
-            " What is left of an input is what the model does not follow: slots, dead time, a "
-            "delay, or a map that cannot bend enough."
+            " A relation to an input is a response that the model lacks: a delay, a neglected "
+            "effect, or a map that is too stiff."
         )
     return text
 
@@ -105,8 +105,8 @@ def correlations(tests: Correlations) -> go.Figure:
             figure.add_trace(curve.update(showlegend=row == 0))
         if tests.inputs:
             _band(figure, cross, lags, float(tests.cross_limit[row].max()))
-        for panel, told in ((own, "with itself"), (cross, "with the inputs")):
-            _set_axes(figure, panel, f"{symbol(state)} {told}", bottom=row == rows - 1)
+        for panel, other in ((own, "with itself"), (cross, "with the inputs")):
+            _set_axes(figure, panel, f"{symbol(state)} {other}", bottom=row == rows - 1)
     legend = {"x": 1.0, "xanchor": "right"}
     figure.update_layout(hovermode="closest", legend=legend, margin={"t": 44})
     return figure

@@ -1,4 +1,4 @@
-"""What each horizon listens to: the residual's lines, and the weight of the loss over them."""
+"""How the loss at each horizon weighs the residual: its lines, and the weight over frequency."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,22 +7,23 @@ import numpy as np
 import plotly.graph_objects as go
 
 from penode.arrays import FloatArray, IntArray
-from penode.horizon.loss_weighting import PrefilterView
+from penode.fit.fit import Fit
+from penode.horizon.loss_weighting import PrefilterView, prefilter_view
 from penode.report import palette, panels
 from penode.report.document import Cell, Figure, Row, Section, Table
-from penode.report.listening import listening
 from penode.report.quantities import number, scale_for, symbol, with_unit
+from penode.report.weighting_sentence import weighting_sentence
 from penode.validation.residual_lines import Line
 
 _POINTS = 1500
-#: Lines named at most, and the share of the loss at one of the horizons from which one is named.
+#: Lines named at most, and the fraction of the loss at one of the horizons from which one is named.
 _NAMED, _WORTH = 8, 1e-3
 _COLOURS = (palette.ONE_STEP.light, palette.FREE_RUN.light, palette.PLATEAU_TEXT.light)
 _CAPTION = (
     "Above: one-step residual of the first training recording; of neighbouring frequencies the "
-    "largest is drawn. Below: how much each horizon makes of a frequency, as a multiple of the "
-    "mean over all frequencies. The fit listens to the product of residual and weight. The weight "
-    "of a long horizon peaks at {peak}, where the model itself rings."
+    "largest is drawn. Below: the weight of each frequency in the loss, as a multiple of the mean "
+    "over all frequencies. The loss adds up the product of residual and weight. The weight of a "
+    "long horizon peaks at {peak}, near a resonance of the model."
 )
 
 
@@ -50,8 +51,30 @@ def unnamed(view: PrefilterView) -> tuple[Name, ...]:
     return tuple(Name(line, with_unit(line.frequency, "Hz")) for line in view.lines)
 
 
-def prefilter_section(view: PrefilterView, names: Sequence[Name], note: str = "") -> Section:
-    """Say and show what the loss at each horizon listens to.
+def weighting_of(fit: Fit, base: float | None = None) -> PrefilterView | None:
+    """Return how the loss weighs the residual at H = 1, the selected and the longest horizon.
+
+    Parameters
+    ----------
+    fit : Fit
+        Identification result.
+    base : float, optional
+        Frequency in Hz whose multiples are the lines' orders; its sign is kept.
+
+    Returns
+    -------
+    PrefilterView or None
+        None where the fit keeps no one-step matrices or no prediction.
+    """
+    if not fit.transitions.size or not fit.comparisons:
+        return None
+    longest = max((rung.horizon for rung in fit.horizon.ladder), default=1)
+    horizons = sorted({1, fit.horizon.selected, longest})
+    return prefilter_view(fit.comparisons[0], fit.transitions, horizons, base)
+
+
+def weighting_section(view: PrefilterView, names: Sequence[Name], note: str = "") -> Section:
+    """Say and show how the loss at each horizon weighs the residual.
 
     Parameters
     ----------
@@ -75,20 +98,20 @@ def prefilter_section(view: PrefilterView, names: Sequence[Name], note: str = ""
     longest = int(np.argmax(view.horizons))
     peak = view.frequency[view.weight[longest, :, 0].argmax()]
     caption = f"{_CAPTION.format(peak=with_unit(float(peak), 'Hz'))} {note}".rstrip()
-    title = "No line stands out of the residual"
+    title = "The residual has no lines"
     if worth:
-        title = f"{len(worth)} lines stand out of the residual, the strongest at {worth[0].label}"
-        title = title.replace("1 lines stand", "One line stands", 1) if len(worth) == 1 else title
+        count = "one line" if len(worth) == 1 else f"{len(worth)} lines"
+        title = f"The residual has {count}, the strongest at {worth[0].label}"
     return Section(
-        "What each horizon listens to",
+        "How each horizon weighs the residual",
         "Training H steps ahead is training one step ahead through a filter: the longer the "
         "horizon, the more weight on what the model can follow, and the less on the rest. "
-        f"{listening(view, [(name.line, name.label) for name in worth])}",
-        [Figure(title, caption, prefilter_figure(view, worth)), *_table(view, worth)],
+        f"{weighting_sentence(view, [(name.line, name.label) for name in worth])}",
+        [Figure(title, caption, weighting_figure(view, worth)), *_table(view, worth)],
     )
 
 
-def prefilter_figure(view: PrefilterView, names: Sequence[Name]) -> go.Figure:
+def weighting_figure(view: PrefilterView, names: Sequence[Name]) -> go.Figure:
     """Draw the residual's spectrum with its lines named, and the weight at each horizon.
 
     Parameters
@@ -203,7 +226,7 @@ def _table(view: PrefilterView, names: Sequence[Name]) -> list[Table]:
         "line",
         "frequency in\N{NO-BREAK SPACE}Hz",
         f"amplitude in\N{NO-BREAK SPACE}{view.unit}" if view.unit else "amplitude",
-        *(f"share at H\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}{h}" for h in view.horizons),
+        *(f"fraction at H\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}{h}" for h in view.horizons),
         *(["likely causes"] if any(name.cause for name in names) else []),
     )
     rows = []
@@ -214,10 +237,10 @@ def _table(view: PrefilterView, names: Sequence[Name]) -> list[Table]:
             Cell(number(line.frequency, 4), line.frequency, "number"),
             Cell(number(line.amplitude), line.amplitude, "number"),
         ]
-        for share in view.shares(line).tolist():
-            cells.append(Cell(f"{number(100 * share, 2)} %", share, "number"))
+        for fraction in view.shares(line).tolist():
+            cells.append(Cell(f"{number(100 * fraction, 2)} %", fraction, "number"))
         rows.append(Row((*cells, *([Cell(name.cause)] if len(columns) > len(cells) else []))))
-    caption = "Share of the loss at each horizon; what the lines leave is between them."
+    caption = "Fraction of the loss at each horizon; the rest lies between the lines."
     return [Table("Lines of the one-step residual", columns, tuple(rows), caption)]
 
 

@@ -38,7 +38,8 @@ def residual_spectrum(
     """
     figure = panels.blank_figure()
     count = len(states)
-    limits = _decades(spectrum.amplitude[1:])
+    shared = len({unit for _, unit in states}) == 1
+    together = _decades(spectrum.amplitude[1:])
     scale = scale_for(spectrum.frequency, "Hz")
     for state in range(count):
         frequency, amplitude = _peaks(spectrum.frequency, spectrum.amplitude[:, state])
@@ -57,6 +58,7 @@ def residual_spectrum(
     top = float(spectrum.frequency[-1]) * scale.factor
     for state, (name, unit) in enumerate(states):
         bottom = state == count - 1
+        limits = together if shared else _decades(spectrum.amplitude[1:, state])
         figure.layout[panels.axis_key("x", state)].update(
             anchor=panels.axis_id("y", state),
             matches=None if state == 0 else "x",

@@ -77,7 +77,7 @@ def named_lines(
     electrical_frequency : float
         Hz, negative for backward rotation; 0 where there is none.
     pole_pairs : int, optional
-        Without it mechanical orders are not told.
+        Without it mechanical orders are not named.
 
     Returns
     -------
