@@ -46,6 +46,12 @@ class Name:
     cause: str = ""
 
 
+def signal_units(fit: Fit, view: PrefilterView) -> tuple[str, ...]:
+    """Return the SI unit of each of the view's signals."""
+    units = fit.comparisons[0].units
+    return units[: len(view.signals)]
+
+
 def unnamed(view: PrefilterView) -> tuple[Name, ...]:
     """Return the view's lines called by their frequency."""
     return tuple(Name(line, with_unit(line.frequency, "Hz")) for line in view.lines)
@@ -73,7 +79,9 @@ def weighting_of(fit: Fit, base: float | None = None) -> PrefilterView | None:
     return prefilter_view(fit.comparisons[0], fit.transitions, horizons, base)
 
 
-def weighting_section(view: PrefilterView, names: Sequence[Name], note: str = "") -> Section:
+def weighting_section(
+    view: PrefilterView, names: Sequence[Name], units: Sequence[str], note: str = ""
+) -> Section:
     """Say and show how the loss at each horizon weighs the residual.
 
     Parameters
@@ -82,6 +90,8 @@ def weighting_section(view: PrefilterView, names: Sequence[Name], note: str = ""
         Of the horizons to show, three at most.
     names : sequence of Name
         The view's lines, strongest first.
+    units : sequence of str
+        SI unit of each of the view's signals.
     note : str
         What the names mean, added to the caption.
 
@@ -107,11 +117,11 @@ def weighting_section(view: PrefilterView, names: Sequence[Name], note: str = ""
         "Training H steps ahead is training one step ahead through a filter: the longer the "
         "horizon, the more weight on what the model can follow, and the less on the rest. "
         f"{weighting_sentence(view, [(name.line, name.label) for name in worth])}",
-        [Figure(title, caption, weighting_figure(view, worth)), *_table(view, worth)],
+        [Figure(title, caption, weighting_figure(view, worth, units)), *_table(view, worth, units)],
     )
 
 
-def weighting_figure(view: PrefilterView, names: Sequence[Name]) -> go.Figure:
+def weighting_figure(view: PrefilterView, names: Sequence[Name], units: Sequence[str]) -> go.Figure:
     """Draw the residual's spectrum with its lines named, and the weight at each horizon.
 
     Parameters
@@ -120,6 +130,8 @@ def weighting_figure(view: PrefilterView, names: Sequence[Name]) -> go.Figure:
         Three horizons at most.
     names : sequence of Name
         Lines to mark.
+    units : sequence of str
+        SI unit of each of the view's signals.
 
     Returns
     -------
@@ -133,7 +145,7 @@ def weighting_figure(view: PrefilterView, names: Sequence[Name]) -> go.Figure:
     panels.place(figure, boxes, boxes)
     limits = [edge * scale.factor for edge in _shown(view, names)]
     for signal in range(count):
-        _draw(figure, view, signal, scale.factor)
+        _draw(figure, view, (signal, units[signal]), scale.factor)
         own = [name for name in names if name.line.signal == signal]
         _mark(figure, own, signal, scale.factor, float(np.ptp(limits)))
     for panel in range(2 * count):
@@ -150,7 +162,8 @@ def weighting_figure(view: PrefilterView, names: Sequence[Name]) -> go.Figure:
     return figure
 
 
-def _draw(figure: go.Figure, view: PrefilterView, signal: int, factor: float) -> None:
+def _draw(figure: go.Figure, view: PrefilterView, column: tuple[int, str], factor: float) -> None:
+    signal, unit = column
     amplitude = np.sqrt(view.power[:, signal])
     chosen = _largest(amplitude)
     relative = view.weight[:, :, signal] / view.weight[:, :, signal].mean(axis=1, keepdims=True)
@@ -175,11 +188,8 @@ def _draw(figure: go.Figure, view: PrefilterView, signal: int, factor: float) ->
                 hovertemplate="%{x:.4~g}: %{y:.3~g}<extra>" + name + "</extra>",
             )
         )
-    unit = f" in {view.unit}" if view.unit else ""
-    titles = (
-        f"residual{unit}" if len(view.signals) == 1 else symbol(view.signals[signal]),
-        "weight",
-    )
+    name = "residual" if len(view.signals) == 1 else symbol(view.signals[signal])
+    titles = (f"{name} in {unit}" if unit else name, "weight")
     spans = (_decades(amplitude[chosen]), _decades(relative))
     for panel, title, span in zip((2 * signal, 2 * signal + 1), titles, spans, strict=True):
         figure.layout[panels.axis_key("y", panel)].update(
@@ -219,23 +229,25 @@ def _mark(
             )
 
 
-def _table(view: PrefilterView, names: Sequence[Name]) -> list[Table]:
+def _table(view: PrefilterView, names: Sequence[Name], units: Sequence[str]) -> list[Table]:
     if not names:
         return []
+    shared = len(set(units)) == 1 and units[0]
     columns = (
         "line",
         "frequency in\N{NO-BREAK SPACE}Hz",
-        f"amplitude in\N{NO-BREAK SPACE}{view.unit}" if view.unit else "amplitude",
+        f"amplitude in\N{NO-BREAK SPACE}{units[0]}" if shared else "amplitude",
         *(f"fraction at H\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}{h}" for h in view.horizons),
         *(["likely causes"] if any(name.cause for name in names) else []),
     )
     rows = []
     for name in names:
         line = name.line
+        own = "" if shared else f"\N{NO-BREAK SPACE}{units[line.signal]}".rstrip()
         cells = [
             Cell(name.label),
             Cell(number(line.frequency, 4), line.frequency, "number"),
-            Cell(number(line.amplitude), line.amplitude, "number"),
+            Cell(f"{number(line.amplitude)}{own}", line.amplitude, "number"),
         ]
         for fraction in view.shares(line).tolist():
             cells.append(Cell(f"{number(100 * fraction, 2)} %", fraction, "number"))

@@ -9,7 +9,7 @@ from penode.report.correlations import correlations, correlations_caption, corre
 from penode.report.document import Block, Figure, Notice, Section
 from penode.report.ladder import parameter_over_ladder
 from penode.report.learned_maps import map_figures
-from penode.report.loss_weighting import unnamed, weighting_of, weighting_section
+from penode.report.loss_weighting import signal_units, unnamed, weighting_of, weighting_section
 from penode.report.overlay import overlay
 from penode.report.prediction_errors import relative_free_run
 from penode.report.spectrum import residual_spectrum
@@ -147,7 +147,7 @@ def residual_section(
 def loss_weighting(fit: Fit) -> Section | None:
     """Return the section on how each horizon weighs the residual."""
     view = weighting_of(fit)
-    return None if view is None else weighting_section(view, unnamed(view))
+    return None if view is None else weighting_section(view, unnamed(view), signal_units(fit, view))
 
 
 def horizons(fit: Fit) -> Section | None:

@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 
 from penode.arrays import FloatArray
 from penode.report import palette, panels
-from penode.report.quantities import scale_for, symbol, with_unit
+from penode.report.quantities import number, scale_for, symbol, takes_prefix, with_unit
 from penode.validation.residual_tests import Spectrum
 
 _POINTS = 2000
@@ -70,9 +70,9 @@ def residual_spectrum(
             anchor=panels.axis_id("x", state),
             type="log",
             tickvals=_ticks(limits),
-            ticktext=[with_unit(tick, unit, 1) for tick in _ticks(limits)],
+            ticktext=[_tick(tick, unit) for tick in _ticks(limits)],
             range=limits,
-            title_text=symbol(name),
+            title_text=symbol(name) if takes_prefix(unit) else f"{symbol(name)} in {unit}",
         )
     _mark_lines(figure, [(f * scale.factor, label) for f, label in lines], top, count)
     figure.update_layout(showlegend=False, hovermode="closest")
@@ -99,6 +99,10 @@ def _decades(amplitude: FloatArray) -> list[float]:
 def _ticks(limits: Sequence[float]) -> list[float]:
     """Return every decade inside the limits."""
     return [10.0**k for k in range(math.ceil(limits[0]), math.floor(limits[1]) + 1)]
+
+
+def _tick(value: float, unit: str) -> str:
+    return with_unit(value, unit, 1) if takes_prefix(unit) else number(value, 1)
 
 
 def _mark_lines(

@@ -181,7 +181,7 @@ def overlay_title(comparison: Comparison) -> str:
     seen = "not used for training" if comparison.role == "validation" else "used for training"
     name = f"{comparison.name} ({seen})"
     if not comparison.diverged:
-        return f"{name}: the free run errs by {free_run_text(comparison)} rms"
+        return f"{name}, rms error of the free run: {free_run_text(comparison)}"
     broken = np.flatnonzero(~np.isfinite(comparison.free_run).all(axis=1))
     time = float(broken[0]) * comparison.time_step if broken.size else 0.0
     return f"{name}: the free run diverges after {with_unit(time, 's')}"

@@ -13,38 +13,39 @@ _SPACE = "\N{NO-BREAK SPACE}"
 _ROLES = {"train": "training", "validation": "validation"}
 
 
-def parameter_table(fit: Fit, names: Sequence[str] | None = None) -> Table:
+def parameter_table(fit: Fit) -> Table:
     """Tabulate the physical parameters.
 
     Parameters
     ----------
     fit : Fit
         Identification result.
-    names : sequence of str, optional
-        Order of the parameters; by default that of the fit.
 
     Returns
     -------
     Table
-        One row per parameter, with SI prefixes.
+        One row per parameter, with SI prefixes; identifiability where it was computed.
     """
-    columns = (
-        "parameter",
-        "value",
-        "standard deviation",
-        "95 % interval",
-        "unit",
-        "identifiability",
-    )
-    rows = tuple(_parameter_row(name, fit.parameters[name]) for name in names or fit.parameters)
+    columns = ["parameter", "value", "standard deviation", "95 % interval", "unit"]
     caption = (
         "The standard deviation allows for residuals that are correlated in time and for the "
-        "spread over the horizons that agree. Identifiability is 1 where nothing in the learned "
-        "map can imitate the parameter, and 0 where the data cannot distinguish the two."
+        "spread over the horizons that agree."
     )
+    rows = [_parameter_row(name, estimate) for name, estimate in fit.parameters.items()]
+    independence = [estimate.identifiability for estimate in fit.parameters.values()]
+    if any(one is not None for one in independence):
+        columns.append("identifiability")
+        rows = [
+            (*row, _number(number(one, 2), one))
+            for row, one in zip(rows, independence, strict=True)
+        ]
+        caption += (
+            " Identifiability is 1 where nothing in the learned map can imitate the parameter, and "
+            "0 where the data cannot distinguish the two."
+        )
     if not fit.horizon.answered:
         caption = f"For diagnosis only; the data cannot answer. {caption}"
-    return Table("Physical parameters", columns, rows, caption)
+    return Table("Physical parameters", tuple(columns), tuple(map(Row, rows)), caption)
 
 
 def ladder_table(
@@ -182,21 +183,17 @@ def provenance_table(provenance: Mapping[str, Any]) -> Table:
     return Table("Versions, data and settings", ("entry", "value"), rows)
 
 
-def _parameter_row(name: str, estimate: Estimate) -> Row:
+def _parameter_row(name: str, estimate: Estimate) -> tuple[Cell, ...]:
     scale = scale_for([estimate.value], estimate.unit)
     value, std = estimate.value * scale.factor, estimate.std * scale.factor
     decimals = decimals_for(std, value)
     low, high = (bound * scale.factor for bound in estimate.interval_95)
-    independence = estimate.identifiability
-    return Row(
-        (
-            Cell(f"{name}, {estimate.meaning}" if estimate.meaning else name),
-            _number(fixed(value, decimals), estimate.value),
-            _number(fixed(std, decimals), estimate.std),
-            Cell(f"{fixed(low, decimals)} to {fixed(high, decimals)}", kind="number"),
-            Cell(scale.unit or "1"),
-            _number(number(independence, 2), independence),
-        )
+    return (
+        Cell(f"{name}, {estimate.meaning}" if estimate.meaning else name),
+        _number(fixed(value, decimals), estimate.value),
+        _number(fixed(std, decimals), estimate.std),
+        Cell(f"{fixed(low, decimals)} to {fixed(high, decimals)}", kind="number"),
+        Cell(scale.unit or "1"),
     )
 
 

@@ -29,10 +29,10 @@ def weighting_sentence(view: PrefilterView, lines: Sequence[tuple[Line, str]]) -
         Such as ``"Most of the loss comes from the line at −6× (82 %) at H = 1, from the line at
         0× (71 %) at H = 60."``
     """
-    rest = "what lies between the lines" if lines else "noise without lines"
-    names = [*(f"the line at {name}" for _, name in lines), rest]
+    if not lines:
+        return "The loss at every horizon comes from noise without lines."
+    names = [*(f"the line at {name}" for _, name in lines), "what lies between the lines"]
     fractions = np.array([view.shares(line) for line, _ in lines])
-    fractions = fractions.reshape(-1, len(view.horizons))
     fractions = np.vstack([fractions, np.maximum(1 - fractions.sum(axis=0), 0.0)])
     parts = [
         f"from {names[int(here.argmax())]} ({_percent(here.max())}) at H = {horizon}"

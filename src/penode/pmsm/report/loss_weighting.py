@@ -26,13 +26,13 @@ def loss_weighting(fit: Fit) -> Section | None:
     if view is None:
         return None
     if not base:
-        return weighting_section(view, unnamed(view))
+        return weighting_section(view, unnamed(view), ("A",))
     lines = named_lines(view.lines, base, fit.provenance.get("pole_pairs"))
     note = (
         f"Orders (×) count the electrical frequency, {with_unit(base, 'Hz')}, as the rotor sees "
         "it; in the phases each is one higher."
     )
-    return weighting_section(view, [_name(one) for one in lines], note)
+    return weighting_section(view, [_name(one) for one in lines], ("A",), note)
 
 
 def _name(one: NamedLine) -> Name:

@@ -9,7 +9,7 @@ from penode.arrays import BoolArray, FloatArray
 from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95
 from penode.report import palette, panels
-from penode.report.learned_maps import region_grid
+from penode.report.map_values import region_grid
 from penode.report.region_map import RegionGrid, RegionMap, region_maps
 
 _CONTOUR_POINTS = 121
