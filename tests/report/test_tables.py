@@ -168,5 +168,5 @@ def test_spectrum_title_compares_no_two_units(spectrum):
     amplitude[24 * 3, 1] = 40.0
     both = dataclasses.replace(spectrum, amplitude=amplitude)
     assert spectrum_title(both, STATES) == (
-        f"The largest residual lies of x at 50.0{GAP}Hz and of v at 3.00{GAP}Hz"
+        f"The residual is largest in x at 50.0{GAP}Hz and v at 3.00{GAP}Hz"
     )

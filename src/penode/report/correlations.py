@@ -16,7 +16,8 @@ _COLOURS = (
     palette.GOOD,
     palette.CAUTION,
 )
-_HEIGHT, _GAP, _BETWEEN = 150.0, 0.12, 30.0
+#: Pixels: height of a panel, space between panels, room for labels of an axis; gap in widths.
+_HEIGHT, _BETWEEN, _LABELS, _GAP = 150.0, 30.0, 36.0, 0.12
 
 
 def correlations_title(tests: Correlations) -> str:
@@ -91,7 +92,8 @@ def correlations(tests: Correlations) -> go.Figure:
     figure = panels.blank_figure()
     rows = len(tests.states)
     boxes = panels.grid([1.0, 1.0], [_HEIGHT] * rows, _GAP, [_BETWEEN] * (rows - 1))
-    piled = panels.grid([1.0], [_HEIGHT] * 2 * rows, 0.0, [_BETWEEN] * (2 * rows - 1))
+    apart = [_BETWEEN] * (2 * rows - 2) + [_BETWEEN + _LABELS]
+    piled = panels.grid([1.0], [_HEIGHT] * 2 * rows, 0.0, apart)
     panels.place(figure, boxes, piled)
     lags = np.arange(len(tests.own), dtype=np.float64)
     for row, state in enumerate(tests.states):

@@ -30,7 +30,7 @@ _POLICY = (
     "img-src data: blob:; font-src data:; worker-src blob:"
 )
 #: Key values of more characters are set smaller.
-_LONG = 18
+_LONG = 14
 _PLOT_KEYS = "Keyboard: arrows move or turn the picture, plus and minus zoom, 0 resets."
 
 

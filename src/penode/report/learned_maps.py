@@ -1,5 +1,7 @@
 """Learned maps of any model over the states: curves of one state, contours over two."""
 
+from dataclasses import replace
+
 import numpy as np
 import plotly.graph_objects as go
 
@@ -15,6 +17,7 @@ from penode.report.statements import listed, range_text
 _CURVE_POINTS, _GRID_POINTS = 241, 81
 #: Contour panels side by side.
 _BESIDE = 2
+_WHOLE = slice(None)
 _BAND = (
     "It allows for residuals that are correlated in time and for the spread over the horizons that "
     "agree, and it holds if the model's structure is right."
@@ -149,33 +152,37 @@ def _contours(fit: Fit, name: str, columns: tuple[int, ...]) -> list[Figure]:
     mesh = np.stack(grid.mesh, axis=-1).reshape(-1, 2)
     values = map_values(fit, name, columns, mesh)
     states = listed([fit.model.states[column] for column in columns])
-    unit = values.scale.unit
-    title = _title(fit, values, states)
     caption = (
         "Inside the dashed outline lie the recorded states (dots). Outside it, greyed, the map is "
         "an extrapolation."
     )
-    figures = [Figure(title, caption, plot) for plot in _maps(grid, values, values.values, "in")]
+    count = len(values.values)
+    parts = [slice(k, min(k + _BESIDE, count)) for k in range(0, count, _BESIDE)]
+    figures = [
+        Figure(_title(fit, values, states, part), caption, _panels(grid, values, part))
+        for part in parts
+    ]
     half = values.half_band[:, values.inside]
     if half.size and np.isfinite(half).all():
-        title = band_title(name, half, unit, "recorded states")
-        clipped = np.minimum(values.half_band, np.quantile(half, 0.95))
+        title = band_title(name, half, values.scale.unit, "recorded states")
+        widest = np.minimum(values.half_band, np.quantile(half, 0.95))
         caption = f"Half the width of the 95 % band. {_BAND}"
-        figures += [Figure(title, caption, plot) for plot in _maps(grid, values, clipped, "±")]
+        bands = replace(values, values=widest, titles=tuple(f"± {one}" for one in values.titles))
+        figures += [Figure(title, caption, _panels(grid, bands, part)) for part in parts]
     return figures
 
 
-def _title(fit: Fit, values: MapValues, states: str) -> str:
-    inside = (values.values[:, values.inside] / values.scale.factor).ravel().tolist()
+def _title(fit: Fit, values: MapValues, states: str, part: slice = _WHOLE) -> str:
+    inside = (values.values[part, values.inside] / values.scale.factor).ravel().tolist()
     span = range_text(inside, fit.model.map_units.get(values.name, ""))
     return f"{values.name} over {states}: {span} in the excited region"
 
 
-def _maps(grid: RegionGrid, values: MapValues, drawn: FloatArray, sign: str) -> list[go.Figure]:
-    """Return contour figures of all components, a few panels each."""
-    unit = values.scale.unit
+def _panels(grid: RegionGrid, values: MapValues, part: slice) -> go.Figure:
+    """Return contours of some components side by side."""
+    unit, shape = values.scale.unit, grid.supported.shape
     maps = [
-        RegionMap(f"<b>{title}</b> {sign} {unit}".rstrip(), one.reshape(grid.supported.shape), unit)
-        for title, one in zip(values.titles, drawn, strict=True)
+        RegionMap(f"<b>{title}</b> in {unit}".removesuffix(" in "), one.reshape(shape), unit)
+        for title, one in zip(values.titles[part], values.values[part], strict=True)
     ]
-    return [region_maps(grid, maps[k : k + _BESIDE]) for k in range(0, len(maps), _BESIDE)]
+    return region_maps(grid, maps)

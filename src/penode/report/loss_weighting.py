@@ -18,12 +18,14 @@ from penode.validation.residual_lines import Line
 _POINTS = 1500
 #: Lines named at most, and the fraction of the loss at one of the horizons from which one is named.
 _NAMED, _WORTH = 8, 1e-3
+#: Pixels above the panels: the legend, and below it the names of lines.
+_TOP = 56
 _COLOURS = (palette.ONE_STEP.light, palette.FREE_RUN.light, palette.PLATEAU_TEXT.light)
 _CAPTION = (
     "Above: one-step residual of the first training recording; of neighbouring frequencies the "
     "largest is drawn. Below: the weight of each frequency in the loss, as a multiple of the mean "
     "over all frequencies. The loss adds up the product of residual and weight. The weight of a "
-    "long horizon peaks at {peak}, near a resonance of the model."
+    "long horizon peaks at {peak}, where errors grow most over the horizon."
 )
 
 
@@ -157,8 +159,7 @@ def weighting_figure(view: PrefilterView, names: Sequence[Name], units: Sequence
             showticklabels=bottom,
             title_text=f"frequency in {scale.unit}" if bottom else None,
         )
-    legend = {"orientation": "v", "yref": "paper", "y": boxes[0][1].top, "x": 0.01}
-    figure.update_layout(hovermode="closest", legend=legend)
+    figure.update_layout(hovermode="closest", margin={"t": _TOP})
     return figure
 
 

@@ -214,11 +214,11 @@ def spectrum_title(
     if len({unit for _, unit in states}) == 1:
         return f"The largest residual lies at {_peak(spectrum, amplitude.max(axis=1), lines)}"
     peaks = [
-        f"of {name} at {_peak(spectrum, column, lines)}"
+        f"{name} at {_peak(spectrum, column, lines)}"
         for (name, _), column in zip(states, amplitude.T, strict=True)
         if column.any()
     ]
-    return f"The largest residual lies {listed(peaks)}"
+    return f"The residual is largest in {listed(peaks)}"
 
 
 def _peak(spectrum: Spectrum, amplitude: FloatArray, lines: Sequence[tuple[float, str]]) -> str:
