@@ -101,8 +101,8 @@ def _import_module_class(reference: str) -> type[eqx.Module]:
     module_name, _, class_name = reference.partition(":")
     if module_name == "__main__" and not hasattr(sys.modules["__main__"], class_name.split(".")[0]):
         raise InputError(
-            f"The saved fit needs the class {class_name}, which a script or notebook defined; "
-            "move it into a module of its own, import it from there, and save the fit again."
+            f"The saved fit needs {reference}, a class that a script or notebook defined; move it into "
+            "a module of its own, import it from there, and save the fit again."
         )
     try:
         found: Any = importlib.import_module(module_name)
@@ -110,9 +110,8 @@ def _import_module_class(reference: str) -> type[eqx.Module]:
             found = getattr(found, part)
     except (ImportError, AttributeError, SyntaxError) as error:
         raise InputError(
-            f"The saved fit needs the class {class_name} of the module {module_name}, which cannot "
-            f"be imported ({error}); run in the folder of that module, or add the folder to "
-            "PYTHONPATH."
+            f"The saved fit needs {reference}, which cannot be imported ({error}); run in the folder "
+            f"that holds {module_name}.py, or add that folder to PYTHONPATH."
         ) from error
     if not (isinstance(found, type) and issubclass(found, eqx.Module)):
         raise InputError(

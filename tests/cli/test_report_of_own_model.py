@@ -1,0 +1,90 @@
+"""``penode report`` of a model whose class lives in the user's own module."""
+
+import importlib
+import sys
+
+import numpy as np
+import pytest
+
+from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
+from penode.validation.free_run import Comparison
+from penode.validation.residual_tests import Correlations, residual_spectrum
+
+MODULE = """
+import numpy as np
+
+import penode
+
+
+class Cart(penode.Model):
+    states = ("position", "speed")
+    state_units = ("m", "m/s")
+    inputs = ("force",)
+    map_units = {"drag": "N"}
+
+    gain: object
+    mass: object = penode.physical("kg", meaning="mass of the cart")
+
+    def derivative(self, x, u):
+        return x
+
+    def maps(self):
+        return {"drag": lambda speed: self.gain * np.tanh(speed)}
+"""
+
+
+def saved(model, folder):
+    """Write a fit that nothing was trained for: a cart, 400 samples, two horizons."""
+    rng = np.random.default_rng(4)
+    measured = np.cumsum(rng.normal(size=(400, 2)), axis=0)
+    near = measured + rng.normal(0, 0.01, measured.shape)
+    names, units = ("position", "speed"), ("m", "m/s")
+    run = Comparison("run.csv", "train", 0.01, names, units, measured, near, near)
+    rungs = tuple(
+        HorizonSummary(h, {"mass": 1.5}, {"mass": 0.1}, 0.2, None, 5, "Done.", {"position": 0.1})
+        for h in (1, 4)
+    )
+    Fit(
+        model,
+        {"mass": Estimate.of(1.5, 0.1, "kg", meaning="mass of the cart")},
+        HorizonChoice(4, "plateau", "Both agree.", rungs, (1, 4)),
+        measured,
+        (run,),
+        residual_spectrum(run),
+        correlations=Correlations(),
+    ).save(folder)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Return the folder with ``own_cart.py`` and ``fit/``; the module is not importable."""
+    (tmp_path / "own_cart.py").write_text(MODULE)
+    before = list(sys.path)
+    monkeypatch.syspath_prepend(tmp_path)
+    module = importlib.import_module("own_cart")
+    saved(module.Cart(gain=np.array(2.0), mass=np.array(1.5)), tmp_path)
+    monkeypatch.setattr(sys, "path", before)
+    del sys.modules["own_cart"]
+    yield tmp_path
+    sys.modules.pop("own_cart", None)
+
+
+def test_in_the_folder_of_the_module_the_report_is_written(folder, penode, monkeypatch):
+    monkeypatch.chdir(folder)
+    done = penode("report", folder)
+    assert done.returncode == 0, done.stderr
+    text = (folder / "report.html").read_text()
+    assert "The mass of the cart is 1.50" in text
+    assert "drag over speed: " in text
+    assert "one-step rmse of speed in" in text
+
+
+def test_elsewhere_one_sentence_names_the_module_and_the_way_out(folder, penode):
+    done = penode("report", folder)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    sentence = done.stderr.strip()
+    assert "\n" not in sentence
+    for words in ("Cart", "own_cart", "PYTHONPATH", "run in the folder"):
+        assert words in sentence
+    assert not (folder / "report.html").exists()
