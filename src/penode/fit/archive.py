@@ -99,10 +99,11 @@ def restore_module(document: Any, arrays: Mapping[str, FloatArray]) -> Any:
 
 def _import_module_class(reference: str) -> type[eqx.Module]:
     module_name, _, class_name = reference.partition(":")
+    needs = f"The saved fit needs {reference}, which"
     if module_name == "__main__" and not hasattr(sys.modules["__main__"], class_name.split(".")[0]):
         raise InputError(
-            f"The saved fit needs {reference}, a class that a script or notebook defined; move it into "
-            "a module of its own, import it from there, and save the fit again."
+            f"{needs} a script or notebook defined; move it into a module of its own, import it "
+            "from there, and save the fit again."
         )
     try:
         found: Any = importlib.import_module(module_name)
@@ -110,8 +111,8 @@ def _import_module_class(reference: str) -> type[eqx.Module]:
             found = getattr(found, part)
     except (ImportError, AttributeError, SyntaxError) as error:
         raise InputError(
-            f"The saved fit needs {reference}, which cannot be imported ({error}); run in the folder "
-            f"that holds {module_name}.py, or add that folder to PYTHONPATH."
+            f"{needs} cannot be imported ({error}); run in the folder that holds "
+            f"{module_name}.py, or add that folder to PYTHONPATH."
         ) from error
     if not (isinstance(found, type) and issubclass(found, eqx.Module)):
         raise InputError(
