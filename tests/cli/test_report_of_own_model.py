@@ -1,12 +1,17 @@
 """``penode report`` of a model whose class lives in the user's own module."""
 
 import importlib
+import io
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from penode.cli.summary import print_fit
 from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
+from penode.report.quantities import number
 from penode.validation.free_run import Comparison
 from penode.validation.residual_tests import Correlations, residual_spectrum
 
@@ -33,8 +38,8 @@ class Cart(penode.Model):
 """
 
 
-def saved(model, folder):
-    """Write a fit that nothing was trained for: a cart, 400 samples, two horizons."""
+def fit_of(model):
+    """Return a fit that nothing was trained for: 400 samples, two horizons."""
     rng = np.random.default_rng(4)
     measured = np.cumsum(rng.normal(size=(400, 2)), axis=0)
     near = measured + rng.normal(0, 0.01, measured.shape)
@@ -44,7 +49,7 @@ def saved(model, folder):
         HorizonSummary(h, {"mass": 1.5}, {"mass": 0.1}, 0.2, None, 5, "Done.", {"position": 0.1})
         for h in (1, 4)
     )
-    Fit(
+    return Fit(
         model,
         {"mass": Estimate.of(1.5, 0.1, "kg", meaning="mass of the cart")},
         HorizonChoice(4, "plateau", "Both agree.", rungs, (1, 4)),
@@ -52,7 +57,7 @@ def saved(model, folder):
         (run,),
         residual_spectrum(run),
         correlations=Correlations(),
-    ).save(folder)
+    )
 
 
 @pytest.fixture
@@ -62,7 +67,7 @@ def folder(tmp_path, monkeypatch):
     before = list(sys.path)
     monkeypatch.syspath_prepend(tmp_path)
     module = importlib.import_module("own_cart")
-    saved(module.Cart(gain=np.array(2.0), mass=np.array(1.5)), tmp_path)
+    fit_of(module.Cart(gain=np.array(2.0), mass=np.array(1.5))).save(tmp_path)
     monkeypatch.setattr(sys, "path", before)
     del sys.modules["own_cart"]
     yield tmp_path
@@ -88,3 +93,19 @@ def test_elsewhere_one_sentence_names_the_module_and_the_way_out(folder, penode)
     for words in ("Cart", "own_cart", "PYTHONPATH", "run in the folder"):
         assert words in sentence
     assert not (folder / "report.html").exists()
+
+
+def test_the_summary_has_an_error_a_state_where_units_differ(tmp_path):
+    fit = fit_of(None)
+    (run,) = fit.comparisons
+    lost = replace(run, name="lost.csv", free_run=run.free_run * np.nan)
+    printed = io.StringIO()
+    print_fit(Console(file=printed), replace(fit, comparisons=(run, lost)), tmp_path)
+    text = printed.getvalue()
+    (x, v), (first, second) = run.one_step_errors.values(), run.free_run_errors.values()
+    assert (
+        f"run.csv: RMSE one step position {number(x)} m, speed {number(v)} m/s; "
+        f"free run position {number(first)} m, speed {number(second)} m/s" in text
+    )
+    assert "lost.csv: RMSE one step position" in text
+    assert "free run diverged" in text

@@ -231,7 +231,7 @@ def _class(name: str, wanted: bool) -> str:
 
 
 def _script_json(content: object) -> str:
-    """Return JSON that cannot end the script element it stands in."""
+    """Return JSON that cannot end the script element it is in."""
     text = content if isinstance(content, str) else json.dumps(content)
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 

@@ -180,7 +180,7 @@ def _surface(i_d: FloatArray, i_q: FloatArray, height: FloatArray, axis: str) ->
 
 
 def _scenes(domains: list[tuple[list[float], list[float]]], height: int) -> dict[str, Any]:
-    """Return the layout entries that say where the two scenes and their titles stand."""
+    """Return the layout entries that say where the two scenes and their titles lie."""
     titles = [
         {
             "text": f"<b>ψ<sub>{axis}</sub></b> in mVs",
