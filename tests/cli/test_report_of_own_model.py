@@ -109,3 +109,18 @@ def test_the_summary_has_an_error_a_state_where_units_differ(tmp_path):
     )
     assert "lost.csv: RMSE one step position" in text
     assert "free run diverged" in text
+
+
+def test_a_fit_without_one_step_predictions_has_a_report(folder, penode, monkeypatch):
+    """As with a state that no sensor measures: no residual, so no section on it."""
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
+    fit = Fit.load(folder)
+    (run,) = fit.comparisons
+    blind = replace(run, one_step=run.one_step * np.nan)
+    replace(fit, comparisons=(blind,), spectrum=residual_spectrum(blind)).save(folder)
+    done = penode("report", folder)
+    assert done.returncode == 0, done.stderr
+    text = (folder / "report.html").read_text()
+    assert "Prediction against measurement" in text
+    assert "What the model does not explain" not in text
