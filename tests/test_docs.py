@@ -24,6 +24,7 @@ from penode.pmsm.study_file import load_study
 ROOT = Path(__file__).parents[1]
 HOW_TO = ROOT / "docs" / "how-to"
 DRIVE_PAGE = HOW_TO / "drive-the-identified-machine.md"
+OWN_MODEL_PAGE = HOW_TO / "report-your-own-model.md"
 TOP = [ROOT / f"{name}.md" for name in ("README", "ARCHITECTURE", "CONTRIBUTING", "CHANGELOG")]
 PAGES = [*TOP, *sorted((ROOT / "docs").rglob("*.md"))]
 
@@ -68,7 +69,9 @@ def recordings(page_files, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: str(p.relative_to(ROOT))
+    "page",
+    [p for p in PAGES if blocks(p, "python") and p != OWN_MODEL_PAGE],
+    ids=lambda p: str(p.relative_to(ROOT)),
 )
 def test_python_blocks_run(page, recordings, monkeypatch):
     monkeypatch.setattr("penode.pmsm.study.HORIZONS", SHORT_LADDER)
@@ -117,7 +120,39 @@ def test_toml_blocks_are_study_files(name, tmp_path):
         load_study(tmp_path / "study.toml")
 
 
-@pytest.mark.parametrize("command", [c for c in commands() if c.startswith("penode ")])
+def own_commands():
+    """Return the commands of pages but that of one's own model, which its own test runs."""
+    every = [c for c in commands() if c.startswith("penode ")]
+    return [c for c in every if f"$ {c}" not in OWN_MODEL_PAGE.read_text()]
+
+
+def test_ones_own_model_ends_in_its_report(tmp_path, monkeypatch):
+    """The page saves a fit of a class in a module, which its command then reads."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    module, *rest = blocks(OWN_MODEL_PAGE, "python")
+    Path("dc_motor.py").write_text(module)
+    namespace = {"__name__": "__main__"}
+    try:
+        for block in (module, *rest):
+            exec(compile(block, str(OWN_MODEL_PAGE), "exec"), namespace)
+    finally:
+        sys.modules.pop("dc_motor", None)
+    (command,) = blocks(OWN_MODEL_PAGE, "console")
+    program, *arguments = command.removeprefix("$ ").split()
+    done = subprocess.run(
+        [Path(sys.executable).with_name(program), *arguments],
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    page = Path("motor/report.html").read_text()
+    assert "friction over speed: " in page
+    assert "free-run rmse of speed in" in page
+
+
+@pytest.mark.parametrize("command", own_commands())
 def test_commands_run(command, recordings, monkeypatch, capsys):
     """In this process, which spares the imports; tests/cli runs commands in one of their own."""
     monkeypatch.setattr("penode.pmsm.study.HORIZONS", SHORT_LADDER)

@@ -109,6 +109,8 @@ def test_static_fields_are_kept(systems):
     [
         ("penode_no_such_module:Model", "cannot be imported"),
         ("penode.models.networks:NoSuchNetwork", "cannot be imported"),
+        ("penode_no_such_module:Model", "add that folder to PYTHONPATH"),
+        ("__main__:NoSuchModel", "move it into a module of its own"),
         ("builtins:dict", "is no model"),
         ("os:system", "is no model"),
     ],

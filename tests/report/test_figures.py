@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from penode.report import panels
-from penode.report.figures import overlay, parameter_over_ladder, residual_spectrum
-from penode.report.overlay import typical_window
+from penode.report.ladder import parameter_over_ladder
+from penode.report.overlay import overlay, typical_window
+from penode.report.spectrum import residual_spectrum
 
 
 def points(figure, name):

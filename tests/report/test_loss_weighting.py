@@ -1,12 +1,14 @@
-"""The section on what each horizon listens to says and draws the numbers of the view."""
+"""The section on how each horizon weighs the residual says and draws the numbers of the view."""
+
+import re
 
 import numpy as np
 import pytest
 
 from penode.horizon.loss_weighting import loss_weighting
 from penode.report.document import Figure, Table
-from penode.report.listening import listening
-from penode.report.loss_weighting import Name, prefilter_figure, prefilter_section, unnamed
+from penode.report.loss_weighting import Name, unnamed, weighting_figure, weighting_section
+from penode.report.weighting_sentence import weighting_sentence
 from penode.validation.comparison import Comparison
 
 STEP, SAMPLES = 1e-4, 20_000
@@ -33,64 +35,56 @@ def noise():
     return view_of(np.zeros(SAMPLES, dtype=complex))
 
 
-def test_the_sentence_says_what_each_horizon_listens_to(view):
+def test_the_sentence_says_what_the_loss_at_each_horizon_consists_of(view):
     names = [(line, f"{round(line.frequency)} Hz") for line in view.lines]
-    text = listening(view, names).replace("\N{NO-BREAK SPACE}", " ")
-    assert text.startswith(
-        "At H = 1 the fit listens mostly to the line at 900 Hz (96 %); at H = 60"
-    )
-    assert "at H = 60 to the line at -105 Hz" in text
-    assert "it turns most to the line at -105 Hz" in text
+    text = weighting_sentence(view, names).replace("\N{NO-BREAK SPACE}", " ")
+    assert text.startswith("Most of the loss comes from the line at 900 Hz (96 %) at H = 1, from")
+    assert re.search(r"from the line at -105 Hz \(\d+ %\) at H = 60\.", text)
+    assert "the weight of the line at -105 Hz" in text
 
 
 def test_of_noise_the_sentence_is_short(noise):
-    text = listening(noise, []).replace("\N{NO-BREAK SPACE}", " ")
-    assert text == (
-        "At H = 1 the fit listens mostly to noise without lines (100 %); at H = 60 to noise "
-        "without lines (100 %)."
-    )
+    text = weighting_sentence(noise, []).replace("\N{NO-BREAK SPACE}", " ")
+    assert text == "The loss at every horizon comes from noise without lines."
 
 
 def test_the_section_has_a_figure_and_a_table_with_the_numbers(view):
-    figure, table = prefilter_section(view, unnamed(view)).blocks
+    figure, table = weighting_section(view, unnamed(view), ("A",)).blocks
     assert isinstance(figure, Figure)
-    assert (
-        figure.title
-        == "2 lines stand out of the residual, the strongest at 900\N{NO-BREAK SPACE}Hz"
-    )
+    assert figure.title == "The residual has 2 lines, the strongest at 900\N{NO-BREAK SPACE}Hz"
     assert isinstance(table, Table)
-    assert table.columns[-1].startswith("share")
+    assert table.columns[-1].startswith("fraction")
     for row, line in zip(table.rows, view.lines, strict=True):
         values = [cell.value for cell in row.cells[1:]]
-        assert values == [line.frequency, line.amplitude, *view.fractions(line)]
+        assert values == [line.frequency, line.amplitude, *view.shares(line)]
 
 
 def test_causes_have_a_column_where_they_are_known(view):
     names = [Name(line, "n", "because") for line in view.lines]
-    table = prefilter_section(view, names).blocks[1]
+    table = weighting_section(view, names, ("A",)).blocks[1]
     assert table.columns[-1] == "likely causes"
     assert table.rows[0].cells[-1].text == "because"
 
 
 def test_without_lines_there_is_no_table(noise):
-    (figure,) = prefilter_section(noise, unnamed(noise)).blocks
-    assert figure.title == "No line stands out of the residual"
+    (figure,) = weighting_section(noise, unnamed(noise), ("A",)).blocks
+    assert figure.title == "The residual has no lines"
 
 
-def test_a_line_that_only_a_long_horizon_hears_is_kept():
-    """Eight at most are told, by their largest share: not only the strongest of the residual."""
+def test_a_line_that_only_a_long_horizon_weighs_is_kept():
+    """Eight at most are listed, by their largest fraction, not by amplitude."""
     turn = 2j * np.pi * STEP * np.arange(SAMPLES)
     far = sum(np.exp(f * turn) for f in range(1000, 2900, 200))
     view = view_of(far + 0.2 * np.exp(-105 * turn))
     assert round(view.lines[-1].frequency) == -105
     assert len(view.lines) == 11
-    rows = prefilter_section(view, unnamed(view)).blocks[1].rows
+    rows = weighting_section(view, unnamed(view), ("A",)).blocks[1].rows
     assert len(rows) == 8
     assert round(rows[-1].cells[1].value) == -105
 
 
 def test_weights_are_drawn_over_their_mean(view):
-    figure = prefilter_figure(view, unnamed(view))
+    figure = weighting_figure(view, unnamed(view), ("A",))
     curves = {trace.name: trace for trace in figure.data}
     assert set(curves) == {"residual", "H = 1", "H = 60"}
     assert np.allclose(curves["H = 1"].y, 1.0)
@@ -103,6 +97,6 @@ def test_weights_are_drawn_over_their_mean(view):
 
 def test_states_of_two_units_have_two_panels_each():
     view = view_of(np.zeros(SAMPLES, dtype=complex), units=("m", "m/s"))
-    figure = prefilter_figure(view, unnamed(view))
+    figure = weighting_figure(view, unnamed(view), ("m", "m/s"))
     titles = [figure.layout[f"yaxis{k}"].title.text for k in ("", 2, 3, 4)]
-    assert titles == ["i<sub>d</sub>", "weight", "i<sub>q</sub>", "weight"]
+    assert titles == ["i<sub>d</sub> in m", "weight", "i<sub>q</sub> in m/s", "weight"]

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from penode.fit.fit import Estimate
+from penode.report.prediction_errors import free_run_value, one_step_value
 from penode.report.quantities import number
 from penode.report.statements import (
     estimate_text,
-    free_run_value,
     ladder_title,
     overlay_title,
     range_text,
@@ -20,6 +20,7 @@ from penode.report.statements import (
 from penode.report.tables import ladder_table, parameter_table, provenance_table, validation_table
 
 GAP = "\N{NO-BREAK SPACE}"
+STATES = (("x", "m"), ("v", "m/s"))
 
 
 def texts(row):
@@ -27,8 +28,10 @@ def texts(row):
 
 
 def test_parameters_are_shown_with_prefix_and_matching_digits(fit):
-    fit.parameters = {"R": Estimate(10.0184e-3, 0.0861e-3, (9.849e-3, 10.187e-3), "ohm", 0.7612)}
-    table = parameter_table(fit, {"R": "stator resistance"})
+    interval = (9.849e-3, 10.187e-3)
+    estimate = Estimate(10.0184e-3, 0.0861e-3, interval, "ohm", 0.7612, "stator resistance")
+    fit.parameters = {"R": estimate}
+    table = parameter_table(fit)
     expected = ["R, stator resistance", "10.018", "0.086", "9.849 to 10.187", "mΩ", "0.76"]
     assert texts(table.rows[0]) == expected
     assert table.rows[0].cells[1].value == 10.0184e-3
@@ -39,7 +42,7 @@ def test_unknown_identifiability_is_a_dash(fit):
 
 
 def test_ladder_marks_the_selected_horizon_and_its_plateau(choice):
-    table = ladder_table(choice, {"mass": "kg"}, "m")
+    table = ladder_table(choice, {"mass": "kg"}, STATES[:1])
     assert [row.mark for row in table.rows] == ["", "", "", *["plateau"] * 2, "selected", "plateau"]
     assert table.columns[1] == f"mass in{GAP}kg"
     assert texts(table.rows[5])[:3] == ["50", "1.0180", "0.0040"]
@@ -48,7 +51,7 @@ def test_ladder_marks_the_selected_horizon_and_its_plateau(choice):
 
 def test_diverged_runs_are_named_and_not_given_a_number(choice, comparison):
     first = dataclasses.replace(choice.ladder[0], free_run_rmse=None)
-    table = ladder_table(dataclasses.replace(choice, ladder=(first,)), {"mass": "kg"}, "m")
+    table = ladder_table(dataclasses.replace(choice, ladder=(first,)), {"mass": "kg"}, STATES[:1])
     assert "diverged" in texts(table.rows[0])
     broken = comparison.free_run.copy()
     broken[500:] = np.nan
@@ -62,7 +65,12 @@ def test_diverged_runs_are_named_and_not_given_a_number(choice, comparison):
 
 
 def test_columns_name_a_unit_only_where_all_states_share_it(comparison):
-    assert validation_table([comparison]).columns[-1] == "free-run rmse"
+    assert validation_table([comparison]).columns[3:] == (
+        f"one-step rmse of x in{GAP}m",
+        f"one-step rmse of v in{GAP}m/s",
+        f"free-run rmse of x in{GAP}m",
+        f"free-run rmse of v in{GAP}m/s",
+    )
     same = dataclasses.replace(comparison, units=("A", "A"))
     assert validation_table([same]).columns[-1] == f"free-run rmse in{GAP}A"
 
@@ -73,10 +81,34 @@ def test_recordings_not_used_for_training_count_first(comparison):
     shown = free_run_value([worse, unseen])
     assert "not used for training" in shown.detail
     x, v = unseen.free_run_errors.values()
-    assert shown.text == f"x {number(x)}{GAP}m, v {number(v)}{GAP}m/s"
+    assert shown.text == f"x{GAP}{number(x)}{GAP}m, v{GAP}{number(v)}{GAP}m/s"
     same = dataclasses.replace(worse, units=("A", "A"))
     assert free_run_value([same]).value == same.free_run_rmse
     assert free_run_value([]) is None
+
+
+def test_errors_are_one_number_a_state_where_units_differ(choice, comparison):
+    values = [cell.value for cell in validation_table([comparison]).rows[0].cells[3:]]
+    errors = (comparison.one_step_errors, comparison.free_run_errors)
+    assert values == [error for each in errors for error in each.values()]
+    x, v = comparison.one_step_errors.values()
+    shown = one_step_value([comparison])
+    assert shown.text == f"x{GAP}{number(x)}{GAP}m, v{GAP}{number(v)}{GAP}m/s"
+    assert shown.value is None
+    same = dataclasses.replace(comparison, units=("A", "A"))
+    assert one_step_value([same]).value == same.one_step_rmse
+    blind = dataclasses.replace(comparison, one_step=np.nan * comparison.one_step)
+    assert one_step_value([blind]) is None
+
+
+def test_ladder_has_a_free_run_error_a_state_where_units_differ(choice):
+    rung = dataclasses.replace(
+        choice.ladder[0], free_run_rmse=None, free_run_errors={"x": 0.25, "v": None}
+    )
+    table = ladder_table(dataclasses.replace(choice, ladder=(rung,)), {"mass": "kg"}, STATES)
+    first = table.columns.index(f"free-run rmse of x in{GAP}m")
+    assert texts(table.rows[0])[first : first + 2] == ["0.250", "diverged"]
+    assert table.columns[first - 1] == "H-step rmse, scaled"
 
 
 def test_provenance_is_flat_and_named_by_path():
@@ -123,8 +155,18 @@ def test_ladder_title_claims_agreement_only_where_it_holds(fit):
 
 
 def test_spectrum_title_names_a_line_only_where_one_is(spectrum):
-    assert spectrum_title(spectrum) == f"The largest residual lies at 50.0{GAP}Hz"
-    assert spectrum_title(spectrum, [(50.02, "6×")]).endswith("6× the electrical frequency")
-    assert "electrical" not in spectrum_title(spectrum, [(60.0, "6×")])
+    same = (("x", "m"), ("y", "m"))
+    assert spectrum_title(spectrum, same) == f"The largest residual lies at 50.0{GAP}Hz"
+    assert spectrum_title(spectrum, same, [(50.02, "6×")]).endswith("Hz, 6×")
+    assert spectrum_title(spectrum, same, [(60.0, "6×")]).endswith("Hz")
     silent = dataclasses.replace(spectrum, amplitude=np.zeros_like(spectrum.amplitude))
-    assert spectrum_title(silent) == "Nothing is left in the residual"
+    assert spectrum_title(silent, same) == "Nothing is left in the residual"
+
+
+def test_spectrum_title_compares_no_two_units(spectrum):
+    amplitude = spectrum.amplitude.copy()
+    amplitude[24 * 3, 1] = 40.0
+    both = dataclasses.replace(spectrum, amplitude=amplitude)
+    assert spectrum_title(both, STATES) == (
+        f"The residual is largest in x at 50.0{GAP}Hz and v at 3.00{GAP}Hz"
+    )

@@ -1,5 +1,6 @@
 """The command ``penode report``."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -8,18 +9,26 @@ from rich.console import Console
 
 from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
+from penode.pmsm.machine.model import Machine
 from penode.pmsm.report.machine_report import machine_report
+from penode.report.fit_report import fit_report
 
 _output = Console()
 
 
 def report_command(
-    folder: Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")],
+    folder: Annotated[Path, typer.Argument(help="Folder that identify, demo or Fit.save wrote.")],
 ) -> None:
-    """Write report.html again from a saved fit.
+    """Write report.html from a saved fit, of a machine or of any other model.
+
+    A model of your own is imported from its module: run the command in that module's folder, or
+    name the folder in PYTHONPATH.
 
     Example: penode report result
     """
+    sys.path.append(str(Path.cwd()))
+    fit = Fit.load(folder)
+    of_kind = machine_report if isinstance(fit.model, Machine) else fit_report
     page = folder / "report.html"
-    write_atomically(page, machine_report(Fit.load(folder)))
+    write_atomically(page, of_kind(fit))
     _output.print(f"report  {page}", soft_wrap=True, highlight=False)

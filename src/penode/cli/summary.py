@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 from rich.text import Text
 
 from penode.cli.rows import print_rows
 from penode.fit.fit import Estimate, Fit
 from penode.pmsm.demo import Demo
+from penode.report.prediction_errors import free_run_text, one_step_text
 from penode.report.quantities import decimals_for, fixed, number, scale_for
 
 
@@ -23,12 +23,9 @@ def print_fit(console: Console, fit: Fit, folder: Path) -> None:
         *(("model", reason) for reason in fit.provenance.get("structure", ())),
     ]
     for comparison in fit.comparisons:
-        unit = comparison.units[0]
-        errors = (
-            f"{comparison.name}: one step {number(comparison.one_step_rmse)} {unit}, "
-            f"free run {_free(comparison.free_run_rmse, unit)} RMSE"
-        )
-        rows.append((comparison.role, errors))
+        one_step, free_run = one_step_text(comparison), free_run_text(comparison)
+        errors = f"{comparison.name}: RMSE one step {one_step}; free run {free_run}"
+        rows.append((comparison.role, errors.replace("\N{NO-BREAK SPACE}", " ")))
     rows += [("warning", warning) for warning in fit.warnings]
     rows += [("map", str(folder / "flux_map.csv")), ("report", str(folder / "report.html"))]
     print_rows(console, rows)
@@ -57,7 +54,3 @@ def _interval(estimate: Estimate) -> str:
     decimals = decimals_for(std, value)
     low, high = (fixed(end * scale.factor, decimals) for end in estimate.interval_95)
     return f"{fixed(value, decimals)} {scale.unit}, 95 % interval {low} to {high} {scale.unit}"
-
-
-def _free(value: float, unit: str) -> str:
-    return f"{number(value)} {unit}" if np.isfinite(value) else "diverges,"

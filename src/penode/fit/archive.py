@@ -5,6 +5,7 @@ import importlib
 import io
 import json
 import os
+import sys
 import tempfile
 import zipfile
 import zlib
@@ -98,14 +99,20 @@ def restore_module(document: Any, arrays: Mapping[str, FloatArray]) -> Any:
 
 def _import_module_class(reference: str) -> type[eqx.Module]:
     module_name, _, class_name = reference.partition(":")
+    needs = f"The saved fit needs {reference}, which"
+    if module_name == "__main__" and not hasattr(sys.modules["__main__"], class_name.split(".")[0]):
+        raise InputError(
+            f"{needs} a script or notebook defined; move it into a module of its own, import it "
+            "from there, and save the fit again."
+        )
     try:
         found: Any = importlib.import_module(module_name)
         for part in class_name.split("."):
             found = getattr(found, part)
-    except (ImportError, AttributeError) as error:
+    except (ImportError, AttributeError, SyntaxError) as error:
         raise InputError(
-            f"The saved fit needs {reference}, which cannot be imported ({error}); "
-            "make the module that defines the model importable."
+            f"{needs} cannot be imported ({error}); run in the folder that holds "
+            f"{module_name}.py, or add that folder to PYTHONPATH."
         ) from error
     if not (isinstance(found, type) and issubclass(found, eqx.Module)):
         raise InputError(

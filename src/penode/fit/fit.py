@@ -222,7 +222,8 @@ class Fit:
         Raises
         ------
         InputError
-            If a file is missing, damaged or of another schema.
+            If a file is missing, damaged or of another schema, or the model's class cannot be
+            imported.
         """
         document, arrays = read_archive(Path(folder) / "fit")
         found = document.get("schema")
@@ -233,6 +234,8 @@ class Fit:
             )
         try:
             return cls._restored(document, arrays)
+        except InputError:
+            raise
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise InputError(
                 f"{folder}: the saved fit lacks a part ({error!r}); run the identification again."

@@ -119,5 +119,9 @@ class Model(eqx.Module):
         return x
 
     def maps(self) -> Mapping[str, Callable[..., Any]]:
-        """Return the learned maps by name, as functions of NumPy arrays (none by default)."""
+        """Return the learned maps by name, as functions of NumPy arrays (none by default).
+
+        Arguments named after states, as in ``lambda speed: ...``, say over which of them a map is
+        drawn.
+        """
         return {}

@@ -1,4 +1,4 @@
-"""Contour lines: at which values they are drawn, and where their labels stand."""
+"""Contour lines: the values at which they are drawn, and the places of their labels."""
 
 import numpy as np
 from scipy import ndimage
@@ -7,7 +7,7 @@ from penode.arrays import BoolArray, FloatArray, IntArray
 
 #: Contour lines shorter than this many grid cells get no label.
 _LABELLED = 14
-#: Labels stand at least this many grid cells inside the region.
+#: Labels lie at least this many grid cells inside the region.
 _INSIDE = 8
 #: Labels keep this many grid cells between them, rows counting for more than they are wide.
 _APART, _ROW_WEIGHT = 16.0, 1.7
@@ -78,7 +78,7 @@ def label_places(values: FloatArray, supported: BoolArray, levels: FloatArray) -
 def _crossings(values: FloatArray, level: float) -> BoolArray:
     """Return the grid points next to which the map passes a level."""
     above = values >= level
-    found = np.zeros(values.shape, dtype=np.bool_)
-    found[:, :-1] |= above[:, :-1] != above[:, 1:]
-    found[:-1] |= above[:-1] != above[1:]
-    return found
+    crossed = np.zeros(values.shape, dtype=np.bool_)
+    crossed[:, :-1] |= above[:, :-1] != above[:, 1:]
+    crossed[:-1] |= above[:-1] != above[1:]
+    return crossed

@@ -1,4 +1,4 @@
-"""What the one-step residual still has of its own past and of the inputs."""
+"""Correlations of the one-step residual with its own past and with the inputs."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -16,7 +16,8 @@ _COLOURS = (
     palette.GOOD,
     palette.CAUTION,
 )
-_HEIGHT, _GAP, _BETWEEN = 150.0, 0.12, 30.0
+#: Pixels: height of a panel, space between panels, room for labels of an axis; gap in widths.
+_HEIGHT, _BETWEEN, _LABELS, _GAP = 150.0, 30.0, 36.0, 0.12
 
 
 def correlations_title(tests: Correlations) -> str:
@@ -32,16 +33,16 @@ def correlations_title(tests: Correlations) -> str:
     str
         Title of the figure.
     """
-    past = "remembers its past" if _beyond_own(tests) else "is white"
-    share = np.abs(tests.cross) / np.maximum(tests.cross_limit, 1e-300)
-    if not share.size:
+    past = "is correlated with its past" if _beyond_own(tests) else "is white"
+    relative = np.abs(tests.cross) / np.maximum(tests.cross_limit, 1e-300)
+    if not relative.size:
         return f"The residual {past}"
-    _, _, which = np.unravel_index(int(share.argmax()), share.shape)
+    _, _, which = np.unravel_index(int(relative.argmax()), relative.shape)
     name = tests.inputs[int(which)]
     if not _beyond_cross(tests):
-        return f"The residual {past}; nothing of the inputs is left in it"
+        return f"The residual {past} and unrelated to the inputs"
     largest = number(float(np.abs(tests.cross[..., which]).max()), 2)
-    return f"The residual {past}; something of {name} is left in it (correlation up to {largest})"
+    return f"The residual {past} and related to {name} (correlation up to {largest})"
 
 
 def correlations_caption(tests: Correlations) -> str:
@@ -64,13 +65,13 @@ def correlations_caption(tests: Correlations) -> str:
     )
     if _beyond_own(tests):
         text += (
-            " A residual that remembers its past makes textbook deviations too small; those given "
-            "here allow for it."
+            " A residual that is correlated with its past makes textbook deviations too small; "
+            "those given here allow for it."
         )
     if _beyond_cross(tests):
         text += (
-            " What is left of an input is what the model does not follow: slots, dead time, a "
-            "delay, or a map that cannot bend enough."
+            " A relation to an input is a response that the model lacks: a delay, a neglected "
+            "effect, or a map that is too stiff."
         )
     return text
 
@@ -91,7 +92,8 @@ def correlations(tests: Correlations) -> go.Figure:
     figure = panels.blank_figure()
     rows = len(tests.states)
     boxes = panels.grid([1.0, 1.0], [_HEIGHT] * rows, _GAP, [_BETWEEN] * (rows - 1))
-    piled = panels.grid([1.0], [_HEIGHT] * 2 * rows, 0.0, [_BETWEEN] * (2 * rows - 1))
+    apart = [_BETWEEN] * (2 * rows - 2) + [_BETWEEN + _LABELS]
+    piled = panels.grid([1.0], [_HEIGHT] * 2 * rows, 0.0, apart)
     panels.place(figure, boxes, piled)
     lags = np.arange(len(tests.own), dtype=np.float64)
     for row, state in enumerate(tests.states):
@@ -105,8 +107,8 @@ def correlations(tests: Correlations) -> go.Figure:
             figure.add_trace(curve.update(showlegend=row == 0))
         if tests.inputs:
             _band(figure, cross, lags, float(tests.cross_limit[row].max()))
-        for panel, told in ((own, "with itself"), (cross, "with the inputs")):
-            _set_axes(figure, panel, f"{symbol(state)} {told}", bottom=row == rows - 1)
+        for panel, other in ((own, "with itself"), (cross, "with the inputs")):
+            _set_axes(figure, panel, f"{symbol(state)} {other}", bottom=row == rows - 1)
     legend = {"x": 1.0, "xanchor": "right"}
     figure.update_layout(hovermode="closest", legend=legend, margin={"t": 44})
     return figure
@@ -123,9 +125,13 @@ def _beyond_cross(tests: Correlations) -> bool:
 
 
 def _often_beyond(values: FloatArray, limit: FloatArray | float) -> bool:
-    """Return whether some column of values (lag, ...) is beyond its limit at over 5 % of lags."""
-    beyond = np.abs(values) > limit
-    return bool(beyond.size and beyond.mean(axis=0).max() > 0.05)
+    """Return whether a column of values (lag, ...) is beyond its limit at over 5 % of lags.
+
+    One lag beyond twice the limit is enough: white noise is there once in four million lags.
+    """
+    size = np.abs(values)
+    often = bool(size.size) and (size > limit).mean(axis=0).max() > 0.05
+    return bool(often or (size > 2 * limit).any())
 
 
 def _curve(
@@ -161,7 +167,10 @@ def _band(figure: go.Figure, panel: int, lags: FloatArray, limit: float) -> None
 def _set_axes(figure: go.Figure, panel: int, title: str, *, bottom: bool) -> None:
     x, y = panels.axis_id("x", panel), panels.axis_id("y", panel)
     figure.layout[panels.axis_key("x", panel)].update(
-        anchor=y, nticks=7, title_text="lag in samples" if bottom else None
+        anchor=y,
+        nticks=7,
+        showticklabels=bottom,
+        title_text="lag in samples" if bottom else None,
     )
     figure.layout[panels.axis_key("y", panel)].update(anchor=x, nticks=5)
     figure.add_annotation(

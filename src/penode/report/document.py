@@ -16,7 +16,7 @@ class Notice:
     Attributes
     ----------
     tone : {"good", "caution", "refusal"}
-        What it means for the reader; also told in words by ``label``.
+        What it means for the reader; also in words by ``label``.
     label : str
         One or two words, such as ``"Answered"``.
     text : str
@@ -42,7 +42,7 @@ class KeyValue:
     value : float or None
         The number itself in SI units, kept in the page for machines to read.
     doubtful : bool
-        Whether the number must not be used as it stands.
+        Whether the number must not be used as it is.
     """
 
     label: str
@@ -107,7 +107,7 @@ class Row:
     cells : tuple of Cell
         One per column.
     mark : str
-        Why the row stands out (``"selected"``), shown beside its first cell.
+        Why the row is marked (``"selected"``), shown beside its first cell.
     """
 
     cells: tuple[Cell, ...]

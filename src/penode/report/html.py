@@ -29,6 +29,8 @@ _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data: blob:; font-src data:; worker-src blob:"
 )
+#: Key values of more characters are set smaller.
+_LONG = 14
 _PLOT_KEYS = "Keyboard: arrows move or turn the picture, plus and minus zoom, 0 resets."
 
 
@@ -176,9 +178,13 @@ def _key_values(items: Sequence[KeyValue]) -> str:
 def _key_value(item: KeyValue) -> str:
     return (
         f"<div{_class('doubtful', item.doubtful)}><dt>{escape(item.label)}</dt>"
-        f'<dd class="value">{_data(item.text, item.value)}</dd>'
+        f'<dd class="{_value_class(item.text)}">{_data(item.text, item.value)}</dd>'
         f'<dd class="detail">{escape(item.detail)}</dd></div>'
     )
+
+
+def _value_class(text: str) -> str:
+    return "value long" if len(text) > _LONG else "value"
 
 
 def _glossary(glossary: Glossary) -> str:
@@ -225,7 +231,7 @@ def _class(name: str, wanted: bool) -> str:
 
 
 def _script_json(content: object) -> str:
-    """Return JSON that cannot end the script element it stands in."""
+    """Return JSON that cannot end the script element it is in."""
     text = content if isinstance(content, str) else json.dumps(content)
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 

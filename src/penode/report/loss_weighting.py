@@ -1,4 +1,4 @@
-"""What each horizon listens to: the residual's lines, and the weight of the loss over them."""
+"""How the loss at each horizon weighs the residual: its lines, and the weight over frequency."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,22 +7,25 @@ import numpy as np
 import plotly.graph_objects as go
 
 from penode.arrays import FloatArray, IntArray
-from penode.horizon.loss_weighting import LossWeighting
+from penode.fit.fit import Fit
+from penode.horizon.loss_weighting import LossWeighting, loss_weighting
 from penode.report import palette, panels
 from penode.report.document import Cell, Figure, Row, Section, Table
-from penode.report.listening import listening
 from penode.report.quantities import number, scale_for, symbol, with_unit
+from penode.report.weighting_sentence import weighting_sentence
 from penode.validation.residual_lines import Line
 
 _POINTS = 1500
-#: Lines named at most, and the share of the loss at one of the horizons from which one is named.
+#: Lines named at most, and the fraction of the loss at one of the horizons from which one is named.
 _NAMED, _WORTH = 8, 1e-3
+#: Pixels above the panels: the legend, and below it the names of lines.
+_TOP = 56
 _COLOURS = (palette.ONE_STEP.light, palette.FREE_RUN.light, palette.PLATEAU_TEXT.light)
 _CAPTION = (
     "Above: one-step residual of the first training recording; of neighbouring frequencies the "
-    "largest is drawn. Below: how much each horizon makes of a frequency, as a multiple of the "
-    "mean over all frequencies. The fit listens to the product of residual and weight. The weight "
-    "of a long horizon peaks at {peak}, where the model itself rings."
+    "largest is drawn. Below: the weight of each frequency in the loss, as a multiple of the mean "
+    "over all frequencies. The loss adds up the product of residual and weight. The weight of a "
+    "long horizon peaks at {peak}, where errors grow most over the horizon."
 )
 
 
@@ -45,13 +48,43 @@ class Name:
     cause: str = ""
 
 
+def signal_units(fit: Fit, view: LossWeighting) -> tuple[str, ...]:
+    """Return the SI unit of each of the view's signals."""
+    units = fit.comparisons[0].units
+    return units[: len(view.signals)]
+
+
 def unnamed(view: LossWeighting) -> tuple[Name, ...]:
     """Return the view's lines called by their frequency."""
     return tuple(Name(line, with_unit(line.frequency, "Hz")) for line in view.lines)
 
 
-def prefilter_section(view: LossWeighting, names: Sequence[Name], note: str = "") -> Section:
-    """Say and show what the loss at each horizon listens to.
+def weighting_of(fit: Fit, base: float | None = None) -> LossWeighting | None:
+    """Return how the loss weighs the residual at H = 1, the selected and the longest horizon.
+
+    Parameters
+    ----------
+    fit : Fit
+        Identification result.
+    base : float, optional
+        Frequency in Hz whose multiples are the lines' orders; its sign is kept.
+
+    Returns
+    -------
+    LossWeighting or None
+        None where the fit keeps no one-step matrices or no prediction.
+    """
+    if not fit.transitions.size or not fit.comparisons:
+        return None
+    longest = max((rung.horizon for rung in fit.horizon.ladder), default=1)
+    horizons = sorted({1, fit.horizon.selected, longest})
+    return loss_weighting(fit.comparisons[0], fit.transitions, horizons, base)
+
+
+def weighting_section(
+    view: LossWeighting, names: Sequence[Name], units: Sequence[str], note: str = ""
+) -> Section:
+    """Say and show how the loss at each horizon weighs the residual.
 
     Parameters
     ----------
@@ -59,6 +92,8 @@ def prefilter_section(view: LossWeighting, names: Sequence[Name], note: str = ""
         Of the horizons to show, three at most.
     names : sequence of Name
         The view's lines, strongest first.
+    units : sequence of str
+        SI unit of each of the view's signals.
     note : str
         What the names mean, added to the caption.
 
@@ -75,20 +110,20 @@ def prefilter_section(view: LossWeighting, names: Sequence[Name], note: str = ""
     longest = int(np.argmax(view.horizons))
     peak = view.frequency[view.weight[longest, :, 0].argmax()]
     caption = f"{_CAPTION.format(peak=with_unit(float(peak), 'Hz'))} {note}".rstrip()
-    title = "No line stands out of the residual"
+    title = "The residual has no lines"
     if worth:
-        title = f"{len(worth)} lines stand out of the residual, the strongest at {worth[0].label}"
-        title = title.replace("1 lines stand", "One line stands", 1) if len(worth) == 1 else title
+        count = "one line" if len(worth) == 1 else f"{len(worth)} lines"
+        title = f"The residual has {count}, the strongest at {worth[0].label}"
     return Section(
-        "What each horizon listens to",
+        "How each horizon weighs the residual",
         "Training H steps ahead is training one step ahead through a filter: the longer the "
         "horizon, the more weight on what the model can follow, and the less on the rest. "
-        f"{listening(view, [(name.line, name.label) for name in worth])}",
-        [Figure(title, caption, prefilter_figure(view, worth)), *_table(view, worth)],
+        f"{weighting_sentence(view, [(name.line, name.label) for name in worth])}",
+        [Figure(title, caption, weighting_figure(view, worth, units)), *_table(view, worth, units)],
     )
 
 
-def prefilter_figure(view: LossWeighting, names: Sequence[Name]) -> go.Figure:
+def weighting_figure(view: LossWeighting, names: Sequence[Name], units: Sequence[str]) -> go.Figure:
     """Draw the residual's spectrum with its lines named, and the weight at each horizon.
 
     Parameters
@@ -97,6 +132,8 @@ def prefilter_figure(view: LossWeighting, names: Sequence[Name]) -> go.Figure:
         Three horizons at most.
     names : sequence of Name
         Lines to mark.
+    units : sequence of str
+        SI unit of each of the view's signals.
 
     Returns
     -------
@@ -110,7 +147,7 @@ def prefilter_figure(view: LossWeighting, names: Sequence[Name]) -> go.Figure:
     panels.place(figure, boxes, boxes)
     limits = [edge * scale.factor for edge in _shown(view, names)]
     for signal in range(count):
-        _draw(figure, view, signal, scale.factor)
+        _draw(figure, view, (signal, units[signal]), scale.factor)
         own = [name for name in names if name.line.signal == signal]
         _mark(figure, own, signal, scale.factor, float(np.ptp(limits)))
     for panel in range(2 * count):
@@ -122,12 +159,12 @@ def prefilter_figure(view: LossWeighting, names: Sequence[Name]) -> go.Figure:
             showticklabels=bottom,
             title_text=f"frequency in {scale.unit}" if bottom else None,
         )
-    legend = {"orientation": "v", "yref": "paper", "y": boxes[0][1].top, "x": 0.01}
-    figure.update_layout(hovermode="closest", legend=legend)
+    figure.update_layout(hovermode="closest", margin={"t": _TOP})
     return figure
 
 
-def _draw(figure: go.Figure, view: LossWeighting, signal: int, factor: float) -> None:
+def _draw(figure: go.Figure, view: LossWeighting, column: tuple[int, str], factor: float) -> None:
+    signal, unit = column
     amplitude = np.sqrt(view.power[:, signal])
     chosen = _largest(amplitude)
     relative = view.weight[:, :, signal] / view.weight[:, :, signal].mean(axis=1, keepdims=True)
@@ -152,11 +189,8 @@ def _draw(figure: go.Figure, view: LossWeighting, signal: int, factor: float) ->
                 hovertemplate="%{x:.4~g}: %{y:.3~g}<extra>" + name + "</extra>",
             )
         )
-    unit = f" in {view.unit}" if view.unit else ""
-    titles = (
-        f"residual{unit}" if len(view.signals) == 1 else symbol(view.signals[signal]),
-        "weight",
-    )
+    name = "residual" if len(view.signals) == 1 else symbol(view.signals[signal])
+    titles = (f"{name} in {unit}" if unit else name, "weight")
     spans = (_decades(amplitude[chosen]), _decades(relative))
     for panel, title, span in zip((2 * signal, 2 * signal + 1), titles, spans, strict=True):
         figure.layout[panels.axis_key("y", panel)].update(
@@ -196,28 +230,30 @@ def _mark(
             )
 
 
-def _table(view: LossWeighting, names: Sequence[Name]) -> list[Table]:
+def _table(view: LossWeighting, names: Sequence[Name], units: Sequence[str]) -> list[Table]:
     if not names:
         return []
+    shared = len(set(units)) == 1 and units[0]
     columns = (
         "line",
         "frequency in\N{NO-BREAK SPACE}Hz",
-        f"amplitude in\N{NO-BREAK SPACE}{view.unit}" if view.unit else "amplitude",
-        *(f"share at H\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}{h}" for h in view.horizons),
+        f"amplitude in\N{NO-BREAK SPACE}{units[0]}" if shared else "amplitude",
+        *(f"fraction at H\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}{h}" for h in view.horizons),
         *(["likely causes"] if any(name.cause for name in names) else []),
     )
     rows = []
     for name in names:
         line = name.line
+        own = "" if shared else f"\N{NO-BREAK SPACE}{units[line.signal]}".rstrip()
         cells = [
             Cell(name.label),
             Cell(number(line.frequency, 4), line.frequency, "number"),
-            Cell(number(line.amplitude), line.amplitude, "number"),
+            Cell(f"{number(line.amplitude)}{own}", line.amplitude, "number"),
         ]
-        for share in view.fractions(line).tolist():
-            cells.append(Cell(f"{number(100 * share, 2)} %", share, "number"))
+        for fraction in view.fractions(line).tolist():
+            cells.append(Cell(f"{number(100 * fraction, 2)} %", fraction, "number"))
         rows.append(Row((*cells, *([Cell(name.cause)] if len(columns) > len(cells) else []))))
-    caption = "Share of the loss at each horizon; what the lines leave is between them."
+    caption = "Fraction of the loss at each horizon; the rest lies between the lines."
     return [Table("Lines of the one-step residual", columns, tuple(rows), caption)]
 
 

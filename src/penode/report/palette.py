@@ -41,7 +41,7 @@ WINDOW = Colour("rgba(86, 99, 118, 0.16)", "rgba(155, 168, 185, 0.20)")
 MARKER_LINE = Colour("#7a4fb5", "#c3a2f2")
 VEIL = Colour("rgba(240, 243, 247, 0.90)", "rgba(30, 36, 45, 0.90)")
 OUTLINE = Colour("#4b586b", "#a9b6c7")
-VISITED = Colour("rgba(24, 33, 45, 0.20)", "rgba(228, 233, 240, 0.24)")
+RECORDED = Colour("rgba(24, 33, 45, 0.20)", "rgba(228, 233, 240, 0.24)")
 CONTOUR = Colour("rgba(24, 33, 45, 0.72)", "rgba(236, 241, 247, 0.82)")
 #: Text shadow that lifts a label off the lines below it.
 HALO = Colour(

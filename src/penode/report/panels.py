@@ -1,4 +1,4 @@
-"""The look all figures share, and panels that stand in a grid or, on narrow pages, in a pile."""
+"""The look all figures share, and panels in a grid or, on narrow pages, in a pile."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -68,7 +68,7 @@ _TEMPLATE = go.layout.Template(
 
 @dataclass(frozen=True)
 class Box:
-    """Where one panel stands, as shares of the plotting area from its lower left corner."""
+    """Where one panel lies, as fractions of the plotting area from its lower left corner."""
 
     left: float
     right: float

@@ -53,11 +53,16 @@ def scale_for(values: ArrayLike, unit: str) -> Scale:
     sizes = np.abs(np.asarray(values, dtype=np.float64)).ravel()
     sizes = sizes[np.isfinite(sizes)]
     largest = float(sizes.max()) if sizes.size else 0.0
-    if largest == 0.0 or unit not in _TAKES_PREFIX:
+    if largest == 0.0 or not takes_prefix(unit):
         return Scale(1.0, symbol)
     exponent = 3 * math.floor(math.log10(largest * (1 + 1e-12)) / 3)
     exponent = min(max(exponent, min(_PREFIXES)), max(_PREFIXES))
     return Scale(10.0**-exponent, _PREFIXES[exponent] + symbol)
+
+
+def takes_prefix(unit: str) -> bool:
+    """Return whether an SI unit is written with prefixes: ``"V"``, and not ``"rad/s"``."""
+    return unit in _TAKES_PREFIX
 
 
 def decimals_for(std: float, value: float) -> int:
@@ -74,7 +79,7 @@ def decimals_for(std: float, value: float) -> int:
     Returns
     -------
     int
-        Decimals, 0 to 6.
+        Decimals, 0 to 9.
     """
     if math.isfinite(std) and std > 0:
         decimals = 1 - math.floor(math.log10(std))
@@ -82,7 +87,7 @@ def decimals_for(std: float, value: float) -> int:
         decimals = 3 - math.floor(math.log10(abs(value)))
     else:
         decimals = 0
-    return min(max(decimals, 0), 6)
+    return min(max(decimals, 0), 9)
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -17,6 +17,8 @@ _LEVELS = 10
 _DOTS = 1500
 #: Pixels: width of a row of panels, space between panels, least and greatest height of a panel.
 _ROW_WIDTH, _GAP, _LOWEST, _HIGHEST = 866.0, 92.0, 260.0, 600.0
+#: Width over height of a panel whose coordinates differ in unit.
+_ASPECT = 1.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,23 +28,32 @@ class RegionGrid:
     Attributes
     ----------
     x, y : ndarray, shape (column,) and (row,)
-        Coordinates in ``unit``.
+        Coordinates.
     supported : ndarray of bool, shape (row, column)
-        Whether the recordings visited the neighbourhood.
-    visited : ndarray, shape (sample, 2)
+        Whether the point lies in the excited region.
+    excited : ndarray, shape (sample, 2)
         Recorded points.
-    names : (str, str)
-        Markup of the two coordinates.
-    unit : str
-        Unit of both coordinates.
+    names, units : (str, str)
+        Markup and unit of the two coordinates.
     """
 
     x: FloatArray
     y: FloatArray
     supported: BoolArray
-    visited: FloatArray
+    excited: FloatArray
     names: tuple[str, str]
-    unit: str
+    units: tuple[str, str]
+
+    @property
+    def one_scale(self) -> bool:
+        """Whether both coordinates have one unit, so that they are drawn to one scale."""
+        return self.units[0] == self.units[1]
+
+    @property
+    def titles(self) -> tuple[str, str]:
+        """Markup of the two coordinates with their units."""
+        x, y = (f"{n} in {u}" if u else n for n, u in zip(self.names, self.units, strict=True))
+        return x, y
 
     @property
     def mesh(self) -> tuple[FloatArray, FloatArray]:
@@ -71,7 +82,7 @@ class RegionMap:
 
 
 def region_maps(grid: RegionGrid, maps: Sequence[RegionMap]) -> go.Figure:
-    """Draw maps side by side with equal scales on both axes.
+    """Draw maps side by side, both axes to one scale where they have one unit.
 
     Parameters
     ----------
@@ -109,7 +120,7 @@ def region_maps(grid: RegionGrid, maps: Sequence[RegionMap]) -> go.Figure:
 
 def _shading(grid: RegionGrid, one: RegionMap, levels: FloatArray) -> go.Contour:
     steps = len(palette.SEQUENCE) - 1
-    x, y = grid.names
+    (x, y), (x_unit, y_unit) = grid.names, grid.units
     return go.Contour(
         x=panels.compact(grid.x),
         y=panels.compact(grid.y),
@@ -121,14 +132,14 @@ def _shading(grid: RegionGrid, one: RegionMap, levels: FloatArray) -> go.Contour
         contours={"start": levels[0], "end": levels[-1], "coloring": "heatmap"},
         line={"width": 0},
         hovertemplate=(
-            f"{x} %{{x:.4~g}} {grid.unit}, {y} %{{y:.4~g}} {grid.unit}<br>"
+            f"{x} %{{x:.4~g}} {x_unit}, {y} %{{y:.4~g}} {y_unit}<br>"
             f"%{{z:.4~g}} {one.unit}<extra></extra>"
         ),
     )
 
 
 def _surroundings(grid: RegionGrid) -> go.Contour:
-    """Cover what was not visited, outlined without the staircase of the grid's cells."""
+    """Cover what is not supported, outlined without the staircase of the grid's cells."""
     smooth = ndimage.gaussian_filter(grid.supported.astype(np.float64), 1.2, mode="nearest")
     return go.Contour(
         x=panels.compact(grid.x),
@@ -143,12 +154,12 @@ def _surroundings(grid: RegionGrid) -> go.Contour:
 
 
 def _dots(grid: RegionGrid) -> go.Scatter:
-    dots = grid.visited[:: max(1, len(grid.visited) // _DOTS)]
+    dots = grid.excited[:: max(1, len(grid.excited) // _DOTS)]
     return go.Scatter(
         x=panels.compact(dots[:, 0]),
         y=panels.compact(dots[:, 1]),
         mode="markers",
-        marker={"size": 2, "color": palette.VISITED.light},
+        marker={"size": 2, "color": palette.RECORDED.light},
         hoverinfo="skip",
     )
 
@@ -185,8 +196,8 @@ def _labels(grid: RegionGrid, one: RegionMap, levels: FloatArray) -> go.Scatter:
 def _boxes(
     grid: RegionGrid, count: int
 ) -> tuple[tuple[list[panels.Box], float], tuple[list[panels.Box], float]]:
-    """Return boxes in a row and in a pile, as wide as maps of equal scales need them."""
-    aspect = float(np.ptp(grid.x) / np.ptp(grid.y))
+    """Return boxes in a row and in a pile, as wide as maps drawn to one scale need them."""
+    aspect = float(np.ptp(grid.x) / np.ptp(grid.y)) if grid.one_scale else _ASPECT
     widest = (_ROW_WIDTH - (count - 1) * _GAP) / count
     height = float(np.clip(widest / aspect, _LOWEST, _HIGHEST))
     width = min(widest, height * aspect)
@@ -204,15 +215,15 @@ def _set_axes(figure: go.Figure, grid: RegionGrid, title: str, panel: int) -> No
         constrain="domain",
         constraintoward="left",
         nticks=6,
-        title_text=f"{grid.names[0]} in {grid.unit}",
+        title_text=grid.titles[0],
     )
     figure.layout[panels.axis_key("y", panel)].update(
         anchor=x,
         range=[grid.y[0], grid.y[-1]],
         constrain="domain",
-        scaleanchor=x,
+        scaleanchor=x if grid.one_scale else None,
         nticks=7,
-        title_text=f"{grid.names[1]} in {grid.unit}",
+        title_text=grid.titles[1],
     )
     figure.add_annotation(
         text=title,

@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 
 from penode.arrays import FloatArray
 from penode.report import palette, panels
-from penode.report.quantities import scale_for, symbol, with_unit
+from penode.report.quantities import number, scale_for, symbol, takes_prefix, with_unit
 from penode.validation.residual_tests import Spectrum
 
 _POINTS = 2000
@@ -38,7 +38,8 @@ def residual_spectrum(
     """
     figure = panels.blank_figure()
     count = len(states)
-    limits = _decades(spectrum.amplitude[1:])
+    shared = len({unit for _, unit in states}) == 1
+    together = _decades(spectrum.amplitude[1:])
     scale = scale_for(spectrum.frequency, "Hz")
     for state in range(count):
         frequency, amplitude = _peaks(spectrum.frequency, spectrum.amplitude[:, state])
@@ -57,6 +58,7 @@ def residual_spectrum(
     top = float(spectrum.frequency[-1]) * scale.factor
     for state, (name, unit) in enumerate(states):
         bottom = state == count - 1
+        limits = together if shared else _decades(spectrum.amplitude[1:, state])
         figure.layout[panels.axis_key("x", state)].update(
             anchor=panels.axis_id("y", state),
             matches=None if state == 0 else "x",
@@ -68,9 +70,9 @@ def residual_spectrum(
             anchor=panels.axis_id("x", state),
             type="log",
             tickvals=_ticks(limits),
-            ticktext=[with_unit(tick, unit, 1) for tick in _ticks(limits)],
+            ticktext=[_tick(tick, unit) for tick in _ticks(limits)],
             range=limits,
-            title_text=symbol(name),
+            title_text=symbol(name) if takes_prefix(unit) else f"{symbol(name)} in {unit}",
         )
     _mark_lines(figure, [(f * scale.factor, label) for f, label in lines], top, count)
     figure.update_layout(showlegend=False, hovermode="closest")
@@ -97,6 +99,10 @@ def _decades(amplitude: FloatArray) -> list[float]:
 def _ticks(limits: Sequence[float]) -> list[float]:
     """Return every decade inside the limits."""
     return [10.0**k for k in range(math.ceil(limits[0]), math.floor(limits[1]) + 1)]
+
+
+def _tick(value: float, unit: str) -> str:
+    return with_unit(value, unit, 1) if takes_prefix(unit) else number(value, 1)
 
 
 def _mark_lines(

@@ -5,10 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from penode.arrays import FloatArray
 from penode.fit.fit import Estimate, Fit, HorizonChoice
 from penode.fit.outcome import NORMAL_95
-from penode.report.document import KeyValue, Notice
-from penode.report.quantities import Scale, decimals_for, fixed, number, scale_for, with_unit
+from penode.report.document import Notice
+from penode.report.prediction_errors import free_run_text
+from penode.report.quantities import Scale, decimals_for, fixed, scale_for, with_unit
 from penode.validation.comparison import Comparison
 from penode.validation.residual_tests import Spectrum
 
@@ -36,7 +38,7 @@ def estimate_text(estimate: Estimate) -> tuple[str, str]:
     Parameters
     ----------
     estimate : Estimate
-        What to tell.
+        Value with its deviation and interval.
 
     Returns
     -------
@@ -179,19 +181,25 @@ def overlay_title(comparison: Comparison) -> str:
     seen = "not used for training" if comparison.role == "validation" else "used for training"
     name = f"{comparison.name} ({seen})"
     if not comparison.diverged:
-        return f"{name}: the free run errs by {_free_run_text(comparison)} rms"
+        return f"{name}, rms error of the free run: {free_run_text(comparison)}"
     broken = np.flatnonzero(~np.isfinite(comparison.free_run).all(axis=1))
     time = float(broken[0]) * comparison.time_step if broken.size else 0.0
     return f"{name}: the free run diverges after {with_unit(time, 's')}"
 
 
-def spectrum_title(spectrum: Spectrum, lines: Sequence[tuple[float, str]] = ()) -> str:
-    """Say where the largest residual lies.
+def spectrum_title(
+    spectrum: Spectrum,
+    states: Sequence[tuple[str, str]],
+    lines: Sequence[tuple[float, str]] = (),
+) -> str:
+    """Say where the largest residual lies, of each state where their units differ.
 
     Parameters
     ----------
     spectrum : Spectrum
         Spectrum of the one-step residual.
+    states : sequence of (str, str)
+        Name and SI unit of each column of the amplitude.
     lines : sequence of (float, str)
         Frequencies in Hz that have a name, and the name.
 
@@ -200,63 +208,35 @@ def spectrum_title(spectrum: Spectrum, lines: Sequence[tuple[float, str]] = ()) 
     str
         Title of the figure.
     """
-    largest = np.nan_to_num(spectrum.amplitude, nan=0.0).max(axis=1)
-    if len(largest) < 2 or not largest[1:].any():
+    amplitude = np.nan_to_num(spectrum.amplitude, nan=0.0)[1:]
+    if not amplitude.size or not amplitude.any():
         return "Nothing is left in the residual"
-    frequency = float(spectrum.frequency[1 + int(largest[1:].argmax())])
-    title = f"The largest residual lies at {with_unit(frequency, 'Hz')}"
+    if len({unit for _, unit in states}) == 1:
+        return f"The largest residual lies at {_peak(spectrum, amplitude.max(axis=1), lines)}"
+    peaks = [
+        f"{name} at {_peak(spectrum, column, lines)}"
+        for (name, _), column in zip(states, amplitude.T, strict=True)
+        if column.any()
+    ]
+    return f"The residual is largest in {listed(peaks)}"
+
+
+def _peak(spectrum: Spectrum, amplitude: FloatArray, lines: Sequence[tuple[float, str]]) -> str:
+    """Return the frequency of the largest amplitude (frequency above zero), named where it is."""
+    frequency = float(spectrum.frequency[1 + int(amplitude.argmax())])
+    shown = with_unit(frequency, "Hz")
     if not lines:
-        return title
+        return shown
     width = 2.5 * float(spectrum.frequency[1] - spectrum.frequency[0])
     nearest, label = min(lines, key=lambda line: abs(line[0] - frequency))
     near = abs(nearest - frequency) <= max(width, 0.01 * nearest)
-    return f"{title}, {label} the electrical frequency" if near else title
+    return f"{shown}, {label}" if near else shown
 
 
-def free_run_value(comparisons: Sequence[Comparison]) -> KeyValue | None:
-    """Return the worst free run, on recordings not used for training where there are any.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        Recordings beside their predictions.
-
-    Returns
-    -------
-    KeyValue or None
-        None where there is no recording.
-    """
-    unseen = [one for one in comparisons if one.role == "validation"]
-    chosen = unseen or list(comparisons)
-    if not chosen:
-        return None
-    worst = max(chosen, key=_relative_free_run)
-    kind = "not used for training" if unseen else "used for training"
-    some = f"worst of {len(chosen)} recordings {kind}" if len(chosen) > 1 else f"recording {kind}"
-    if worst.diverged:
-        return KeyValue("Free run, rms error", "diverged", f"{worst.name}, {some}", doubtful=True)
-    share = number(100 * _relative_free_run(worst), 2)
-    detail = f"{share}{_SPACE}% of the largest value; {some}"
-    value = worst.free_run_rmse if worst.unit is not None else None
-    return KeyValue("Free run, rms error", _free_run_text(worst), detail, value)
-
-
-def _free_run_text(comparison: Comparison) -> str:
-    """Return the free-run error: one figure where all states share a unit, else one a state."""
-    if comparison.unit is not None:
-        return f"{number(comparison.free_run_rmse)}{_SPACE}{comparison.unit}".rstrip()
-    errors = zip(comparison.free_run_errors.items(), comparison.units, strict=True)
-    return ", ".join(f"{name} {number(e)}{_SPACE}{unit}".rstrip() for (name, e), unit in errors)
-
-
-def _relative_free_run(comparison: Comparison) -> float:
-    """Return the free-run error over the largest value: pooled, or the worst state's."""
-    largest = np.abs(comparison.measured).max(axis=0)
-    if comparison.unit is not None:
-        size = float(np.sqrt(np.sum(comparison.measured**2, axis=1)).max())
-        return comparison.free_run_rmse / (size or 1.0)
-    errors = np.array(list(comparison.free_run_errors.values()))
-    return float(np.max(errors / np.where(largest > 0, largest, 1.0)))
+def listed(words: Sequence[str]) -> str:
+    """Return words as people list them: ``"a, b and c"``."""
+    *first, last = words or ("nothing",)
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _span(bounds: tuple[float, float], scale: Scale, decimals: int) -> str:

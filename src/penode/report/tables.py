@@ -13,45 +13,44 @@ _SPACE = "\N{NO-BREAK SPACE}"
 _ROLES = {"train": "training", "validation": "validation"}
 
 
-def parameter_table(fit: Fit, meanings: Mapping[str, str] | None = None) -> Table:
+def parameter_table(fit: Fit) -> Table:
     """Tabulate the physical parameters.
 
     Parameters
     ----------
     fit : Fit
         Identification result.
-    meanings : mapping of str to str, optional
-        What a parameter is, in words.
 
     Returns
     -------
     Table
-        One row per parameter, with SI prefixes.
+        One row per parameter, with SI prefixes; identifiability where it was computed.
     """
-    columns = (
-        "parameter",
-        "value",
-        "standard deviation",
-        "95 % interval",
-        "unit",
-        "identifiability",
-    )
-    rows = tuple(
-        _parameter_row(name, estimate, (meanings or {}).get(name, ""))
-        for name, estimate in fit.parameters.items()
-    )
+    columns = ["parameter", "value", "standard deviation", "95 % interval", "unit"]
     caption = (
         "The standard deviation allows for residuals that are correlated in time and for the "
-        "spread over the horizons that agree. Identifiability "
-        "is 1 where nothing in the learned map can imitate the parameter, and 0 where the data "
-        "cannot tell the two apart."
+        "spread over the horizons that agree."
     )
+    rows = [_parameter_row(name, estimate) for name, estimate in fit.parameters.items()]
+    independence = [estimate.identifiability for estimate in fit.parameters.values()]
+    if any(one is not None for one in independence):
+        columns.append("identifiability")
+        rows = [
+            (*row, _number(number(one, 2), one))
+            for row, one in zip(rows, independence, strict=True)
+        ]
+        caption += (
+            " Identifiability is 1 where nothing in the learned map can imitate the parameter, and "
+            "0 where the data cannot distinguish the two."
+        )
     if not fit.horizon.answered:
         caption = f"For diagnosis only; the data cannot answer. {caption}"
-    return Table("Physical parameters", columns, rows, caption)
+    return Table("Physical parameters", tuple(columns), tuple(map(Row, rows)), caption)
 
 
-def ladder_table(choice: HorizonChoice, units: Mapping[str, str], error_unit: str) -> Table:
+def ladder_table(
+    choice: HorizonChoice, units: Mapping[str, str], states: Sequence[tuple[str, str]]
+) -> Table:
     """Tabulate every horizon tried.
 
     Parameters
@@ -60,28 +59,27 @@ def ladder_table(choice: HorizonChoice, units: Mapping[str, str], error_unit: st
         Selected horizon and ladder.
     units : mapping of str to str
         SI unit of each parameter to show; its keys say which, and in which order.
-    error_unit : str
-        SI unit of the errors.
+    states : sequence of (str, str)
+        Name and SI unit of each measured state.
 
     Returns
     -------
     Table
-        One row per horizon; the selected one and its plateau are marked.
+        One row per horizon; the selected one and its plateau are marked. The free-run error has
+        one column, or one a state where their units differ.
     """
     scales = {
         name: scale_for([rung.parameters.get(name, math.nan) for rung in choice.ladder], unit)
         for name, unit in units.items()
     }
-    heads = []
-    for name, scale in scales.items():
-        heads += [f"{name} in{_SPACE}{scale.unit}" if scale.unit else name, "± std"]
-    error = f" in{_SPACE}{error_unit}" if error_unit else ""
+    unit = _shared_unit(states)
+    heads = [head for name, scale in scales.items() for head in (_in(name, scale.unit), "± std")]
     outcomes = list(dict.fromkeys(rung.outcome for rung in choice.ladder))
     columns = (
         "horizon H",
         *heads,
-        f"H-step rmse{error}",
-        f"free-run rmse{error}",
+        "H-step rmse, scaled" if unit is None else _in("H-step rmse", unit),
+        *_error_heads("free-run rmse", states),
         "iterations",
         "outcome",
     )
@@ -90,14 +88,17 @@ def ladder_table(choice: HorizonChoice, units: Mapping[str, str], error_unit: st
         cells = [_number(str(rung.horizon), rung.horizon)]
         for name, scale in scales.items():
             cells += _estimate_cells(rung, name, scale.factor)
-        cells += [_plain(rung.rmse), _free_run(rung.free_run_rmse)]
+        cells += [_plain(rung.rmse), *_free_run_cells(rung, states)]
         cells += [
             _number(str(rung.iterations), rung.iterations),
             Cell(_letter(outcomes.index(rung.outcome))),
         ]
         rows.append(Row(tuple(cells), _mark(rung.horizon, choice)))
     ends = " ".join(f"{_letter(k)}: {outcome}" for k, outcome in enumerate(outcomes))
-    caption = "Errors are root mean squares over the training recordings. The optimiser's outcome: "
+    caption = "Errors are root mean squares over the training recordings. "
+    if unit is None:
+        caption += "The H-step error counts each state in the scale that the loss gives it. "
+    caption += "The optimiser's outcome: "
     return Table("Estimates and errors at each horizon", columns, tuple(rows), caption + ends)
 
 
@@ -107,21 +108,20 @@ def validation_table(comparisons: Sequence[Comparison]) -> Table:
     Parameters
     ----------
     comparisons : sequence of Comparison
-        Recordings beside their predictions.
+        Recordings of the same states beside their predictions.
 
     Returns
     -------
     Table
-        One row per recording.
+        One row per recording. Each error has one column, or one a state where their units differ.
     """
-    unit = _common_unit(comparisons)
-    error = f" in{_SPACE}{unit}" if unit else ""
+    states = measured_states(comparisons)
     columns = (
         "recording",
         "used for",
         f"duration in{_SPACE}s",
-        f"one-step rmse{error}",
-        f"free-run rmse{error}",
+        *_error_heads("one-step rmse", states),
+        *_error_heads("free-run rmse", states),
     )
     rows = tuple(
         Row(
@@ -129,8 +129,11 @@ def validation_table(comparisons: Sequence[Comparison]) -> Table:
                 Cell(comparison.name),
                 Cell(_ROLES.get(comparison.role, comparison.role)),
                 _plain(len(comparison.measured) * comparison.time_step),
-                _plain(comparison.one_step_rmse),
-                _free_run(comparison.free_run_rmse),
+                *(
+                    _plain(error if math.isfinite(error) else None)
+                    for error in _one_step(comparison)
+                ),
+                *(_free_run(error) for error in _free_runs(comparison)),
             )
         )
         for comparison in comparisons
@@ -140,6 +143,24 @@ def validation_table(comparisons: Sequence[Comparison]) -> Table:
         "recording predicted from its first sample alone."
     )
     return Table("Prediction errors", columns, rows, caption)
+
+
+def measured_states(comparisons: Sequence[Comparison]) -> tuple[tuple[str, str], ...]:
+    """Return name and SI unit of each state that the recordings measure.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        Recordings of the same states.
+
+    Returns
+    -------
+    tuple of (str, str)
+        Empty where there is no recording.
+    """
+    if not comparisons:
+        return ()
+    return tuple(zip(comparisons[0].states, comparisons[0].units, strict=True))
 
 
 def provenance_table(provenance: Mapping[str, Any]) -> Table:
@@ -162,21 +183,17 @@ def provenance_table(provenance: Mapping[str, Any]) -> Table:
     return Table("Versions, data and settings", ("entry", "value"), rows)
 
 
-def _parameter_row(name: str, estimate: Estimate, meaning: str) -> Row:
+def _parameter_row(name: str, estimate: Estimate) -> tuple[Cell, ...]:
     scale = scale_for([estimate.value], estimate.unit)
     value, std = estimate.value * scale.factor, estimate.std * scale.factor
     decimals = decimals_for(std, value)
     low, high = (bound * scale.factor for bound in estimate.interval_95)
-    share = estimate.identifiability
-    return Row(
-        (
-            Cell(f"{name}, {meaning}" if meaning else name),
-            _number(fixed(value, decimals), estimate.value),
-            _number(fixed(std, decimals), estimate.std),
-            Cell(f"{fixed(low, decimals)} to {fixed(high, decimals)}", kind="number"),
-            Cell(scale.unit or "1"),
-            _number("–" if share is None else number(share, 2), share),
-        )
+    return (
+        Cell(f"{name}, {estimate.meaning}" if estimate.meaning else name),
+        _number(fixed(value, decimals), estimate.value),
+        _number(fixed(std, decimals), estimate.std),
+        Cell(f"{fixed(low, decimals)} to {fixed(high, decimals)}", kind="number"),
+        Cell(scale.unit or "1"),
     )
 
 
@@ -207,7 +224,7 @@ def _free_run(rmse: float | None) -> Cell:
     return _plain(rmse)
 
 
-def _plain(value: float) -> Cell:
+def _plain(value: float | None) -> Cell:
     return _number(number(value), value)
 
 
@@ -215,9 +232,39 @@ def _number(text: str, value: float | None) -> Cell:
     return Cell(text, value, "number")
 
 
-def _common_unit(comparisons: Sequence[Comparison]) -> str:
-    units = {unit for comparison in comparisons for unit in comparison.units}
-    return units.pop() if len(units) == 1 else ""
+def _shared_unit(states: Sequence[tuple[str, str]]) -> str | None:
+    """Return the unit that all states share, ``""`` where there is none, None where they differ."""
+    units = {unit for _, unit in states}
+    return None if len(units) > 1 else "".join(units)
+
+
+def _error_heads(name: str, states: Sequence[tuple[str, str]]) -> list[str]:
+    unit = _shared_unit(states)
+    if unit is None:
+        return [_in(f"{name} of {state}", own) for state, own in states]
+    return [_in(name, unit)]
+
+
+def _in(name: str, unit: str) -> str:
+    return f"{name} in{_SPACE}{unit}" if unit else name
+
+
+def _one_step(comparison: Comparison) -> list[float]:
+    if comparison.unit is not None:
+        return [comparison.one_step_rmse]
+    return list(comparison.one_step_errors.values())
+
+
+def _free_runs(comparison: Comparison) -> list[float]:
+    if comparison.unit is not None:
+        return [comparison.free_run_rmse]
+    return list(comparison.free_run_errors.values())
+
+
+def _free_run_cells(rung: HorizonSummary, states: Sequence[tuple[str, str]]) -> list[Cell]:
+    if _shared_unit(states) is not None:
+        return [_free_run(rung.free_run_rmse)]
+    return [_free_run(rung.free_run_errors.get(name)) for name, _ in states]
 
 
 def _flat(content: Any, name: str) -> list[tuple[str, str]]:

@@ -4,9 +4,9 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.fit.fit import Fit
-from penode.pmsm.report import map_figures as machine_figures
+from penode.pmsm.report import map_figures
 from penode.report.document import Figure, Section
-from penode.report.quantities import number
+from penode.report.learned_maps import band_title
 from penode.report.statements import range_text
 
 _GREY = (
@@ -16,8 +16,8 @@ _GREY = (
 
 
 def flux_linkage(fit: Fit) -> Section:
-    """Return the section on the flux-linkage map and how sure it is."""
-    psi = _visited(fit, fit.flux_map(*fit.excited.T))
+    """Return the section on the flux-linkage map and its band."""
+    psi = _supported(fit, fit.flux_map(*fit.excited.T))
     spans = [range_text(values, "Vs") for values in psi]
     return Section(
         "Flux-linkage map",
@@ -28,12 +28,12 @@ def flux_linkage(fit: Fit) -> Section:
             Figure(
                 f"Flux linkage of {spans[0]} in the d axis and {spans[1]} in the q axis",
                 _GREY,
-                machine_figures.flux_map_contours(fit),
+                map_figures.flux_map_contours(fit),
             ),
             Figure(
                 "The same map in perspective",
                 "Drawn where the recordings support it. Drag, or use the arrow keys, to turn it.",
-                machine_figures.flux_map_surfaces(fit),
+                map_figures.flux_map_surfaces(fit),
             ),
             *_bands(fit),
         ],
@@ -41,27 +41,26 @@ def flux_linkage(fit: Fit) -> Section:
 
 
 def _bands(fit: Fit) -> list[Figure]:
-    grid, half = machine_figures.band_widths(fit)
+    grid, half = map_figures.band_widths(fit)
     inside = half[grid.supported]
     if not inside.size or not np.isfinite(inside).all():
         return []
-    half_of, most_of = (float(np.quantile(inside, share)) for share in (0.5, 0.95))
+    widest = float(np.quantile(inside, 0.95))
     return [
         Figure(
-            f"The map is known to ±{number(half_of, 2)} mVs over half of the recorded currents, to "
-            f"±{number(most_of, 2)} mVs over 95 % of them",
+            band_title("The map", inside, "mVs", "recorded currents"),
             "Half the width of the 95 % band around each flux linkage; where it is wider than over "
             "95 % of the recorded currents, that value is drawn. Like the interval of R it allows "
             "for residuals that are correlated in time and for the spread over the horizons that "
             "agree, and it holds if the model's structure is right.",
-            machine_figures.flux_map_bands(grid, np.minimum(half, most_of)),
+            map_figures.flux_map_bands(grid, np.minimum(half, widest)),
         )
     ]
 
 
 def inductances(fit: Fit) -> Section:
     """Return the section on the differential inductances."""
-    inductance = _visited(fit, fit.differential_inductance(*fit.excited.T))
+    inductance = _supported(fit, fit.differential_inductance(*fit.excited.T))
     d_axis, cross, q_axis = (
         range_text(inductance[entry], "H") for entry in ((0, 0), (0, 1), (1, 1))
     )
@@ -73,13 +72,13 @@ def inductances(fit: Fit) -> Section:
             Figure(
                 f"d axis {d_axis}, q axis {q_axis}, cross-coupling {cross}",
                 _GREY,
-                machine_figures.differential_inductances(fit),
+                map_figures.differential_inductances(fit),
             )
         ],
     )
 
 
-def _visited(fit: Fit, values: FloatArray) -> FloatArray:
-    """Return map values (..., sample) at the visited currents that count as supported."""
+def _supported(fit: Fit, values: FloatArray) -> FloatArray:
+    """Return map values (..., sample) at the recorded currents in the excited region."""
     chosen = values[..., fit.supported(fit.excited)]
     return chosen if chosen.shape[-1] else values

@@ -1,7 +1,7 @@
 """Residual lines of a drive: their orders in both frames, and what usually causes them.
 
 A vector that rotates at n times the electrical frequency in the rotor frame (dq) rotates at n + 1
-times in the stationary one: what stands still there, such as the offset of a sensor, is at -1; what
+times in the stationary one: what is fixed there, such as the offset of a sensor, is at -1; what
 turns backwards with the rotor, as from unequal phases, at -2; the 5th and the 7th harmonic of a
 phase, at -6 and +6.
 """
@@ -59,7 +59,8 @@ def signed_frequency(electrical_frequency: float, transitions: FloatArray) -> fl
     electrical_frequency : float
         Hz, of any sign.
     transitions : ndarray, shape (sample, 2, 2)
-        One-step matrices of the currents: seen from the rotor, what stands still turns by -omega T.
+        One-step matrices of the currents: what is fixed to the stator turns by -omega T as seen
+        from the rotor.
     """
     turn = transitions[:, 0, 1].mean() - transitions[:, 1, 0].mean()
     return abs(electrical_frequency) * (-1.0 if turn < 0 else 1.0)
@@ -77,7 +78,7 @@ def named_lines(
     electrical_frequency : float
         Hz, negative for backward rotation; 0 where there is none.
     pole_pairs : int, optional
-        Without it mechanical orders are not told.
+        Without it mechanical orders are not named.
 
     Returns
     -------

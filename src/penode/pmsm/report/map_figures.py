@@ -9,6 +9,7 @@ from penode.arrays import BoolArray, FloatArray
 from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95
 from penode.report import palette, panels
+from penode.report.map_values import region_grid
 from penode.report.region_map import RegionGrid, RegionMap, region_maps
 
 _CONTOUR_POINTS = 121
@@ -22,7 +23,7 @@ _CURRENTS = ("i<sub>d</sub>", "i<sub>q</sub>")
 
 
 def current_grid(fit: Fit, points: int) -> RegionGrid:
-    """Return a grid around the currents visited in training.
+    """Return a grid around the recorded currents.
 
     Parameters
     ----------
@@ -36,12 +37,7 @@ def current_grid(fit: Fit, points: int) -> RegionGrid:
     RegionGrid
         i_d along x and i_q along y, in A.
     """
-    low, high = fit.excited.min(axis=0), fit.excited.max(axis=0)
-    margin = 0.08 * max(float(np.max(high - low)), 1e-9)
-    i_d, i_q = (np.linspace(a - margin, b + margin, points) for a, b in zip(low, high, strict=True))
-    mesh = np.stack(np.meshgrid(i_d, i_q), axis=-1)
-    supported = np.asarray(fit.supported(mesh.reshape(-1, 2))).reshape(points, points)
-    return RegionGrid(i_d, i_q, supported, fit.excited, _CURRENTS, "A")
+    return region_grid(fit, (0, 1), points)
 
 
 def flux_map_contours(fit: Fit) -> go.Figure:
@@ -80,7 +76,7 @@ def band_widths(fit: Fit) -> tuple[RegionGrid, FloatArray]:
     RegionGrid
         i_d along x and i_q along y, in A.
     ndarray, shape (row, column, 2)
-        In mVs; infinite where the recordings are too short to tell.
+        In mVs; infinite where the recordings are too short to determine it.
     """
     grid = current_grid(fit, _BAND_POINTS)
     points = np.stack(grid.mesh, axis=-1)
@@ -184,7 +180,7 @@ def _surface(i_d: FloatArray, i_q: FloatArray, height: FloatArray, axis: str) ->
 
 
 def _scenes(domains: list[tuple[list[float], list[float]]], height: int) -> dict[str, Any]:
-    """Return the layout entries that say where the two scenes and their titles stand."""
+    """Return the layout entries that say where the two scenes and their titles lie."""
     titles = [
         {
             "text": f"<b>ψ<sub>{axis}</sub></b> in mVs",
@@ -211,20 +207,20 @@ def _trimmed(fit: Fit, grid: RegionGrid) -> tuple[FloatArray, FloatArray, BoolAr
     A surface that ended at whole grid cells would have a torn edge.
     """
     mesh = np.stack(grid.mesh, axis=-1)
-    inner, found = mesh.copy(), grid.supported.copy()
+    inner, reached = mesh.copy(), grid.supported.copy()
     for shift in _NEIGHBOURS:
         neighbour = _shifted(grid.supported, shift)
-        new = neighbour & ~found
+        new = neighbour & ~reached
         inner[new] = _shifted(mesh, shift)[new]
-        found |= new
-    edge = found & ~grid.supported
+        reached |= new
+    edge = reached & ~grid.supported
     near, far = inner[edge], mesh[edge]
     for _ in range(_BISECTIONS):
         middle = (near + far) / 2
         within = np.asarray(fit.supported(middle))[:, None]
         near, far = np.where(within, middle, near), np.where(within, far, middle)
     mesh[edge] = near
-    return mesh[..., 0], mesh[..., 1], found
+    return mesh[..., 0], mesh[..., 1], reached
 
 
 def _shifted(values: Any, shift: tuple[int, int]) -> Any:

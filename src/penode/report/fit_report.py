@@ -1,0 +1,187 @@
+"""The report of any fit: the answer first, then a section for each question a reader may ask.
+
+To add a section, write a function from a fit to a `Section` beside those of
+`penode.report.sections`, and name it in `PARTS`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from penode.fit.fit import Fit
+from penode.report.document import Block, Document, Glossary, KeyValue, KeyValues, Section
+from penode.report.html import render
+from penode.report.prediction_errors import free_run_value, one_step_value
+from penode.report.quantities import number
+from penode.report.sections import (
+    horizons,
+    learned_maps,
+    loss_weighting,
+    parameters,
+    predictions,
+    provenance,
+    residual_section,
+)
+from penode.report.statements import (
+    estimate_text,
+    listed,
+    range_text,
+    verdict_notice,
+    warning_notices,
+)
+
+#: A part of the report: a section, or None where the fit has nothing to show in it.
+Part: TypeAlias = Callable[[Fit], Section | None]
+
+#: The sections of any fit, in order.
+PARTS: tuple[Part, ...] = (
+    parameters,
+    learned_maps,
+    predictions,
+    residual_section,
+    loss_weighting,
+    horizons,
+    provenance,
+)
+#: Parameters named in the heading at most.
+_NAMED = 4
+_WORDS = (
+    ("Horizon H", "How many samples ahead the model predicts by itself during training, from the "
+     "measured states at the start and the inputs after that."),
+    ("One step ahead", "Each sample predicted from the measured one before it (H = 1). Easy to "
+     "do well, and therefore a weak test."),
+    ("Free run", "A whole recording predicted from its first sample, without the measured states "
+     "after it. The hardest test: errors may add up."),
+    ("Plateau", "Neighbouring horizons whose estimates agree within their uncertainty. The "
+     "sign that a physical parameter is right and not an artefact of the horizon."),
+    ("95 % interval", "Where the parameter lies with 95 % confidence if the model's structure "
+     "is right. A wrong sensor gain is not in it."),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Page:
+    """What the report of fits of one kind consists of; the defaults do for any model.
+
+    Attributes
+    ----------
+    kind : str
+        What sort of report, above the heading.
+    headline : tuple of str
+        Parameters whose values are the answer; empty for all.
+    method : str
+        What was fitted beside the parameters and to which end, for the first paragraph.
+    parts : tuple of callable
+        Sections in order.
+    words : tuple of (str, str)
+        Words explained beside those of every report, and their explanations.
+    """
+
+    kind: str = "Identification"
+    headline: tuple[str, ...] = ()
+    method: str = "so that the model predicts the measured states"
+    parts: tuple[Part, ...] = PARTS
+    words: tuple[tuple[str, str], ...] = ()
+
+    def document(self, fit: Fit) -> Document:
+        """Return the report of a fit as a document."""
+        names = (self.headline or tuple(fit.parameters))[:_NAMED]
+        answer: list[Block] = [
+            verdict_notice(fit.horizon),
+            *warning_notices([one for one in fit.warnings if one != fit.horizon.reason]),
+            _key_values(fit, names),
+            Glossary("The words used here", (*_WORDS, *self.words)),
+        ]
+        sections = [section for part in self.parts if (section := part(fit)) is not None]
+        lead = f"{_interval_sentence(fit, names)}{_source_sentence(fit, names)} {self.method}."
+        return Document(self.kind, _title(fit, names), lead, answer, sections)
+
+
+def fit_report(fit: Fit, page: Page | None = None) -> str:
+    """Return the report of a fit as one self-contained HTML page.
+
+    Parameters
+    ----------
+    fit : Fit
+        Identification result of any model.
+    page : Page, optional
+        What it consists of; by default the sections of any fit.
+
+    Returns
+    -------
+    str
+        The page; save it as UTF-8.
+    """
+    return render((page or Page()).document(fit))
+
+
+def _title(fit: Fit, names: Sequence[str]) -> str:
+    if not names:
+        return f"A model of {listed(fit.model.states)}"
+    if len(names) == 1:
+        what = _what(fit, names[0])
+        if not fit.horizon.answered:
+            return f"These recordings cannot determine {what}"
+        return f"{what[0].upper()}{what[1:]} is {estimate_text(fit.parameters[names[0]])[0]}"
+    if not fit.horizon.answered:
+        return f"These recordings cannot determine all of {listed(names)}"
+    return listed([f"{name} = {estimate_text(fit.parameters[name])[0]}" for name in names])
+
+
+def _what(fit: Fit, name: str) -> str:
+    meaning = fit.parameters[name].meaning
+    return f"the {meaning}" if meaning else name
+
+
+def _interval_sentence(fit: Fit, names: Sequence[str]) -> str:
+    if not names:
+        return ""
+    if not fit.horizon.answered:
+        spreads = [_spread(fit, name) for name in names]
+        if len(names) > 1:
+            spreads = [f"{spread} for {name}" for name, spread in zip(names, spreads, strict=True)]
+        return f"The horizons tried gave values from {listed(spreads)}. "
+    spans = [estimate_text(fit.parameters[name])[1] for name in names]
+    if len(names) == 1:
+        return f"With 95 % confidence it lies between {spans[0].replace(' to ', ' and ')}. "
+    intervals = [f"{name} {span}" for name, span in zip(names, spans, strict=True)]
+    return f"95 % intervals: {listed(intervals)}. "
+
+
+def _source_sentence(fit: Fit, names: Sequence[str]) -> str:
+    trained = [one.name for one in fit.comparisons if one.role == "train"]
+    source = "the training recordings"
+    if len(trained) == 1:
+        source = trained[0]
+    elif trained:
+        source = f"{len(trained)} recordings"
+    subject = "It was" if len(names) < 2 else "They were"
+    return f"{subject if fit.horizon.answered else 'Each was'} fitted to {source}"
+
+
+def _spread(fit: Fit, name: str) -> str:
+    values = [rung.parameters[name] for rung in fit.horizon.ladder if name in rung.parameters]
+    return range_text(values, fit.parameters[name].unit)
+
+
+def _key_values(fit: Fit, names: Sequence[str]) -> KeyValues:
+    choice = fit.horizon
+    items = [_parameter_value(fit, name) for name in names]
+    errors = (free_run_value(fit.comparisons), one_step_value(fit.comparisons))
+    items += [item for item in errors if item is not None]
+    detail = choice.verdict
+    if fit.comparisons:
+        ahead = 1e3 * fit.comparisons[0].time_step * choice.selected
+        detail = f"{number(ahead, 2)}\N{NO-BREAK SPACE}ms ahead; {choice.verdict}"
+    items.append(KeyValue("Horizon", f"H = {choice.selected}", detail, choice.selected))
+    return KeyValues(tuple(items))
+
+
+def _parameter_value(fit: Fit, name: str) -> KeyValue:
+    estimate = fit.parameters[name]
+    label = f"{estimate.meaning[:1].upper()}{estimate.meaning[1:]} {name}".lstrip()
+    if not fit.horizon.answered:
+        detail = f"{_spread(fit, name)} over the horizons"
+        return KeyValue(label, "no answer", detail, doubtful=True)
+    value, interval = estimate_text(estimate)
+    return KeyValue(label, value, f"95 % interval {interval}", estimate.value)

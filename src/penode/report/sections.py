@@ -1,0 +1,165 @@
+"""Sections of a fit's report: functions of a fit, None where there is nothing to show."""
+
+import math
+from collections.abc import Sequence
+
+from penode.fit.fit import Fit
+from penode.fit.outcome import AVERAGED
+from penode.report.correlations import correlations, correlations_caption, correlations_title
+from penode.report.document import Block, Figure, Notice, Section
+from penode.report.ladder import parameter_over_ladder
+from penode.report.learned_maps import map_figures
+from penode.report.loss_weighting import signal_units, unnamed, weighting_of, weighting_section
+from penode.report.overlay import overlay
+from penode.report.prediction_errors import relative_free_run
+from penode.report.spectrum import residual_spectrum
+from penode.report.statements import ladder_title, listed, overlay_title, spectrum_title
+from penode.report.tables import (
+    ladder_table,
+    measured_states,
+    parameter_table,
+    provenance_table,
+    validation_table,
+)
+
+#: Recordings drawn at most, so that the page stays small; the table holds all.
+_DRAWN = 8
+#: Whether the plateau is averaged -> what the reported interval is centred on.
+_CENTRES = {
+    True: "around the mean of the plateau, weighted by precision",
+    False: "the bar of the selected horizon",
+}
+
+
+def parameters(fit: Fit) -> Section | None:
+    """Return the section on the physical parameters over the horizons."""
+    if not fit.parameters:
+        return None
+    figures = [
+        Figure(
+            ladder_title(fit, name),
+            "Each point is a complete identification at one horizon, its bar 1.96 standard "
+            "deviations. Where neighbouring points agree, the value no longer depends on how "
+            "far ahead the model predicted; that is the plateau. Shaded blue is the reported "
+            f"95 % interval: {_CENTRES[fit.horizon.verdict in AVERAGED]}, widened by the spread "
+            "between horizons.",
+            parameter_over_ladder(fit, name),
+        )
+        for name in fit.parameters
+    ]
+    return Section(
+        "Parameters over the horizon",
+        "At a short horizon unmodelled ripple and sensor noise can bias a parameter; a longer one "
+        "averages them out. The right value is the one neighbouring horizons agree on.",
+        [parameter_table(fit), *figures],
+    )
+
+
+def learned_maps(fit: Fit) -> Section | None:
+    """Return the section on the learned maps over the states."""
+    names = list(fit.model.maps())
+    if not names:
+        return None
+    figures = {name: map_figures(fit, name) for name in names}
+    blocks: list[Block] = [figure for of_map in figures.values() for figure in of_map]
+    absent = [name for name, of_map in figures.items() if not of_map]
+    if absent:
+        states = listed(fit.model.states)
+        text = (
+            f"{listed(absent)}: drawn are maps of one or two states, whose arguments are named "
+            f"after them ({states})."
+        )
+        blocks.append(Notice("caution", "Not drawn", text))
+    return Section(
+        "Learned maps",
+        "What the data say of the part of the equation that has no formula, where the recordings "
+        "support it.",
+        blocks,
+    )
+
+
+def predictions(fit: Fit) -> Section | None:
+    """Return the section on predictions beside measurements."""
+    if not fit.comparisons:
+        return None
+    ordered = sorted(
+        fit.comparisons, key=lambda one: (one.role != "validation", -relative_free_run(one))
+    )
+    figures = [
+        Figure(
+            overlay_title(one),
+            "Measured states (wide grey), the free run and the prediction one step ahead, each "
+            "with its error. The close-up at the right is a typical stretch, shaded at the left.",
+            overlay(one),
+        )
+        for one in ordered[:_DRAWN]
+    ]
+    known = f"{listed(fit.model.inputs)} and " if fit.model.inputs else ""
+    return Section(
+        "Prediction against measurement",
+        f"In a free run the model sees {known}the first sample of {listed(ordered[0].states)}, "
+        "nothing else. Recordings not used for training count most, and those with the largest "
+        "errors come first.",
+        [validation_table(ordered), *figures],
+    )
+
+
+def residual_section(
+    fit: Fit, lines: Sequence[tuple[float, str]] = (), cause: str = "", note: str = ""
+) -> Section | None:
+    """Return the section on the one-step residual, with named frequencies marked.
+
+    Parameters
+    ----------
+    fit : Fit
+        Identification result.
+    lines : sequence of (float, str)
+        Frequencies in Hz that have a name, and the name.
+    cause, note : str
+        Added to the lead and to the caption: what usually makes lines, and what is marked.
+
+    Returns
+    -------
+    Section or None
+        None where no recording is predicted one step ahead.
+    """
+    states, spectrum = measured_states(fit.comparisons), fit.spectrum
+    blocks: list[Block] = []
+    if states and any(math.isfinite(value) for value in spectrum.amplitude.ravel()):
+        caption = (
+            f"Amplitude spectrum of the one-step residual of {spectrum.recording}; of "
+            f"neighbouring frequencies the largest is drawn. {note}"
+        )
+        title = spectrum_title(spectrum, states, lines)
+        plot = residual_spectrum(spectrum, states, lines)
+        blocks.append(Figure(title, caption.rstrip(), plot))
+    tests = fit.correlations
+    if tests.own.size:
+        title, caption = correlations_title(tests), correlations_caption(tests)
+        blocks.append(Figure(title, caption, correlations(tests)))
+    lead = (
+        "Pure noise would give a flat floor. A line is something periodic that the model lacks, "
+        f"and a rise towards low frequencies a slow error of the map or a parameter. {cause}"
+    )
+    return Section("What the model does not explain", lead.rstrip(), blocks) if blocks else None
+
+
+def loss_weighting(fit: Fit) -> Section | None:
+    """Return the section on how each horizon weighs the residual."""
+    view = weighting_of(fit)
+    return None if view is None else weighting_section(view, unnamed(view), signal_units(fit, view))
+
+
+def horizons(fit: Fit) -> Section | None:
+    """Return the section with the table of all horizons."""
+    if not fit.horizon.ladder:
+        return None
+    units = {name: estimate.unit for name, estimate in fit.parameters.items()}
+    table = ladder_table(fit.horizon, units, measured_states(fit.comparisons))
+    return Section("All horizons", "The numbers behind the choice of the horizon.", [table])
+
+
+def provenance(fit: Fit) -> Section | None:
+    """Return the section on versions, data and settings."""
+    lead = "What it takes to repeat this identification."
+    return Section("Provenance", lead, [provenance_table(fit.provenance)])

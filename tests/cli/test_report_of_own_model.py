@@ -1,0 +1,126 @@
+"""``penode report`` of a model whose class lives in the user's own module."""
+
+import importlib
+import io
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from penode.cli.summary import print_fit
+from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
+from penode.report.quantities import number
+from penode.validation.comparison import Comparison
+from penode.validation.residual_tests import Correlations, residual_spectrum
+
+MODULE = """
+import numpy as np
+
+import penode
+
+
+class Cart(penode.Model):
+    states = ("position", "speed")
+    state_units = ("m", "m/s")
+    inputs = ("force",)
+    map_units = {"drag": "N"}
+
+    gain: object
+    mass: object = penode.physical("kg", meaning="mass of the cart")
+
+    def derivative(self, x, u):
+        return x
+
+    def maps(self):
+        return {"drag": lambda speed: self.gain * np.tanh(speed)}
+"""
+
+
+def fit_of(model):
+    """Return a fit that nothing was trained for: 400 samples, two horizons."""
+    rng = np.random.default_rng(4)
+    measured = np.cumsum(rng.normal(size=(400, 2)), axis=0)
+    near = measured + rng.normal(0, 0.01, measured.shape)
+    names, units = ("position", "speed"), ("m", "m/s")
+    run = Comparison("run.csv", "train", 0.01, names, units, measured, near, near)
+    rungs = tuple(
+        HorizonSummary(h, {"mass": 1.5}, {"mass": 0.1}, 0.2, None, 5, "Done.", {"position": 0.1})
+        for h in (1, 4)
+    )
+    return Fit(
+        model,
+        {"mass": Estimate.of(1.5, 0.1, "kg", meaning="mass of the cart")},
+        HorizonChoice(4, "plateau", "Both agree.", rungs, (1, 4)),
+        measured,
+        (run,),
+        residual_spectrum(run),
+        correlations=Correlations(),
+    )
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Return the folder with ``own_cart.py`` and ``fit/``; the module is not importable."""
+    (tmp_path / "own_cart.py").write_text(MODULE)
+    before = list(sys.path)
+    monkeypatch.syspath_prepend(tmp_path)
+    module = importlib.import_module("own_cart")
+    fit_of(module.Cart(gain=np.array(2.0), mass=np.array(1.5))).save(tmp_path)
+    monkeypatch.setattr(sys, "path", before)
+    del sys.modules["own_cart"]
+    yield tmp_path
+    sys.modules.pop("own_cart", None)
+
+
+def test_in_the_folder_of_the_module_the_report_is_written(folder, penode, monkeypatch):
+    monkeypatch.chdir(folder)
+    done = penode("report", folder)
+    assert done.returncode == 0, done.stderr
+    text = (folder / "report.html").read_text()
+    assert "The mass of the cart is 1.50" in text
+    assert "drag over speed: " in text
+    assert "one-step rmse of speed in" in text
+
+
+def test_elsewhere_one_sentence_names_the_module_and_the_way_out(folder, penode):
+    done = penode("report", folder)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    sentence = done.stderr.strip()
+    assert "\n" not in sentence
+    for words in ("Cart", "own_cart", "PYTHONPATH", "run in the folder"):
+        assert words in sentence
+    assert not (folder / "report.html").exists()
+
+
+def test_the_summary_has_an_error_a_state_where_units_differ(tmp_path):
+    fit = fit_of(None)
+    (run,) = fit.comparisons
+    lost = replace(run, name="lost.csv", free_run=run.free_run * np.nan)
+    printed = io.StringIO()
+    print_fit(Console(file=printed), replace(fit, comparisons=(run, lost)), tmp_path)
+    text = printed.getvalue()
+    (x, v), (first, second) = run.one_step_errors.values(), run.free_run_errors.values()
+    assert (
+        f"run.csv: RMSE one step position {number(x)} m, speed {number(v)} m/s; "
+        f"free run position {number(first)} m, speed {number(second)} m/s" in text
+    )
+    assert "lost.csv: RMSE one step position" in text
+    assert "free run diverged" in text
+
+
+def test_a_fit_without_one_step_predictions_has_a_report(folder, penode, monkeypatch):
+    """As with a state that no sensor measures: no residual, so no section on it."""
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
+    fit = Fit.load(folder)
+    (run,) = fit.comparisons
+    blind = replace(run, one_step=run.one_step * np.nan)
+    replace(fit, comparisons=(blind,), spectrum=residual_spectrum(blind)).save(folder)
+    done = penode("report", folder)
+    assert done.returncode == 0, done.stderr
+    text = (folder / "report.html").read_text()
+    assert "Prediction against measurement" in text
+    assert "What the model does not explain" not in text
