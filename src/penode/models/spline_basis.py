@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -54,8 +55,18 @@ class SplineBasis:
 
     @cached_property
     def knots(self) -> FloatArray:
-        """Breaks with the ends repeated, shape (count + 5,)."""
-        return np.concatenate([np.full(DEGREE, -1.0), self.breaks, np.full(DEGREE, 1.0)])
+        """Breaks with four more beyond each end, as far apart as the last, shape (count + 5,)."""
+        beyond = (self.breaks[-1] - self.breaks[-2]) * np.arange(1, DEGREE + 1)
+        return np.concatenate([-1.0 - beyond[::-1], self.breaks, 1.0 + beyond])
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """Of (t - x)^4 at a spline's six knots t, where they lie above x, shape (count, 6)."""
+        first = np.arange(self.count)[:, None]
+        knots = self.knots[first + np.arange(DEGREE + 2)]
+        apart = knots[:, :, None] - knots[:, None] + np.eye(DEGREE + 2)
+        width: FloatArray = knots[:, -1:] - knots[:, :1]
+        return np.asarray(width / np.prod(-apart, axis=2))
 
     def quadrature(self, points: int = 5) -> tuple[FloatArray, FloatArray]:
         """Return places and weights, each (place,), that integrate products of the splines."""
@@ -73,9 +84,14 @@ class SplineBasis:
         """
         return _splines(self, x)
 
-    def third(self, x: JaxArray) -> JaxArray:
-        """Return the third derivatives, shape (count, batch), at x (batch,)."""
-        return _derivatives(self, x)[3]
+    def derivatives(self, x: FloatArray) -> FloatArray:
+        """Return the splines and their first three derivatives, shape (4, count, point), by NumPy.
+
+        Parameters
+        ----------
+        x : ndarray, shape (point,)
+        """
+        return np.stack(_derivatives(self, x, np))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -92,43 +108,23 @@ def _splines_jvp(
     return jnp.stack(every[:3]), jnp.stack(every[1:]) * tangents[0]
 
 
-def _derivatives(basis: SplineBasis, x: JaxArray) -> list[JaxArray]:
-    """Return the splines and three derivatives, each (count, batch), by de Boor's recursion."""
-    inside = jnp.clip(x, -1.0, 1.0)
-    levels = _levels(basis.knots, inside)
-    found: list[JaxArray] = []
-    for order in range(4):
-        functions = levels[DEGREE - order]
-        for degree in range(DEGREE - order + 1, DEGREE + 1):
-            over = degree * _reciprocals(basis.knots, degree)[:, None]
-            functions = jnp.asarray(over[:-1] * functions[:-1] - over[1:] * functions[1:])
-        found.append(functions)
+def _derivatives(basis: SplineBasis, x: Any, numerics: Any = jnp) -> list[Any]:
+    """Return the splines and three derivatives, each (count, batch): divided differences."""
+    inside = numerics.clip(x, -1.0, 1.0)
+    count, knots = basis.count, basis.knots[:, None]
+    reached = (inside >= knots[:count]) & (inside < knots[DEGREE + 1 :])
+    found = []
+    for order, factor in enumerate((1.0, -4.0, 12.0, -24.0)):
+        powers = numerics.maximum(knots - inside, 0.0) ** (DEGREE - order)
+        pieces = [
+            factor * basis.weights[:, k, None] * powers[k : k + count] for k in range(DEGREE + 2)
+        ]
+        found.append(numerics.where(reached, sum(pieces[1:], pieces[0]), 0.0))
     value, slope, curvature, third = found
     beyond = x - inside
     return [
         value + beyond * (slope + beyond * curvature / 2),
         slope + beyond * curvature,
         curvature,
-        jnp.where(beyond == 0.0, third, 0.0),
+        numerics.where(beyond == 0.0, third, 0.0),
     ]
-
-
-def _levels(knots: FloatArray, x: JaxArray) -> list[JaxArray]:
-    """Return the B-splines of each degree 0 .. 4 on all knots, at x (batch,) within them."""
-    last = len(knots) - DEGREE - 2  # the cell that holds the upper end
-    lower, upper = knots[:-1, None].copy(), knots[1:, None].copy()
-    upper[last] = np.inf
-    lower[last + 1 :] = np.inf
-    levels = [jnp.where((x >= lower) & (x < upper), 1.0, 0.0).astype(x.dtype)]
-    for degree in range(1, DEGREE + 1):
-        over = _reciprocals(knots, degree)[:, None]
-        rising = (x - knots[: len(over), None]) * over
-        below = levels[-1]
-        levels.append(rising[:-1] * below[:-1] + (1.0 - rising[1:]) * (over[1:] > 0) * below[1:])
-    return levels
-
-
-def _reciprocals(knots: FloatArray, degree: int) -> FloatArray:
-    """Return 1 / (t_(i + degree) - t_i), zero where knots coincide."""
-    width = knots[degree:] - knots[:-degree]
-    return np.where(width > 0, 1.0 / np.where(width > 0, width, 1.0), 0.0)

@@ -32,6 +32,9 @@ from penode.training.second_order import LevenbergMarquardt
 
 #: What the horizon may be chosen for.
 PURPOSES = ("parameters", *LOOK_AHEADS)
+#: What an estimate of the weak form may be wrong by in addition to its deviation, as a fraction:
+#: it integrates between samples by the trapezoidal rule.
+_ANCHOR_BIAS = 0.01
 #: Points a side of the grid in ``flux_map.csv``.
 GRID = 41
 
@@ -217,7 +220,11 @@ def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str
     inspected = ("i_d", "i_q", "u_d", "u_q")
     odd = tuple(finding.sentence for e in recordings for finding in inspect(e, inspected))
     facts = _facts(recordings, study, reasons)
-    return Start(machine, balance.independence, balance.physical, repair, facts, odd, penalties)
+    anchor = {
+        name: (value, float(np.hypot(deviation, _ANCHOR_BIAS * value)))
+        for name, (value, deviation) in balance.physical.items()
+    }
+    return Start(machine, balance.independence, anchor, repair, facts, odd, penalties)
 
 
 def _facts(

@@ -75,13 +75,12 @@ def spline_start(
         Harmonics of the electrical angle.
     """
     setting = _Setting(tuple(experiments), tuple(terms), scales)
-    even, odd = CoenergyPart.zero(MEAN, True), CoenergyPart.zero(ODD, False)
-    parts: tuple[CoenergyPart, ...] = (even,)
-    found = setting.mean(parts)
-    wider = setting.mean((even, odd))
-    if wider.evidence < found.evidence - _ASYMMETRIC:
-        parts, found = (even, odd), wider
-    symmetric = len(parts) == 1
+    every = CoenergyPart.zero(MEAN, True), CoenergyPart.zero(ODD, False)
+    whole = setting.equations(every)
+    found, wider = (setting.mean(whole, every[:n]) for n in (1, 2))
+    symmetric = wider.evidence > found.evidence - _ASYMMETRIC
+    parts = every[:1] if symmetric else every
+    found = found if symmetric else wider
     count = len(physical_values(terms))
     mean, first = [], count
     for part in parts:
@@ -121,13 +120,13 @@ class _Setting:
             ]
         )
 
-    def mean(self, parts: Sequence[CoenergyPart]) -> Smoothed:
-        """Return physical parameters and mean map."""
+    def mean(self, whole: WeakRegression, parts: Sequence[CoenergyPart]) -> Smoothed:
+        """Return physical parameters and mean map of the parts that come first in equations."""
         first, penalties = len(physical_values(self.terms)), []
         for part in parts:
             penalties.append(Roughness.of(first, roughness(part)))
             first += part.coefficients.size
-        return smoothed(self.equations(parts), penalties)
+        return smoothed(WeakRegression(whole.matrix[:, :first], whole.target), penalties)
 
 
 def _filled(part: CoenergyPart, coefficients: FloatArray) -> CoenergyPart:

@@ -1,18 +1,25 @@
 """The flux map that is linear in what it learns: gradient of a coenergy of tensor splines."""
 
+import functools
+import operator
 from dataclasses import replace
+from typing import Any, TypeVar, cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, Leaf, float64
+from penode.arrays import FloatArray, JaxArray, Leaf
 from penode.models.networks import FeatureNetwork
 from penode.models.parameters import parameter
 from penode.models.spline_basis import SplineBasis
 
+Tree = TypeVar("Tree")
+Array = TypeVar("Array", FloatArray, JaxArray)
+
 #: Knots lie densest at zero current, more so along q, where iron saturates from there on.
-_ALONG_D, _ALONG_Q = 0.5, 0.3
+_SHARPNESS = (0.5, 0.3)
 #: Splines along each axis: of the mean map, of what of it is not mirror symmetric, of an amplitude
 #: over the angle.
 MEAN, ODD, AMPLITUDE = 15, 7, 7
@@ -45,33 +52,8 @@ class CoenergyPart(eqx.Module):
     @property
     def bases(self) -> tuple[SplineBasis, SplineBasis]:
         """Splines along i_d and i_q."""
-        return SplineBasis(self.counts[0], _ALONG_D), SplineBasis(self.counts[1], _ALONG_Q)
-
-    def axes(self, x: JaxArray) -> tuple[JaxArray, JaxArray]:
-        """Return splines with two derivatives along d and q, (3, count, batch), at x (2, batch)."""
-        along_d, along_q = self.bases
-        return along_d(x[0]), _folded(along_q(x[1]), self.even)
-
-    def jet(self, x: JaxArray, waves: JaxArray | None = None) -> tuple[JaxArray, JaxArray]:
-        """Return the gradient (2, batch) and the Hessian (2, 2, batch).
-
-        Parameters
-        ----------
-        x : array, shape (2, batch)
-            Dimensionless currents.
-        waves : array, shape (wave, batch), optional
-            What each table is multiplied by; 1 where not given.
-        """
-        along_d, along_q = self.axes(x)
-        tables = self.coefficients
-        table = tables[0] if waves is None else jnp.sum(tables * waves[:, None, None], axis=0)
-        # sum over d first: (derivative, q, batch)
-        rows = jnp.stack([jnp.sum(table * one[:, None], axis=0) for one in along_d])
-        value, slope, bend = rows
-        mixed = jnp.sum(slope * along_q[1], axis=0)
-        gradient = jnp.stack([jnp.sum(slope * along_q[0], 0), jnp.sum(value * along_q[1], 0)])
-        along, across = jnp.sum(bend * along_q[0], axis=0), jnp.sum(value * along_q[2], axis=0)
-        return gradient, jnp.stack([jnp.stack([along, mixed]), jnp.stack([mixed, across])])
+        along_d, along_q = map(SplineBasis, self.counts, _SHARPNESS)
+        return along_d, along_q
 
 
 class CoenergySplines(FeatureNetwork):
@@ -108,27 +90,91 @@ class CoenergySplines(FeatureNetwork):
         cosine, sine = (CoenergyPart.zero(AMPLITUDE, even, orders) for even in (True, False))
         return cls((mean,), (cosine,), (sine,))
 
+    def weighted(self, features: JaxArray | None) -> list[tuple[CoenergyPart, JaxArray | None]]:
+        """Return each part with what its tables are multiplied by, (wave, batch) or nothing."""
+        parts: list[tuple[CoenergyPart, JaxArray | None]] = [(part, None) for part in self.mean]
+        if features is None or not self.cosine + self.sine:
+            return parts
+        cosine, sine = jnp.split(_materialised(features), 2)
+        parts += [(part, cosine) for part in self.cosine]
+        return parts + [(part, sine) for part in self.sine]
+
     def value_and_jacobian(
         self, x: JaxArray, features: JaxArray | None = None
     ) -> tuple[JaxArray, JaxArray]:
         """Return the gradient (2, batch) and the Hessian (2, 2, batch)."""
-        found = [part.jet(x) for part in self.mean]
-        if features is not None and (self.cosine or self.sine):
-            orders = len(features) // 2
-            found += [part.jet(x, features[:orders]) for part in self.cosine]
-            found += [part.jet(x, features[orders:]) for part in self.sine]
-        gradients, hessians = zip(*found, strict=True)
-        return sum(gradients[1:], gradients[0]), sum(hessians[1:], hessians[0])
+        return _evaluated(self, x, features)
 
 
-def _folded(splines: JaxArray, even: bool) -> JaxArray:
-    """Return sums or differences of mirror images: (3, count, batch) to half as many."""
+@jax.custom_jvp
+def _contracted(left: JaxArray, right: JaxArray) -> JaxArray:
+    """Return the sum of left * right over the second axis, product by product: one fused loop."""
+    pairs = [jax.lax.split(part, [1] * part.shape[1], axis=1) for part in (left, right)]
+    products = [a * b for a, b in zip(*pairs, strict=True)]
+    return jnp.squeeze(functools.reduce(operator.add, products), axis=1)
+
+
+@_contracted.defjvp
+def _contracted_jvp(
+    primals: tuple[JaxArray, JaxArray], tangents: tuple[JaxArray, JaxArray]
+) -> tuple[JaxArray, JaxArray]:
+    """Derive the sum as a whole, whose transpose is one product and not a piece an entry."""
+    (left, right), (left_dot, right_dot) = primals, tangents
+    slope = jnp.sum(left_dot * right, axis=1) + jnp.sum(left * right_dot, axis=1)
+    return _contracted(left, right), slope
+
+
+def _materialised(arrays: Tree) -> Tree:
+    """Return arrays that are computed once: fused loops would compute them again and again."""
+    kept: Tree = jax.lax.optimization_barrier(arrays)  # type: ignore[no-untyped-call]
+    return kept
+
+
+def _folded(splines: Array, even: bool) -> Array:
+    """Return sums or differences of mirror images: (derivative, count, batch) to half as many."""
+    numerics: Any = np if isinstance(splines, np.ndarray) else jnp
     half = splines.shape[1] // 2
     mirrored = splines[:, ::-1]
     if even:
         pairs = splines[:, :half] + mirrored[:, :half]
-        return jnp.concatenate([pairs, splines[:, half : splines.shape[1] - half]], axis=1)
+        middle = splines[:, half : splines.shape[1] - half]
+        return cast(Array, numerics.concatenate([pairs, middle], axis=1))
     return mirrored[:, :half] - splines[:, :half]
+
+
+@jax.jit
+def _evaluated(
+    network: CoenergySplines, x: JaxArray, features: JaxArray | None
+) -> tuple[JaxArray, JaxArray]:
+    """Return gradient and Hessian; traced once for all the stages of a step."""
+    tables: dict[tuple[int, int], dict[bool, JaxArray]] = {}
+    for part, waves in network.weighted(features):
+        table = part.coefficients[0]
+        if waves is not None:
+            table = jnp.sum(part.coefficients * waves[:, None, None], axis=0)
+        same = tables.setdefault(part.counts, {})
+        same[part.even] = same[part.even] + table if part.even in same else table
+    found = []
+    for counts, of_parity in tables.items():
+        along_d, whole = (
+            SplineBasis(n, sharpness)(row)
+            for n, sharpness, row in zip(counts, _SHARPNESS, x, strict=True)
+        )
+        along_q = jnp.concatenate([_folded(whole, even) for even in of_parity], axis=1)
+        shape = jnp.broadcast_shapes(*(t.shape[-1:] for t in of_parity.values()))
+        even = [jnp.broadcast_to(t, (*t.shape[:-1], *shape)) for t in of_parity.values()]
+        table = jnp.concatenate(even, axis=1)
+        found.append(_jet(table, *_materialised((along_d, along_q))))
+    gradients, hessians = zip(*found, strict=True)
+    return sum(gradients[1:], gradients[0]), sum(hessians[1:], hessians[0])
+
+
+def _jet(table: JaxArray, along_d: JaxArray, along_q: JaxArray) -> tuple[JaxArray, JaxArray]:
+    """Return gradient (2, batch) and Hessian (2, 2, batch) of a table (d, q, batch or 1)."""
+    value, slope, bend = _contracted(table[None], along_d[:, :, None])
+    rows = jnp.stack([slope, value, bend, slope, value])
+    psi_d, psi_q, l_dd, l_dq, l_qq = _contracted(rows, along_q[np.array([0, 1, 0, 1, 2])])
+    return jnp.stack([psi_d, psi_q]), jnp.stack([jnp.stack([l_dd, l_dq]), jnp.stack([l_dq, l_qq])])
 
 
 def columns(part: CoenergyPart, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -146,8 +192,9 @@ def columns(part: CoenergyPart, points: FloatArray) -> tuple[FloatArray, FloatAr
         Shapes (point, 2, coefficient) and (point, 3, coefficient): d psi_d / d i_d,
         d psi_d / d i_q and d psi_q / d i_q.
     """
-    with float64():
-        d, q = (np.asarray(axis) for axis in part.axes(jnp.asarray(points.T)))
+    along_d, along_q = part.bases
+    d = along_d.derivatives(points[:, 0])
+    q = np.asarray(_folded(along_q.derivatives(points[:, 1]), part.even))
 
     def product(m: int, n: int) -> FloatArray:
         return np.einsum("jp,kp->pjk", d[m], q[n]).reshape(len(points), -1)
@@ -168,10 +215,8 @@ def roughness(part: CoenergyPart) -> FloatArray:
     grams = []
     for basis, fold in zip(part.bases, (None, part.even), strict=True):
         places, weights = basis.quadrature()
-        with float64():
-            at = jnp.asarray(places)
-            splines = jnp.concatenate([basis(at), basis.third(at)[None]])
-            every = np.asarray(splines if fold is None else _folded(splines, fold))
+        splines = basis.derivatives(places)
+        every = splines if fold is None else np.asarray(_folded(splines, fold))
         grams.append([np.einsum("ip,jp,p->ij", one, one, weights) for one in every])
     along_d, along_q = grams
     binomial = (1.0, 3.0, 3.0, 1.0)
