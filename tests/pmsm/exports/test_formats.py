@@ -109,10 +109,18 @@ def test_inverse_map_in_mat_undoes_the_map(machine_fit, tmp_path, rng):
 
 
 @pytest.mark.parametrize(
-    ("kind", "orders"), [("coenergy", ()), ("coenergy", (6, 12)), ("mlp", ()), ("mlp", (6, 12))]
+    ("kind", "orders"),
+    [
+        ("coenergy", ()),
+        ("coenergy", (6, 12)),
+        ("convex", ()),
+        ("convex", (6, 12)),
+        ("mlp", ()),
+        ("mlp", (6, 12)),
+    ],
 )
 def test_onnx_is_the_network_itself(machine_fit, tmp_path, kind, orders, rng):
-    if kind == "mlp" or orders:
+    if kind != "coenergy" or orders:
         drawn = draw_flux_map(kind, 3, (300.0, 0.08), orders)
         machine_fit = replace(machine_fit, model=Machine(drawn, (Resistance(0.01),)))
     path, grid = written(machine_fit, "onnx", tmp_path)

@@ -8,6 +8,7 @@ from penode.arrays import BoolArray, FloatArray
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.models.networks import ConvexGradient, TanhLayers
+from penode.pmsm.machine.coenergy_map import CoenergyPart, CoenergySplines, folded
 from penode.pmsm.machine.flux_grid import FluxGrid
 from penode.pmsm.machine.flux_maps import FluxMap
 
@@ -28,9 +29,9 @@ class _Graph:
         self.nodes.append(self.onnx.helper.make_node(operator, inputs, [name], **settings))
         return name
 
-    def constant(self, values: FloatArray | BoolArray) -> str:
+    def constant(self, values: FloatArray | BoolArray, *, double: bool = False) -> str:
         name = f"constant_{len(self.constants)}"
-        kept = values if values.dtype == np.bool_ else values.astype(np.float32)
+        kept = values if double or values.dtype == np.bool_ else values.astype(np.float32)
         self.constants.append(self.onnx.numpy_helper.from_array(kept, name))
         return name
 
@@ -45,7 +46,8 @@ def encode(fit: Fit, grid: FluxGrid) -> bytes:
     Parameters
     ----------
     fit : Fit
-        Of a machine with the flux map ``coenergy`` or ``mlp``; harmonics of the angle are averaged.
+        Of a machine with the flux map ``coenergy``, ``convex`` or ``mlp``; harmonics of the angle
+        are averaged.
     grid : FluxGrid
         Its map, for where recordings have been.
 
@@ -95,7 +97,9 @@ def encode(fit: Fit, grid: FluxGrid) -> bytes:
 
 def _add_flux(graph: _Graph, flux: FluxMap) -> None:
     network, into, out = flux.network, flux.current_scale, flux.flux_scale
-    if isinstance(network, ConvexGradient):
+    if isinstance(network, CoenergySplines):
+        _add_splines(graph, network, into, out)
+    elif isinstance(network, ConvexGradient):
         hidden = graph.node(
             "Tanh", graph.affine("currents", network.directions / into, network.bias)
         )
@@ -114,8 +118,59 @@ def _add_flux(graph: _Graph, flux: FluxMap) -> None:
     else:
         raise InputError(
             f"a flux map of {type(network).__name__} came, and ONNX export knows those of "
-            "--flux-map coenergy and mlp; export npz, mat or c instead."
+            "--flux-map coenergy, convex and mlp; export npz, mat or c instead."
         )
+
+
+def _add_splines(graph: _Graph, network: CoenergySplines, into: float, out: float) -> None:
+    """Add the gradient of the splines, in double precision: divided differences cancel."""
+    double = graph.onnx.TensorProto.DOUBLE
+    whole = graph.node("Cast", "currents", to=double)
+    x = graph.node("Div", whole, graph.constant(np.array(into), double=True))
+    sums: dict[int, list[str]] = {0: [], 1: []}
+    for part in network.mean:
+        values, slopes = zip(*(_add_axis(graph, part, x, axis) for axis in (0, 1)), strict=True)
+        table = graph.constant(np.asarray(part.coefficients[0]), double=True)
+        ones = graph.constant(np.ones((part.coefficients.shape[2], 1)), double=True)
+        for axis, along_d, along_q in ((0, slopes[0], values[1]), (1, values[0], slopes[1])):
+            rows = graph.node("Mul", graph.node("MatMul", along_d, table), along_q)
+            sums[axis].append(graph.node("MatMul", rows, ones))
+    both = [graph.node("Sum", *sums[axis]) for axis in (0, 1)]
+    scaled = graph.node(
+        "Mul", graph.node("Concat", *both, axis=1), graph.constant(np.array(out), double=True)
+    )
+    graph.node("Cast", scaled, to=graph.onnx.TensorProto.FLOAT, output="flux_linkage")
+
+
+def _add_axis(graph: _Graph, part: CoenergyPart, x: str, axis: int) -> tuple[str, str]:
+    """Add the splines of a part along an axis and their slopes, (batch, count), at x (batch, 2)."""
+    basis = part.bases[axis]
+
+    def constant(values: FloatArray) -> str:
+        return graph.constant(np.asarray(values, dtype=np.float64), double=True)
+
+    own = graph.node("MatMul", x, constant(np.eye(2)[:, axis : axis + 1]))
+    inside = graph.node(
+        "Max", graph.node("Min", own, constant(np.array(1.0))), constant(-np.ones(()))
+    )
+    beyond = graph.node("Sub", own, inside)
+    above = graph.node(
+        "Max", graph.node("Sub", constant(basis.knots), inside), constant(np.zeros(()))
+    )
+    weights = np.zeros((len(basis.knots), basis.count))
+    for k in range(basis.count):
+        weights[k : k + basis.weights.shape[1], k] = basis.weights[k]
+    if axis == 1:
+        weights = folded(weights[None].transpose(0, 2, 1), part.even)[0].T
+    found = []
+    for power, factor in ((4.0, 1.0), (3.0, -4.0), (2.0, 12.0)):
+        powers = graph.node("Pow", above, constant(np.array(power)))
+        found.append(graph.node("MatMul", powers, constant(factor * weights)))
+    value, slope, curvature = found
+    bend = graph.node("Mul", curvature, beyond)
+    half = graph.node("Mul", bend, constant(np.array(0.5)))
+    rise = graph.node("Mul", graph.node("Add", slope, half), beyond)
+    return graph.node("Add", value, rise), graph.node("Add", slope, bend)
 
 
 def _add_support(graph: _Graph, grid: FluxGrid) -> None:

@@ -130,7 +130,7 @@ def _materialised(arrays: Tree) -> Tree:
     return kept
 
 
-def _folded(splines: Array, even: bool) -> Array:
+def folded(splines: Array, even: bool) -> Array:
     """Return sums or differences of mirror images: (derivative, count, batch) to half as many."""
     numerics: Any = np if isinstance(splines, np.ndarray) else jnp
     half = splines.shape[1] // 2
@@ -160,7 +160,7 @@ def _evaluated(
             SplineBasis(n, sharpness)(row)
             for n, sharpness, row in zip(counts, _SHARPNESS, x, strict=True)
         )
-        along_q = jnp.concatenate([_folded(whole, even) for even in of_parity], axis=1)
+        along_q = jnp.concatenate([folded(whole, even) for even in of_parity], axis=1)
         shape = jnp.broadcast_shapes(*(t.shape[-1:] for t in of_parity.values()))
         even = [jnp.broadcast_to(t, (*t.shape[:-1], *shape)) for t in of_parity.values()]
         table = jnp.concatenate(even, axis=1)
@@ -194,7 +194,7 @@ def columns(part: CoenergyPart, points: FloatArray) -> tuple[FloatArray, FloatAr
     """
     along_d, along_q = part.bases
     d = along_d.derivatives(points[:, 0])
-    q = np.asarray(_folded(along_q.derivatives(points[:, 1]), part.even))
+    q = np.asarray(folded(along_q.derivatives(points[:, 1]), part.even))
 
     def product(m: int, n: int) -> FloatArray:
         return np.einsum("jp,kp->pjk", d[m], q[n]).reshape(len(points), -1)
@@ -216,7 +216,7 @@ def roughness(part: CoenergyPart) -> FloatArray:
     for basis, fold in zip(part.bases, (None, part.even), strict=True):
         places, weights = basis.quadrature()
         splines = basis.derivatives(places)
-        every = splines if fold is None else np.asarray(_folded(splines, fold))
+        every = splines if fold is None else np.asarray(folded(splines, fold))
         grams.append([np.einsum("ip,jp,p->ij", one, one, weights) for one in every])
     along_d, along_q = grams
     binomial = (1.0, 3.0, 3.0, 1.0)
