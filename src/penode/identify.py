@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
@@ -84,7 +83,7 @@ def identify(
         raise InputError("no recording came; give at least one.")
     start = start if isinstance(start, Start) else Start(start)
     plan = plan or fitting_plan(ladder_plan(), experiments)
-    plan = _with_penalties(plan, start)
+    plan = start.with_penalties(plan)
     problem = LadderProblem.of(start.model, experiments, plan, observer)
     for unseen in validation:
         require_predictable(problem.objective.predictor, start.model, unseen)
@@ -96,9 +95,3 @@ def identify(
     if climb.interrupted or check.interrupted:
         raise Stopped(fit)
     return fit
-
-
-def _with_penalties(plan: Plan, start: Start) -> Plan:
-    """Return the plan with what the start knows of the learned map in its loss."""
-    penalties = (*plan.loss.penalties, *start.penalties)
-    return replace(plan, loss=replace(plan.loss, penalties=penalties))

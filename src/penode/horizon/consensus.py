@@ -55,6 +55,8 @@ class Consensus:
         values, weights = _weighed(rungs)
         middle, spread = _middle(values, weights)
         deviation = np.hypot(weighted_deviation(rungs, weights), np.sqrt(_BIAS) * spread)
+        prior = np.stack([np.broadcast_to(rung.prior, middle.shape) for rung in rungs])
+        deviation = np.hypot(deviation, np.sum(weights * prior, axis=0))
         known = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
         sure = np.sum(weights * known, axis=0) >= _MOST
         return cls(middle, np.where(sure, deviation, np.inf))

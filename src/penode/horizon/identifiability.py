@@ -1,11 +1,12 @@
 """What the data determine of a physical parameter, before and beside any training."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from penode.models.base import Model
 from penode.training.penalties import Penalty
+from penode.training.plan import Plan
 
 #: Below this independence a parameter and the learned map can stand in for each other.
 THRESHOLD = 0.01
@@ -42,6 +43,11 @@ class Start:
     facts: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     penalties: tuple[Penalty, ...] = ()
+
+    def with_penalties(self, plan: Plan) -> Plan:
+        """Return a plan with what is known of the learned map in its loss."""
+        penalties = (*plan.loss.penalties, *self.penalties)
+        return replace(plan, loss=replace(plan.loss, penalties=penalties))
 
     @property
     def indistinguishable(self) -> tuple[str, ...]:

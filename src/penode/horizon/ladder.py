@@ -18,6 +18,7 @@ from penode.training.covariance import (
     Reported,
     dominated_by_few_windows,
     influence,
+    prior_deviation,
     sandwich_deviation,
     working_deviation,
 )
@@ -95,6 +96,8 @@ class HorizonFit:
     predictor : Predictor
     model : Model
         With the rung's parameters.
+    prior : ndarray, shape (physical,), or 0
+        Deviation of each physical parameter that Gaussian priors add, SI units.
     """
 
     horizon: int
@@ -106,6 +109,7 @@ class HorizonFit:
     windows: Windows
     predictor: Predictor
     model: Model
+    prior: FloatArray | float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,6 +244,7 @@ class LadderProblem:
             windows=problem.windows,
             predictor=self.objective.predictor,
             model=model,
+            prior=prior_deviation(solution.terms, jacobian[: len(physical)]),
         )
 
     def _report(self, rung: HorizonFit, place: tuple[int, int]) -> None:

@@ -172,6 +172,22 @@ def working_deviation(
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
+def prior_deviation(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:
+    """Return what Gaussian priors add to the deviations, shape (reported,); no window shows it.
+
+    Parameters
+    ----------
+    terms : GaussNewtonTerms
+        At the minimum.
+    jacobian : ndarray, shape (reported, parameter)
+        Derivative of the reported quantities.
+    """
+    if not isinstance(terms.prior, np.ndarray):
+        return np.zeros(len(jacobian))
+    along = jacobian @ inverse_normal(terms.normal)
+    return np.asarray(np.sqrt(np.maximum(np.sum((along @ terms.prior) * along, axis=1), 0.0)))
+
+
 def influence(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:
     """Return what each window contributed to each reported quantity, shape (reported, window).
 

@@ -90,17 +90,20 @@ class GaussianPrior:
         so that its squares add to the loss.
     variance : ndarray, shape (combination,)
         Variance of each scaled combination.
+    mean : ndarray, shape (combination,), or 0
+        What each scaled combination is believed to be.
     group : str
     """
 
     factor: FloatArray = field(repr=False)
     variance: FloatArray = field(repr=False)
+    mean: FloatArray | float = field(default=0.0, repr=False)
     group: str = "learned"
 
     def residuals(self, layout: Layout[Model], values: JaxArray) -> JaxArray:
         """Return the scaled combinations."""
         chosen = np.flatnonzero(layout.value_members((self.group,)))
-        return jnp.asarray(self.factor) @ values[chosen]
+        return jnp.asarray(self.factor) @ values[chosen] - self.mean
 
     def slopes(self, layout: Layout[Model]) -> FloatArray:
         """Return the derivative of the combinations by all values, (combination, value)."""

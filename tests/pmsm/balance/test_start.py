@@ -27,7 +27,7 @@ def test_polynomial_basis_is_reciprocal_where_it_says_so(reciprocal):
 
 
 def test_weak_start_finds_resistance_and_map_of_the_bench(slow_run):
-    machine, balance = weak_start([slow_run], "coenergy")
+    machine, balance, _ = weak_start([slow_run], "coenergy")
     assert abs(float(machine.terms[0].R) / TRACTION_300A.resistance - 1) < 0.01
     points = slow_run.stack(("i_d", "i_q"))[::50]
     error = machine.maps()["flux_map"](*points.T).T - true_flux_map(TRACTION_300A, *points.T)

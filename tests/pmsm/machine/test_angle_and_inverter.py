@@ -326,16 +326,16 @@ def test_power_is_copper_loss_stored_power_and_torque_times_speed():
 
 
 def test_weak_start_finds_dead_time_beside_the_resistance(dead_time_run):
-    machine, balance = weak_start([dead_time_run], "coenergy", terms=(DeadTime(),))
+    machine, balance, _ = weak_start([dead_time_run], "coenergy", terms=(DeadTime(),))
     assert float(machine.terms[1].dead_time_voltage) == pytest.approx(2.4, rel=0.1)
     assert float(machine.terms[0].R) == pytest.approx(TRACTION_300A.resistance, rel=0.1)
     assert 0.01 < balance.independence["R"] < 0.3  # both drop voltage along the current
-    blind, _ = weak_start([dead_time_run], "coenergy")
+    blind, *_ = weak_start([dead_time_run], "coenergy")
     assert float(blind.terms[0].R) > 1.5 * TRACTION_300A.resistance
 
 
 def test_weak_start_finds_the_harmonics_of_the_bench(slow_run):
-    machine, _ = weak_start([slow_run], "coenergy", angle_orders=ORDERS)
+    machine, *_ = weak_start([slow_run], "coenergy", angle_orders=ORDERS)
     currents = slow_run.stack(("i_d", "i_q"))[::37].T
     theta = slow_run.channels["theta_el"][::37]
     found = at_angle(machine.flux, currents, theta)[0] - machine.maps()["flux_map"](*currents)

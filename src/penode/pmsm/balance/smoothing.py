@@ -62,6 +62,8 @@ class Smoothed:
     solution : ndarray, shape (coefficient,)
     strength : ndarray, shape (penalty,)
         lambda of each penalty.
+    noise : float
+        Variance of an equation that counts as one, of several that overlap.
     prior_variance : ndarray, shape (penalty,)
         Variance of a coefficient along the eigenvectors of S, over its eigenvalue.
     evidence : float
@@ -70,6 +72,7 @@ class Smoothed:
 
     solution: FloatArray
     strength: FloatArray
+    noise: float
     prior_variance: FloatArray
     evidence: float
 
@@ -100,7 +103,36 @@ def smoothed(equations: WeakRegression, penalties: Sequence[Roughness]) -> Smoot
     logs = np.clip(found.x, _LOWEST, _HIGHEST)
     evidence, solution, variance = problem.evidence(logs)
     strength = problem.balance * 10.0**logs
-    return Smoothed(solution, strength, variance / strength, evidence)
+    return Smoothed(solution, strength, variance, variance / strength, evidence)
+
+
+def penalised(
+    equations: WeakRegression,
+    penalties: Sequence[Roughness],
+    found: Smoothed,
+    observed: tuple[FloatArray, FloatArray],
+) -> FloatArray:
+    """Solve once more at strengths found before, with further observations.
+
+    Parameters
+    ----------
+    equations : WeakRegression
+    penalties : sequence of Roughness
+    found : Smoothed
+    observed : tuple of ndarray
+        Rows (observation, coefficient) and values (observation,) of deviation 1.
+    """
+    matrix, target = equations.matrix, equations.target
+    rows, values = observed
+    whole = matrix.T @ matrix + found.noise * rows.T @ rows
+    for penalty, strength in zip(penalties, found.strength, strict=True):
+        whole[penalty.place, penalty.place] += strength * penalty.matrix
+    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    scaled = whole / np.outer(size, size)
+    scaled[np.diag_indices_from(scaled)] += _RIDGE
+    right = matrix.T @ target + found.noise * rows.T @ values
+    factor: Any = cho_factor(scaled, lower=True, check_finite=False)
+    return np.asarray(cho_solve(factor, right / size, check_finite=False) / size)
 
 
 def _simplex(size: int) -> FloatArray:

@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
+from penode.pmsm.balance.definite import Held, held_definite
 from penode.pmsm.balance.equations import CURRENTS, balance_equations
 from penode.pmsm.balance.smoothing import Roughness, Smoothed, smoothed
 from penode.pmsm.balance.voltage_balance import harmonic_window, short_window, waves
@@ -77,10 +78,11 @@ def spline_start(
     setting = _Setting(tuple(experiments), tuple(terms), scales)
     every = CoenergyPart.zero(MEAN, True), CoenergyPart.zero(ODD, False)
     whole = setting.equations(every)
-    found, wider = (setting.mean(whole, every[:n]) for n in (1, 2))
-    symmetric = wider.evidence > found.evidence - _ASYMMETRIC
-    parts = every[:1] if symmetric else every
-    found = found if symmetric else wider
+    even, both = (setting.mean(whole, every[:n]) for n in (1, 2))
+    symmetric = both.smoothed.evidence > even.smoothed.evidence - _ASYMMETRIC
+    parts, mean_map = (every[:1], even) if symmetric else (every, both)
+    held = setting.held(mean_map, parts)
+    found = replace(mean_map.smoothed, solution=held.solution)
     count = len(physical_values(terms))
     mean, first = [], count
     for part in parts:
@@ -89,13 +91,14 @@ def spline_start(
         first += size
     network = CoenergySplines(tuple(mean))
     blocks = [_block(part, found, k) for k, part in enumerate(parts)]
+    observed = (held.rows[:, count:], held.target, found.noise)
     if angle_orders:
         network, block = _with_harmonics(setting, network, found, angle_orders)
         blocks.append(block)
     machine = Machine(
         FluxMap(network, *scales, angle_orders), with_physical(terms, found.solution[:count])
     )
-    return SplineStart(machine, _prior(setting, machine, blocks), symmetric)
+    return SplineStart(machine, _prior(setting, machine, blocks, observed), symmetric)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,13 +123,28 @@ class _Setting:
             ]
         )
 
-    def mean(self, whole: WeakRegression, parts: Sequence[CoenergyPart]) -> Smoothed:
+    def mean(self, whole: WeakRegression, parts: Sequence[CoenergyPart]) -> "_Mean":
         """Return physical parameters and mean map of the parts that come first in equations."""
         first, penalties = len(physical_values(self.terms)), []
         for part in parts:
             penalties.append(Roughness.of(first, roughness(part)))
             first += part.coefficients.size
-        return smoothed(WeakRegression(whole.matrix[:, :first], whole.target), penalties)
+        equations = WeakRegression(whole.matrix[:, :first], whole.target)
+        return _Mean(equations, tuple(penalties), smoothed(equations, penalties))
+
+    def held(self, mean: "_Mean", parts: Sequence[CoenergyPart]) -> Held:
+        """Return the mean map with a positive definite inductance around the recordings."""
+        currents = np.concatenate([e.stack(CURRENTS) for e in self.experiments]) / self.scales[0]
+        return held_definite(mean.equations, mean.penalties, mean.smoothed, parts, currents)
+
+
+@dataclass(frozen=True, eq=False)
+class _Mean:
+    """Physical parameters and mean map, with what they solve."""
+
+    equations: WeakRegression
+    penalties: tuple[Roughness, ...]
+    smoothed: Smoothed
 
 
 def _filled(part: CoenergyPart, coefficients: FloatArray) -> CoenergyPart:
@@ -178,12 +196,18 @@ def _with_harmonics(
     return filled, block
 
 
-def _prior(setting: _Setting, machine: Machine, blocks: Sequence[_Block]) -> GaussianPrior:
+def _prior(
+    setting: _Setting,
+    machine: Machine,
+    blocks: Sequence[_Block],
+    observed: tuple[FloatArray, FloatArray, float],
+) -> GaussianPrior:
     """Return the prior in units of the training loss.
 
     A constant voltage error v of a sample moves a one-step residual by T v / L, and an equation of
     the weak form by half a window's length times v: their squares over all samples and equations
-    say how much a penalty of the one weighs in the other.
+    say how much a penalty of the one weighs in the other. Where the sensors' noise is more than
+    that, it is what the prior is weighed against.
     """
     currents = np.concatenate([e.stack(CURRENTS) for e in setting.experiments])
     points = currents[np.linspace(0, len(currents) - 1, _POINTS).round().astype(int)]
@@ -196,6 +220,9 @@ def _prior(setting: _Setting, machine: Machine, blocks: Sequence[_Block]) -> Gau
         samples += len(e) * e.time_step**2 * gain
         equations += len(e) / max(length // 4, 1) * (length * e.time_step / 2) ** 2
     weight = samples / equations / (2 * len(currents))
+    *_, noise = observed
+    sensors = 2 * np.mean([sensor_noise(e.stack(CURRENTS)) for e in setting.experiments])
+    weight = max(weight, float(sensors) / (2 * len(currents)) / noise)
     rows, variances = [], []
     for block in blocks:
         eigenvalues, vectors = np.linalg.eigh(block.matrix)
@@ -203,7 +230,18 @@ def _prior(setting: _Setting, machine: Machine, blocks: Sequence[_Block]) -> Gau
         scaled = np.sqrt(weight * block.strength * eigenvalues[kept])
         rows.append((vectors[:, kept] * scaled).T)
         variances.append(np.full(kept.sum(), weight * block.strength * block.variance))
-    return GaussianPrior(np.asarray(block_diag(*rows)), np.concatenate(variances))
+    factor = np.asarray(block_diag(*rows))
+    known, values, _ = observed
+    scale = np.sqrt(weight * noise)
+    further = np.pad(scale * known, ((0, 0), (0, factor.shape[1] - known.shape[1])))
+    variances.append(np.full(len(values), scale**2))
+    mean = np.concatenate([np.zeros(len(factor)), scale * values])
+    return GaussianPrior(np.concatenate([factor, further]), np.concatenate(variances), mean)
+
+
+def sensor_noise(currents: FloatArray) -> float:
+    """Return the variance of white noise on currents (time, 2), in A^2, from third differences."""
+    return float(np.mean(np.diff(currents, 3, axis=0) ** 2)) / 20
 
 
 def reach(experiments: Sequence[Experiment]) -> float:

@@ -15,8 +15,8 @@ from penode.fit.archive import to_json, write_atomically
 from penode.fit.fit import Fit
 from penode.fit.provenance import penode_version
 from penode.horizon.ladder import Observer, ignore_events
+from penode.models.base import Model
 from penode.pmsm.conventional.method import Method
-from penode.pmsm.machine.model import Machine
 from penode.pmsm.studies.extent import Extent
 from penode.pmsm.studies.measures import Measures, measure
 from penode.pmsm.studies.our_defaults import OurDefaults
@@ -142,11 +142,11 @@ class Runs:
             told["steps"] = f"{size.growth} {size.growth_steps} {size.steps}"
 
         @cache
-        def begun() -> tuple[Machine, Branches]:
+        def begun() -> tuple[Model, Branches]:
             folder = self.folder / Path(case, variant.name, f"seed{seed}")
             given = self._given(case, told)
             known = Branches.at(folder / "branches.json", given)
-            return variant.start(self.case(case).experiment, seed), known
+            return variant.start(self.case(case).experiment, seed).model, known
 
         def train(horizon: int) -> Fit:
             made, (start, branches) = self.case(case), begun()
@@ -176,8 +176,9 @@ class Runs:
                 forget()
             run = self.case(case).experiment
             plan = structure.plans((1,), run, 0, self.extent)[1]
-            model = structure.start(run, 0)
-            self._trainers[key] = Trainer.of(model, run, plan, self.observer)
+            start = structure.start(run, 0)
+            plan = start.with_penalties(plan)
+            self._trainers[key] = Trainer.of(start.model, run, plan, self.observer)
         return self._trainers[key]
 
     def _kept(

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 from penode.data.experiment import Experiment
 from penode.data.windows import Contiguous, Jittered
+from penode.horizon.identifiability import Start
 from penode.horizon.ladder import ladder_plan
 from penode.pmsm.balance.start import nominal_start, weak_start
 from penode.pmsm.conventional.paper_recipe import Growing, PaperRecipe
 from penode.pmsm.machine.holds import HOLDS
-from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.terms import DeadTime
 from penode.pmsm.studies.extent import Extent
 from penode.predictors.base import DEFAULT_SOLVER
@@ -59,15 +59,15 @@ class Variant:
     climbing: bool = True
     solver: Solver = DEFAULT_SOLVER
 
-    def start(self, run: Experiment, seed: int) -> Machine:
+    def start(self, run: Experiment, seed: int) -> Start:
         """Return where training begins."""
         if self.adam:
-            return nominal_start([run], seed)
+            return Start(nominal_start([run], seed))
         terms = (DeadTime(),) if self.inverter else ()
-        machine, *_ = weak_start(
+        machine, _, penalties = weak_start(
             [run], self.flux_map, seed, angle_orders=self.angle_orders, terms=terms
         )
-        return machine
+        return Start(machine, penalties=penalties)
 
     def plans(self, horizons: Sequence[int], run: Experiment, seed: int, extent: Extent) -> "Plans":
         """Return how each horizon is reached: the plan up to it, whose last stage is its own."""

@@ -1,0 +1,99 @@
+"""Positive definite inductance where nothing was recorded: observations of what is known there.
+
+Smoothing continues a map towards the linear machine, but a strongly saturated one may bend so much
+at the edge of the recordings that the differential inductance leaves the physical range beyond. In
+the rectangle that holds the recorded currents, where tables are made, it is held.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.pmsm.balance.smoothing import Roughness, Smoothed, penalised
+from penode.pmsm.machine.coenergy_map import CoenergyPart, columns
+from penode.training.weak_form import WeakRegression
+
+#: Points a side of the rectangle, and recorded ones that say how small an inductance may be.
+_GRID, _POINTS = 31, 200
+#: Least inductance beyond the recordings over the least within; what is below half of it is raised.
+_LEAST = 0.2
+#: That least inductance over the deviation with which it is known: surer than a misfit of training.
+_CERTAIN = 40.0
+_ROUNDS = 15
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A map whose inductance is positive definite over the rectangle of the recordings.
+
+    Attributes
+    ----------
+    solution : ndarray, shape (coefficient,)
+        As of `Smoothed`.
+    rows : ndarray, shape (observation, coefficient)
+        Inductances in one direction, over the deviation with which they are known.
+    target : ndarray, shape (observation,)
+        Their values.
+    """
+
+    solution: FloatArray
+    rows: FloatArray
+    target: FloatArray
+
+
+def held_definite(
+    equations: WeakRegression,
+    penalties: Sequence[Roughness],
+    found: Smoothed,
+    parts: Sequence[CoenergyPart],
+    currents: FloatArray,
+) -> Held:
+    """Add observations of a small positive inductance where a solution has less.
+
+    Parameters
+    ----------
+    equations, penalties, found
+        What was solved, and the solution.
+    parts : sequence of CoenergyPart
+        Of the mean map; their coefficients are the last of the solution.
+    currents : ndarray, shape (time, 2)
+        Recorded ones, dimensionless.
+    """
+    first = len(found.solution) - sum(part.coefficients.size for part in parts)
+    low, high = currents.min(axis=0), currents.max(axis=0)
+    axes = [np.linspace(a, b, _GRID) for a, b in zip(low, high, strict=True)]
+    everywhere = _hessians(parts, np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2))
+    visited = _hessians(parts, currents[:: max(len(currents) // _POINTS, 1)])
+    solution = found.solution
+    least, _ = _smallest(visited, solution[first:])
+    positive = least[least > 0]
+    floor = _LEAST * float(positive.min() if len(positive) == len(least) else np.median(positive))
+    rows, target = np.zeros((0, len(solution))), np.zeros(0)
+    for _ in range(_ROUNDS):
+        smallest, direction = _smallest(everywhere, solution[first:])
+        bad = smallest < floor / 2
+        if not bad.any():
+            break
+        d, q = direction[bad].T
+        along = np.stack([d * d, 2 * d * q, q * q], axis=1)
+        new = np.zeros((int(bad.sum()), len(solution)))
+        new[:, first:] = np.einsum("pk,pkc->pc", along, everywhere[bad])
+        rows = np.concatenate([rows, new / (floor / _CERTAIN)])
+        target = np.concatenate([target, np.full(len(new), _CERTAIN)])
+        solution = penalised(equations, penalties, found, (rows, target))
+    return Held(solution, rows, target)
+
+
+def _hessians(parts: Sequence[CoenergyPart], points: FloatArray) -> FloatArray:
+    """Return W_dd, W_dq and W_qq of each coefficient, shape (point, 3, coefficient)."""
+    return np.concatenate([columns(part, points)[1] for part in parts], axis=2)
+
+
+def _smallest(hessians: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest eigenvalues (point,) and their directions (point, 2)."""
+    a, b, c = (hessians @ weights).T
+    matrices = np.stack([np.stack([a, b], axis=-1), np.stack([b, c], axis=-1)], axis=-1)
+    values, vectors = np.linalg.eigh(matrices)
+    return values[:, 0], vectors[:, :, 0]
