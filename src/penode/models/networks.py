@@ -15,7 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import JaxArray, Leaf
-from penode.models.parameters import Positive, PositiveDefinite, parameter
+from penode.models.parameters import parameter
+from penode.models.transforms import Positive, PositiveDefinite
 
 
 def dense(weights: JaxArray, x: JaxArray) -> JaxArray:

@@ -24,7 +24,8 @@ from penode.pmsm.balance.start import weak_start
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import HOLDS, check_hold
-from penode.pmsm.machine.terms import DeadTime, Term, completed, term_name
+from penode.pmsm.machine.term_registry import completed, term_name
+from penode.pmsm.machine.terms import DeadTime, Term
 from penode.pmsm.recording.channels import drive_recording, require_channels
 from penode.pmsm.report.machine_report import machine_report
 from penode.training.plan import Plan

@@ -11,7 +11,7 @@ from penode.arrays import BoolArray, FloatArray, float64
 from penode.data.windows import Windows
 from penode.models.base import Model
 from penode.models.layout import Layout
-from penode.training.residuals import GaussNewtonTerms
+from penode.training.gauss_newton_terms import GaussNewtonTerms
 
 #: Directions of the normal matrix below this fraction of the largest (after scaling) are flat:
 #: rounding makes what is said of them noise, which may swamp what the others say.

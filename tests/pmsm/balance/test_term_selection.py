@@ -15,7 +15,8 @@ from penode.pmsm.bench.inverter import Inverter
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
-from penode.pmsm.machine.terms import DeadTime, completed
+from penode.pmsm.machine.term_registry import completed
+from penode.pmsm.machine.terms import DeadTime
 from penode.pmsm.study import Study
 
 

@@ -23,7 +23,8 @@ from penode.pmsm.machine.coenergy_map import (
 )
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.model import Machine
-from penode.pmsm.machine.terms import Term, physical_values, with_physical
+from penode.pmsm.machine.term_registry import physical_values, with_physical
+from penode.pmsm.machine.terms import Term
 from penode.training.penalties import GaussianPrior
 from penode.training.weak_form import WeakRegression, join
 

@@ -12,7 +12,8 @@ from penode.horizon.identifiability import THRESHOLD
 from penode.pmsm.balance.equations import CURRENTS, VOLTAGES, term_columns
 from penode.pmsm.balance.voltage_balance import BalanceForm, BalanceSolution
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
-from penode.pmsm.machine.terms import ANGLE, DeadTime, Term, channels_of, physical_places
+from penode.pmsm.machine.term_registry import channels_of, physical_places
+from penode.pmsm.machine.terms import ANGLE, DeadTime, Term
 
 #: Harmonics of the electrical angle that a machine of three symmetric phases may have.
 _HARMONICS = (6, 12)

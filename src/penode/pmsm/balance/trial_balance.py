@@ -19,7 +19,8 @@ from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.voltage_balance import harmonic_window
 from penode.pmsm.machine.flux_maps import Flux
 from penode.pmsm.machine.frames import quarter_turned
-from penode.pmsm.machine.terms import Term, completed
+from penode.pmsm.machine.term_registry import completed
+from penode.pmsm.machine.terms import Term
 from penode.training.covariance import bartlett
 from penode.training.weak_form import WeakRegression
 
