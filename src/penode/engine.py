@@ -82,6 +82,7 @@ from penode.training.loss import (
 )
 from penode.training.multi_start import BestOf
 from penode.training.penalties import (
+    GaussianPrior,
     Orthogonality,
     Penalty,
     Priors,
@@ -140,6 +141,7 @@ __all__ = [
     "FirstOrder",
     "FirstOrderHold",
     "GaussNewtonTerms",
+    "GaussianPrior",
     "Gradient",
     "HeldOut",
     "Hold",

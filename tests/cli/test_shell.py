@@ -33,7 +33,7 @@ def test_bash_completes_the_names_of_flux_maps():
         timeout=300,
         env={**os.environ, "PATH": path},
     )
-    assert done.stdout.split() == ["coenergy", "mlp", "polynomial", "spline"], done.stderr
+    assert done.stdout.split() == ["coenergy", "convex", "mlp", "polynomial", "spline"], done.stderr
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def _sum_of_products(weights: JaxArray, x: JaxArray) -> JaxArray:
 
 
 class FeatureNetwork(eqx.Module):
-    """A network that features, such as the harmonics of an angle, can shift."""
+    """A learned map that features, such as the harmonics of an angle, can change."""
 
     def value_and_jacobian(
         self, x: JaxArray, features: JaxArray | None = None

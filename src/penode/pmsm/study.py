@@ -53,7 +53,7 @@ class Study:
     pole_pairs : int or None
         For the torque; None where it is not needed.
     seed : int
-        Seed of network draws and window placement.
+        Seed of window placement, and of the draw of a map other than ``"coenergy"``.
     terms : tuple of Term
         Of the voltage equation, beside resistance and rotation or in their place.
     candidates : tuple of Term
@@ -205,7 +205,7 @@ def identify(
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:
-    """Return the convex start, with what was asked for and what is odd in the recordings."""
+    """Return the start by the weak form, the settings and what is odd in the recordings."""
     machine, balance, penalties = weak_start(
         recordings,
         study.flux_map,

@@ -122,7 +122,8 @@ def sandwich_deviation(
     Parameters
     ----------
     terms : GaussNewtonTerms
-        At the minimum; A is the sum of S'S, B the HAC covariance of the scores.
+        At the minimum; A is the sum of S'S, B the HAC covariance of the scores plus the
+        variance of Gaussian priors.
     jacobian : ndarray, shape (reported, parameter)
         Derivative of the reported quantities.
     windows : Windows
@@ -151,7 +152,8 @@ def sandwich(terms: GaussNewtonTerms, windows: Windows) -> FloatArray:
     Parameters
     ----------
     terms : GaussNewtonTerms
-        At the minimum; A is the sum of S'S, B the HAC covariance of the scores.
+        At the minimum; A is the sum of S'S, B the HAC covariance of the scores plus the
+        variance of Gaussian priors.
     windows : Windows
         Those the terms were summed over.
     """

@@ -30,7 +30,7 @@ class GaussNewtonTerms:
     scores : ndarray, shape (parameter, window)
         S'r summed over the steps of each window.
     prior : ndarray, shape (parameter, parameter), or 0
-        Covariance that Gaussian priors add to the sum of the scores.
+        Variance of Gaussian priors, to add to the covariance of the summed scores.
     """
 
     loss: float

@@ -85,12 +85,13 @@ class GaussianPrior:
 
     Attributes
     ----------
-    factor : ndarray, shape (combination, value)
+    factor : ndarray, shape (combination, value of the group)
         Each combination of the group's values is zero but for the belief's deviation. It is scaled
         so that its squares add to the loss.
     variance : ndarray, shape (combination,)
         Variance of each scaled combination.
     group : str
+        Learned parameters by default.
     """
 
     factor: FloatArray = field(repr=False)

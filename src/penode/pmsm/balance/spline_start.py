@@ -151,7 +151,7 @@ def _block(part: CoenergyPart, found: Smoothed, number: int) -> _Block:
 def _with_harmonics(
     setting: _Setting, network: CoenergySplines, found: Smoothed, orders: tuple[int, ...]
 ) -> tuple[CoenergySplines, _Block]:
-    """Return the network with the amplitudes that what the mean leaves in short windows shows."""
+    """Return the map with amplitudes fitted to the residual of the mean in short windows."""
     count = len(orders)
     cosine, sine = (CoenergyPart.zero(AMPLITUDE, even, count) for even in (True, False))
     regressions = []

@@ -135,14 +135,14 @@ def _orders(
     if FLUX_MAPS[kind].draw_with_features is None:
         return (), (
             f"Angle harmonics {names} stand out and were left out: a {kind} map cannot follow the "
-            "angle; coenergy can.",
+            "angle; coenergy, convex and mlp can.",
         )
     fastest = max(float(np.abs(e.channels["omega_el"]).max()) * e.time_step for e in experiments)
     kept = tuple(n for n in shown if _SAMPLES * n * fastest < 2 * np.pi)
     reasons = []
     if kept:
-        told = " and ".join(f"{n} ({_rounded(power[n] / floor)}-fold)" for n in kept)
-        reasons.append(f"Angle harmonics were included: orders {told} stand out of the residual.")
+        named = " and ".join(f"{n} ({_rounded(power[n] / floor)}-fold)" for n in kept)
+        reasons.append(f"Angle harmonics were included: orders {named} stand out of the residual.")
     missed = [n for n in shown if n not in kept]
     if missed:
         reasons.append(

@@ -61,7 +61,7 @@ class Term(eqx.Module):
     """One summand of the voltage equation, with its own parameters and channels.
 
     Parameters are fields, declared as in any `penode.Model`. The drop is linear in those that are
-    physical; the weak form finds them, and holds all others where `prepared` puts them.
+    physical; the weak form estimates them, and holds all others where `prepared` puts them.
 
     Class attributes
     ----------------
@@ -88,8 +88,10 @@ class Term(eqx.Module):
         u : Inputs, rows of shape (batch,)
             u_d and u_q in V, and the channels in their units.
         flux : Flux
-            Flux linkage in Vs and its slope over the angle in Vs/rad. The weak form integrates the
-            whole change of the flux linkage, that with the angle included, and gives a slope of 0.
+            Flux linkage in Vs, inductance in H and slope over the angle in Vs/rad. The weak form
+            integrates the whole change of the flux linkage, that with the angle included, and gives
+            an inductance and a slope of 0. It takes the drop as linear in psi, at the values that
+            the parameters start from: one that multiplies psi is not identified there.
 
         Returns
         -------
