@@ -40,7 +40,7 @@ def balance_equations(
     terms : sequence of Term
         Prepared; psi enters through them, such as through the rotation.
     basis : ndarray, shape (time, 2, coefficient)
-        Flux linkage of each coefficient, in Vs or its share of it.
+        Flux linkage of each coefficient, in Vs or a fraction of it.
     length : int
         Samples in a window.
     further : sequence of (ndarray, ndarray), each of shape (time, 2)

@@ -36,7 +36,7 @@ class BalanceSolution:
     deviation : mapping of str to float
         HAC deviation of each physical parameter, SI units.
     independence : mapping of str to float
-        Share of each one's low-passed regressor that the others do not explain.
+        Fraction of each one's low-passed regressor that the others do not explain.
     equations : WeakRegression
         Behind all but the harmonics; columns of the physical parameters first.
     """
