@@ -196,4 +196,4 @@ def test_a_delay_that_does_not_show_is_said_to_be_untold():
     run = simulate(TRACTION_300A, reference, speed_rpm=300.0, duration=0.5, drive=drive)
     found = check_conventions(run)
     assert found.broken == ()
-    assert any("a delay of the voltage cannot be determined" in sentence for sentence in found.untold)
+    assert any("a delay of the voltage cannot be determined" in one for one in found.untold)
