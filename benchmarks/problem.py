@@ -28,7 +28,7 @@ TOLERANCE = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A recording, a machine at its convex start, and the objective between them."""
+    """A recording, a machine started by the weak form, and the objective between them."""
 
     run: Experiment
     machine: Machine

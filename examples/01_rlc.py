@@ -67,7 +67,7 @@ def true_inductance(current):
 
 
 def inductance_error(fit, run):
-    """Return the rms error of L(i) over the middle 95 % of the currents, as a share of L(0)."""
+    """Return the rms error of L(i) over the middle 95 % of the currents, as a fraction of L(0)."""
     current = np.linspace(*np.quantile(run.channels["i"], (0.025, 0.975)), 200)
     error = fit.inductance_at(current) - true_inductance(current)
     return float(np.sqrt(np.mean(error**2)) / true_inductance(0.0))

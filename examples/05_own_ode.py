@@ -1,4 +1,4 @@
-"""Your own equation with a network in it: a pendulum whose friction ignore_events knows.
+"""Your own equation with a network in it: a pendulum whose friction nobody knows.
 
     python examples/05_own_ode.py [FIGURE.png]
 

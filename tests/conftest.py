@@ -23,7 +23,8 @@ from penode.data.windows import cut
 from penode.fit.fit import Estimate, HorizonChoice
 from penode.models.layout import Layout
 from penode.models.networks import ConvexGradient, TanhLayers
-from penode.models.parameters import Positive, with_batch_axis
+from penode.models.parameters import with_batch_axis
+from penode.models.transforms import Positive
 from penode.pmsm.bench.machines import COMSOL_300A
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.model import Machine

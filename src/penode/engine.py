@@ -38,17 +38,10 @@ from penode.models.inputs import Inputs
 from penode.models.layout import Layout
 from penode.models.learned_map import LearnedMap
 from penode.models.networks import ConvexGradient, TanhLayers
-from penode.models.parameters import (
-    Bounded,
-    Identity,
-    Normal,
-    Positive,
-    PositiveDefinite,
-    Transform,
-    with_batch_axis,
-)
+from penode.models.parameters import Normal, with_batch_axis
 from penode.models.polynomials import Polynomial
 from penode.models.splines import Spline
+from penode.models.transforms import Bounded, Identity, Positive, PositiveDefinite, Transform
 from penode.predictors.holds import FirstOrderHold, Hold, ZeroOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
 from penode.predictors.multistep import AdamsBashforth
@@ -75,6 +68,7 @@ from penode.predictors.tableaus import (
 from penode.training.coarse_to_fine import CoarseToFine
 from penode.training.covariance import Reported
 from penode.training.first_order import FirstOrder
+from penode.training.gauss_newton_terms import GaussNewtonTerms, residual_scale
 from penode.training.loss import (
     Discounted,
     Loss,
@@ -88,6 +82,7 @@ from penode.training.loss import (
 )
 from penode.training.multi_start import BestOf
 from penode.training.penalties import (
+    GaussianPrior,
     Orthogonality,
     Penalty,
     Priors,
@@ -96,7 +91,7 @@ from penode.training.penalties import (
     WeightDecay,
 )
 from penode.training.plan import Optimiser, Problem, Solution
-from penode.training.residuals import GaussNewtonTerms, Objective, residual_scale
+from penode.training.residuals import Objective
 from penode.training.second_order import LevenbergMarquardt
 from penode.training.weak_form import WeakRegression, weak_regression
 from penode.validation.comparison import Comparison
@@ -146,6 +141,7 @@ __all__ = [
     "FirstOrder",
     "FirstOrderHold",
     "GaussNewtonTerms",
+    "GaussianPrior",
     "Gradient",
     "HeldOut",
     "Hold",

@@ -149,7 +149,7 @@ def test_what_init_writes_works_untouched(kind, results, penode):
     assert result["provenance"]["pole_pairs"] == POLE_PAIRS
     # Nobody can tell currents in rms: they are taken for peak values, and the file says so.
     factor = np.sqrt(2) if kind == "control unit" else 1.0
-    assert study.count("peak, as no file tells") == (0 if kind == "logged signals" else 4)
+    assert study.count("peak, as no file shows it") == (0 if kind == "logged signals" else 4)
     assert result["parameters"]["R"]["value"] == pytest.approx(0.01 * factor, rel=0.2)
 
 

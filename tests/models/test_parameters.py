@@ -13,19 +13,9 @@ from hypothesis.extra.numpy import arrays
 from penode import InputError, Model
 from penode.arrays import float64
 from penode.models.layout import Layout
-from penode.models.parameters import (
-    Bounded,
-    Identity,
-    Normal,
-    Positive,
-    PositiveDefinite,
-    Setting,
-    nuisance,
-    parameter,
-    physical,
-    with_batch_axis,
-)
+from penode.models.parameters import Normal, Setting, nuisance, parameter, physical, with_batch_axis
 from penode.models.parameters import settings as twin_tree
+from penode.models.transforms import Bounded, Identity, Positive, PositiveDefinite
 
 
 def positive_definite(value):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from penode.models.base import Model
-from penode.report.fit_report import PARTS, Page, fit_report
+from penode.report.fit_report import PARTS, Page, fit_report, with_own
 from penode.report.learned_maps import map_figures
 from penode.report.map_values import map_columns, map_values
 from penode.report.quantities import number
@@ -93,6 +93,17 @@ def test_a_section_is_one_function_and_one_line(oscillator):
     document = page.document(oscillator.fit)
     assert [section.title for section in document.sections] == ["Of 2 parameters"]
     assert document.title.startswith("Mass is")
+
+
+def test_a_page_with_sections_of_its_own_has_every_other_part():
+    def own(fit):
+        return None
+
+    def added(fit):
+        return None
+
+    parts = with_own({PARTS[1]: (own, own)}, (*PARTS, added))
+    assert parts == (PARTS[0], own, own, *PARTS[2:], added)
 
 
 def test_a_curve_holds_the_map_and_its_band(oscillator):

@@ -20,7 +20,7 @@ from penode.training.covariance import (
     marquardt_scale,
     sandwich_deviation,
 )
-from penode.training.residuals import GaussNewtonTerms
+from penode.training.gauss_newton_terms import GaussNewtonTerms
 
 
 def windows_of(samples, horizon=1, spacing=1):

@@ -16,6 +16,7 @@ from penode.arrays import Leaf, float64
 from penode.data.windows import cut
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
+from penode.training.gauss_newton_terms import residual_scale
 from penode.training.loss import (
     Discounted,
     Loss,
@@ -26,7 +27,7 @@ from penode.training.loss import (
     increment_deviation,
     last_step,
 )
-from penode.training.residuals import Objective, residual_scale
+from penode.training.residuals import Objective
 
 STEP, HORIZON = 0.05, 6
 TRUTH = np.array([0.8, 0.2, 0.7, 0.5])

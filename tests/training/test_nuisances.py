@@ -10,7 +10,8 @@ from penode import Experiment, Fit, InputError, Model, Predictor, identify, ladd
 from penode.arrays import Leaf, float64
 from penode.data.windows import cut
 from penode.models.layout import Layout
-from penode.models.parameters import Normal, Positive, nuisance
+from penode.models.parameters import Normal, nuisance
+from penode.models.transforms import Positive
 from penode.training.loss import Loss
 from penode.training.penalties import Priors
 from penode.training.residuals import Objective

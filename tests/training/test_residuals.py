@@ -8,7 +8,8 @@ import pytest
 from penode import Predictor
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
-from penode.training.residuals import CHUNK, GaussNewtonTerms, Objective
+from penode.training.gauss_newton_terms import GaussNewtonTerms
+from penode.training.residuals import CHUNK, Objective
 
 HORIZONS = (1, 7, 23)
 

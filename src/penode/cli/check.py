@@ -107,8 +107,8 @@ def _coverage(found: RecordingCheck) -> list[tuple[str, str]]:
     cover = found.excitation
     speeds = ", ".join(number(s * 30 / np.pi) for s in cover.speeds)
     summary = (
-        f"Currents up to {number(cover.largest_current)} A over {number(100 * cover.share)} % of "
-        f"that disc, moving at up to {number(cover.current_rate)} rad/s; speed {speeds} rpm "
+        f"Currents up to {number(cover.largest_current)} A over {number(100 * cover.fraction)} % "
+        f"of that disc, moving at up to {number(cover.current_rate)} rad/s; speed {speeds} rpm "
         f"electrical."
     )
     return [("coverage", sentence) for sentence in (summary, *cover.advice)]

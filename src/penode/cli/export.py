@@ -29,7 +29,7 @@ def export_command(
 
     csv: flux_map.csv; npz: motulator; syre: SyR-e's fdfq_idiq;
     mat: look-up tables for Simulink and Simscape, with the inverse map;
-    c: a C99 header with its look-up; onnx: the network itself.
+    c: a C99 header with its look-up; onnx: the map itself, as a graph.
 
     Example: penode export result --to c --out machine.h
     """

@@ -54,7 +54,11 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         ),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(help="Seed of every random draw.", show_default="0")
+        int | None,
+        typer.Option(
+            help="Seed of window placement, and of the draw of a map other than coenergy.",
+            show_default="0",
+        ),
     ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the fit that was stopped in --out.")

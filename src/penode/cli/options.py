@@ -9,7 +9,7 @@ from penode.cli.completion import flux_maps, holds, terms
 from penode.errors import InputError
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.holds import HOLDS
-from penode.pmsm.machine.terms import TERMS
+from penode.pmsm.machine.term_registry import TERMS
 
 Runs = Annotated[
     list[Path], typer.Argument(help="Recordings to train on: csv, parquet, mat, mf4, tdms.")

@@ -41,7 +41,7 @@ def sweep_command(  # noqa: PLR0913 (an argument an option)
     horizons: Annotated[
         str, typer.Option(help="Steps, with commas between them.")
     ] = "1,2,5,10,20,50,100",
-    seeds: Annotated[int, typer.Option(help="Networks to start from, at each horizon.")] = 3,
+    seeds: Annotated[int, typer.Option(help="Seeds at each horizon.")] = 3,
     config: Config = None,
     flux_map: FluxMapOption = None,
     inverter: Inverter = None,

@@ -21,8 +21,9 @@ class LearnedUncertainty:
     Attributes
     ----------
     covariance : ndarray, shape (parameter, parameter)
-        HAC sandwich of the raw parameters at the selected horizon; infinite on the diagonal where
-        the recordings are too short to show it.
+        HAC sandwich of the raw parameters at the selected horizon, with the variance of Gaussian
+        priors in its middle; infinite on the diagonal where the recordings are too short to show
+        it.
     agreeing : ndarray, shape (horizon, parameter)
         Raw parameters at the horizons that agree with the selected one, itself included.
     weights : ndarray, shape (horizon,)

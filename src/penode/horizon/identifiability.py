@@ -19,7 +19,7 @@ class Start:
     Attributes
     ----------
     model : Model
-        Untrained or convexly started model with physical values.
+        Untrained model, or one started by the weak form, with physical values.
     identifiability : mapping of str to float
         Fraction of each physical parameter's low-passed regressor that no regressor of the learned
         map explains; a parameter without an entry was not examined.

@@ -22,8 +22,9 @@ from penode.training.covariance import (
     sandwich_deviation,
     working_deviation,
 )
+from penode.training.gauss_newton_terms import residual_scale
 from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Solution, Stage
-from penode.training.residuals import Objective, residual_scale
+from penode.training.residuals import Objective
 from penode.training.second_order import LevenbergMarquardt
 from penode.validation.coverage import thin
 from penode.validation.free_run import with_unmeasured

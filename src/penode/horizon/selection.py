@@ -145,7 +145,7 @@ class Plateau:
 def _expected_errors(rungs: Sequence[HorizonFit]) -> FloatArray:
     """Return the expected root mean squared error of each rung, shape (rung,), up to a factor.
 
-    Physical parameters have one vote and the learned map another: the geometric mean of both.
+    Physical parameters and the learned map weigh the same: the geometric mean of both.
     """
     physical = len(rungs[0].influence)
     values = np.stack([rung.values for rung in rungs])
@@ -153,10 +153,10 @@ def _expected_errors(rungs: Sequence[HorizonFit]) -> FloatArray:
     weights = 1 / variance
     consensus = np.sum(values * weights, axis=0) / np.sum(weights, axis=0)
     squares = variance + (values - consensus) ** 2
-    votes = [np.log(squares[:, :physical]).mean(axis=1)] if physical else []
+    logs = [np.log(squares[:, :physical]).mean(axis=1)] if physical else []
     if squares.shape[1] > physical:
-        votes.append(np.log(squares[:, physical:].mean(axis=1)))
-    return np.asarray(np.exp(0.5 * np.mean(votes, axis=0))) if votes else np.ones(len(rungs))
+        logs.append(np.log(squares[:, physical:].mean(axis=1)))
+    return np.asarray(np.exp(0.5 * np.mean(logs, axis=0))) if logs else np.ones(len(rungs))
 
 
 def _agreement(rungs: Sequence[HorizonFit], level: float) -> set[tuple[int, int]]:

@@ -26,8 +26,9 @@ from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
 from penode.training.covariance import Reported, inverse_normal
+from penode.training.gauss_newton_terms import residual_scale
 from penode.training.loss import DEFAULT_LOSS
-from penode.training.residuals import Objective, residual_scale
+from penode.training.residuals import Objective
 from penode.validation.free_run import compare
 from penode.validation.residual_lines import find_lines, power_spectrum
 

@@ -9,7 +9,8 @@ from penode.arrays import JaxArray, Leaf
 from penode.errors import InputError
 from penode.models.learned_map import LearnedMap, floats
 from penode.models.networks import dense
-from penode.models.parameters import PositiveDefinite, parameter
+from penode.models.parameters import parameter
+from penode.models.transforms import PositiveDefinite
 
 
 class LinearSkip(eqx.Module):

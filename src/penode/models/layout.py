@@ -12,7 +12,8 @@ import numpy as np
 
 from penode.arrays import BoolArray, FloatArray, IntArray, JaxArray
 from penode.errors import InputError
-from penode.models.parameters import AnyModule, Setting, Transform, setting_at
+from penode.models.parameters import AnyModule, Setting, setting_at
+from penode.models.transforms import Transform
 
 #: Values of each parameter of a model, (part, batch).
 Parts: TypeAlias = tuple[JaxArray, ...]

@@ -15,7 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import JaxArray, Leaf
-from penode.models.parameters import Positive, PositiveDefinite, parameter
+from penode.models.parameters import parameter
+from penode.models.transforms import Positive, PositiveDefinite
 
 
 def dense(weights: JaxArray, x: JaxArray) -> JaxArray:
@@ -38,7 +39,7 @@ def _sum_of_products(weights: JaxArray, x: JaxArray) -> JaxArray:
 
 
 class FeatureNetwork(eqx.Module):
-    """A network that features, such as the harmonics of an angle, can shift."""
+    """A learned map that features, such as the harmonics of an angle, can change."""
 
     def value_and_jacobian(
         self, x: JaxArray, features: JaxArray | None = None

@@ -1,126 +1,15 @@
 """Parameters: a tree of physical values beside a twin tree of what is known of each of them."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray
-
-
-class Transform(Protocol):
-    """A smooth bijection between a raw vector and a parameter's admissible values."""
-
-    def size(self, shape: tuple[int, ...]) -> int:
-        """Return the length of the raw vector of a value of this shape."""
-
-    def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
-        """Map raw (size,) to a value (*shape)."""
-
-    def inverse(self, value: FloatArray) -> FloatArray:
-        """Map a value (*shape) to raw (size,)."""
-
-
-@dataclass(frozen=True)
-class Identity:
-    """Any real value."""
-
-    def size(self, shape: tuple[int, ...]) -> int:
-        """Return the number of entries."""
-        return math.prod(shape)
-
-    def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
-        """Reshape raw (size,) to (*shape)."""
-        return raw.reshape(shape)
-
-    def inverse(self, value: FloatArray) -> FloatArray:
-        """Flatten the value."""
-        return np.ravel(value)
-
-
-@dataclass(frozen=True)
-class Positive:
-    """Values above zero, as exponentials."""
-
-    def size(self, shape: tuple[int, ...]) -> int:
-        """Return the number of entries."""
-        return math.prod(shape)
-
-    def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
-        """Exponentiate raw (size,), at least to the smallest number above zero."""
-        return jnp.maximum(jnp.exp(raw), np.finfo(raw.dtype).tiny).reshape(shape)
-
-    def inverse(self, value: FloatArray) -> FloatArray:
-        """Take the logarithm of the value."""
-        return np.log(np.ravel(value))
-
-
-@dataclass(frozen=True)
-class Bounded:
-    """Values strictly between two bounds, as logistic functions.
-
-    Attributes
-    ----------
-    low, high : float
-        In the parameter's SI unit.
-    """
-
-    low: float
-    high: float
-
-    def __post_init__(self) -> None:
-        if not self.low < self.high:
-            raise ValueError(f"bounds {self.low} and {self.high} came; want low below high.")
-
-    def size(self, shape: tuple[int, ...]) -> int:
-        """Return the number of entries."""
-        return math.prod(shape)
-
-    def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
-        """Squeeze raw (size,) between the bounds, a rounding error away from them at most."""
-        rounding = 4 * np.finfo(raw.dtype).eps
-        place = jnp.clip(jax.nn.sigmoid(raw), rounding, 1 - rounding)
-        return (self.low + (self.high - self.low) * place).reshape(shape)
-
-    def inverse(self, value: FloatArray) -> FloatArray:
-        """Take the logit of the value's place between the bounds."""
-        place = (np.ravel(value) - self.low) / (self.high - self.low)
-        return np.log(place) - np.log1p(-place)
-
-
-@dataclass(frozen=True)
-class PositiveDefinite:
-    """Symmetric positive definite matrices, as Cholesky factors with a logarithmic diagonal."""
-
-    def size(self, shape: tuple[int, ...]) -> int:
-        """Return the number of entries of one triangle."""
-        return shape[0] * (shape[0] + 1) // 2
-
-    def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
-        """Build F F' (n, n) from raw (size,), the rows of the lower triangle F."""
-        n = shape[0]
-        factor = jnp.zeros(shape, raw.dtype).at[np.tril_indices(n)].set(raw)
-        diagonal = jnp.diag_indices(n)
-        factor = factor.at[diagonal].set(jnp.exp(factor[diagonal]))
-        return factor @ factor.T
-
-    def inverse(self, value: FloatArray) -> FloatArray:
-        """Return the lower triangle of the Cholesky factor, its diagonal as logarithms.
-
-        A matrix that is singular to rounding, as `forward` may return one, counts as definite.
-        """
-        eigenvalues = np.linalg.eigvalsh(value)
-        rounding = 4 * len(value) * np.finfo(np.float64).eps * eigenvalues[-1]
-        if abs(eigenvalues[0]) < rounding:
-            value = value + 2 * rounding * np.eye(len(value))
-        factor = np.linalg.cholesky(value)
-        np.fill_diagonal(factor, np.log(np.diag(factor)))
-        return np.asarray(factor[np.tril_indices(len(factor))])
+from penode.arrays import FloatArray
+from penode.models.transforms import Identity, Transform
 
 
 @dataclass(frozen=True)
@@ -135,6 +24,9 @@ class Normal:
 
     mean: float
     deviation: float
+
+
+_UNCONSTRAINED: Transform = Identity()
 
 
 @dataclass(frozen=True)
@@ -162,7 +54,7 @@ class Setting:
     unit: str = ""
     group: str = "learned"
     physical: bool = False
-    transform: Transform = Identity()
+    transform: Transform = _UNCONSTRAINED
     prior: Normal | None = None
     per_experiment: bool = False
     meaning: str = ""
@@ -186,7 +78,7 @@ def parameter(
     unit: str = "",
     group: str = "learned",
     physical: bool = False,
-    transform: Transform = _DEFAULT.transform,
+    transform: Transform = _UNCONSTRAINED,
     prior: Normal | None = None,
     default: Any = _REQUIRED,
 ) -> Any:
@@ -217,7 +109,7 @@ def parameter(
 
 def physical(
     unit: str,
-    transform: Transform = _DEFAULT.transform,
+    transform: Transform = _UNCONSTRAINED,
     prior: Normal | None = None,
     *,
     default: Any = _REQUIRED,
@@ -246,9 +138,7 @@ def physical(
     return _declare(setting, default)
 
 
-def nuisance(
-    unit: str, transform: Transform = _DEFAULT.transform, prior: Normal | None = None
-) -> Any:
+def nuisance(unit: str, transform: Transform = _UNCONSTRAINED, prior: Normal | None = None) -> Any:
     """Declare a parameter of which every recording has its own value, such as a sensor offset.
 
     It moves with the group ``"nuisance"``. The fit keeps the values of every recording in

@@ -36,8 +36,8 @@ from penode.pmsm.machine.flux_maps import FLUX_MAPS, FluxMap
 from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc
 from penode.pmsm.machine.holds import HOLDS, StationaryFrame
 from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.machine.terms import (
-    TERMS,
     Channel,
     DeadTime,
     Resistance,

@@ -24,7 +24,8 @@ from penode.pmsm.balance.start import weak_start
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import HOLDS, check_hold
-from penode.pmsm.machine.terms import DeadTime, Term, completed, term_name
+from penode.pmsm.machine.term_registry import completed, term_name
+from penode.pmsm.machine.terms import DeadTime, Term
 from penode.pmsm.recording.channels import drive_recording, require_channels
 from penode.pmsm.report.machine_report import machine_report
 from penode.training.plan import Plan
@@ -52,7 +53,7 @@ class Study:
     pole_pairs : int or None
         For the torque; None where it is not needed.
     seed : int
-        Seed of network draws and window placement.
+        Seed of window placement, and of the draw of a map other than ``"coenergy"``.
     terms : tuple of Term
         Of the voltage equation, beside resistance and rotation or in their place.
     candidates : tuple of Term
@@ -204,7 +205,7 @@ def identify(
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:
-    """Return the convex start, with what was asked for and what is odd in the recordings."""
+    """Return the start by the weak form, the settings and what is odd in the recordings."""
     machine, balance, penalties = weak_start(
         recordings,
         study.flux_map,

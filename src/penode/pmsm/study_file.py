@@ -27,7 +27,8 @@ from penode.data.toml_file import (
     require_known,
 )
 from penode.errors import InputError
-from penode.pmsm.machine.terms import DeadTime, terms_of
+from penode.pmsm.machine.term_registry import terms_of
+from penode.pmsm.machine.terms import DeadTime
 from penode.pmsm.recording.drive_mapping import RECORDED, DriveMapping, DriveOrigin
 from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.study import DEFAULT_STUDY, Study

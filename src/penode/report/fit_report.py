@@ -1,10 +1,11 @@
 """The report of any fit: the answer first, then a section for each question a reader may ask.
 
 To add a section, write a function from a fit to a `Section` beside those of
-`penode.report.sections`, and name it in `PARTS`.
+`penode.report.sections`, and name it in `PARTS`; pages that replace some of these with sections of
+their own (`with_own`) then have it too.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -43,6 +44,21 @@ PARTS: tuple[Part, ...] = (
     horizons,
     provenance,
 )
+
+
+def with_own(own: Mapping[Part, Sequence[Part]], parts: Sequence[Part] = PARTS) -> tuple[Part, ...]:
+    """Return parts of a report with some of them replaced, in the same order.
+
+    Parameters
+    ----------
+    own : mapping
+        For each part that is replaced, the parts in its place.
+    parts : sequence of callable, optional
+        Those of any fit by default.
+    """
+    return tuple(one for part in parts for one in own.get(part, (part,)))
+
+
 #: Parameters named in the heading at most.
 _NAMED = 4
 _WORDS = (

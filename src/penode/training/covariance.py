@@ -11,7 +11,7 @@ from penode.arrays import BoolArray, FloatArray, float64
 from penode.data.windows import Windows
 from penode.models.base import Model
 from penode.models.layout import Layout
-from penode.training.residuals import GaussNewtonTerms
+from penode.training.gauss_newton_terms import GaussNewtonTerms
 
 #: Directions of the normal matrix below this fraction of the largest (after scaling) are flat:
 #: rounding makes what is said of them noise, which may swamp what the others say.
@@ -122,7 +122,8 @@ def sandwich_deviation(
     Parameters
     ----------
     terms : GaussNewtonTerms
-        At the minimum; A is the sum of S'S, B the HAC covariance of the scores.
+        At the minimum; A is the sum of S'S, B the HAC covariance of the scores plus the
+        variance of Gaussian priors.
     jacobian : ndarray, shape (reported, parameter)
         Derivative of the reported quantities.
     windows : Windows
@@ -151,7 +152,8 @@ def sandwich(terms: GaussNewtonTerms, windows: Windows) -> FloatArray:
     Parameters
     ----------
     terms : GaussNewtonTerms
-        At the minimum; A is the sum of S'S, B the HAC covariance of the scores.
+        At the minimum; A is the sum of S'S, B the HAC covariance of the scores plus the
+        variance of Gaussian priors.
     windows : Windows
         Those the terms were summed over.
     """

@@ -85,7 +85,7 @@ class GaussianPrior:
 
     Attributes
     ----------
-    factor : ndarray, shape (combination, value)
+    factor : ndarray, shape (combination, value of the group)
         Each combination of the group's values is zero but for the belief's deviation. It is scaled
         so that its squares add to the loss.
     variance : ndarray, shape (combination,)
@@ -93,6 +93,7 @@ class GaussianPrior:
     mean : ndarray, shape (combination,), or 0
         What each scaled combination is believed to be.
     group : str
+        Learned parameters by default.
     """
 
     factor: FloatArray = field(repr=False)

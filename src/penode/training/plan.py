@@ -13,8 +13,9 @@ from penode.predictors.base import DEFAULT_HOLD, DEFAULT_SOLVER
 from penode.predictors.holds import Hold
 from penode.predictors.solver import Solver
 from penode.training.covariance import Reported
+from penode.training.gauss_newton_terms import GaussNewtonTerms
 from penode.training.loss import DEFAULT_LOSS, Loss
-from penode.training.residuals import GaussNewtonTerms, Objective
+from penode.training.residuals import Objective
 
 #: Receives the raw parameters (parameter,) and the loss as an optimiser goes.
 Progress = Callable[[FloatArray, float], None]

@@ -6,8 +6,8 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.training.covariance import marquardt_scale, working_deviation
+from penode.training.gauss_newton_terms import GaussNewtonTerms
 from penode.training.plan import DIVERGED, Problem, Progress, Solution, ignore_progress
-from penode.training.residuals import GaussNewtonTerms
 
 _LARGEST_DAMPING = 1e10
 #: Directions of the normal matrix weaker than this are left out of the remaining step: the loss

@@ -15,7 +15,8 @@ from penode.pmsm.bench.inverter import Inverter
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
-from penode.pmsm.machine.terms import DeadTime, completed
+from penode.pmsm.machine.term_registry import completed
+from penode.pmsm.machine.terms import DeadTime
 from penode.pmsm.study import Study
 
 
@@ -68,7 +69,7 @@ def test_dead_time_that_r_can_stand_in_for_is_left_out():
 def test_a_map_that_cannot_follow_the_angle_says_so(slow_run):
     found = structure_of([slow_run], "spline")
     assert found.angle_orders == ()
-    assert "coenergy can" in found.angle_reasons[0]
+    assert "coenergy, convex and mlp can" in found.angle_reasons[0]
 
 
 def test_an_order_beyond_the_samples_is_left_out(slow_run):

@@ -133,7 +133,7 @@ def test_rms_shows_against_a_name_plate_or_phases_and_not_without(drawn):
         assert names_of(changed(rms, **in_phases(run).channels)) == [f"rms for peak ({word})"]
         alone = check_conventions(rms)
         assert alone.broken == ()
-        assert "Rms values cannot be told" in alone.untold[-1]
+        assert "Rms values cannot be distinguished" in alone.untold[-1]
     both = scaled(run, root, "u_d", "u_q", "i_d", "i_q")
     assert names_of(both, None, plate) == ["rms for peak (voltages)", "rms for peak (currents)"]
 
@@ -196,4 +196,4 @@ def test_a_delay_that_does_not_show_is_said_to_be_untold():
     run = simulate(TRACTION_300A, reference, speed_rpm=300.0, duration=0.5, drive=drive)
     found = check_conventions(run)
     assert found.broken == ()
-    assert any("a delay of the voltage cannot be told" in sentence for sentence in found.untold)
+    assert any("a delay of the voltage cannot be determined" in one for one in found.untold)

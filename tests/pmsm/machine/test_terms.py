@@ -13,20 +13,16 @@ from penode.arrays import float64
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.models.inputs import Inputs
-from penode.models.parameters import Positive, setting_at, with_batch_axis
+from penode.models.parameters import setting_at, with_batch_axis
+from penode.models.transforms import Positive
 from penode.pmsm.balance.equations import balance_equations, term_columns
 from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.trial_balance import DirectedDeadTime
 from penode.pmsm.balance.voltage_balance import BalanceForm
 from penode.pmsm.machine.flux_maps import Flux, FluxMap
 from penode.pmsm.machine.model import Machine
-from penode.pmsm.machine.terms import (
+from penode.pmsm.machine.term_registry import (
     TERMS,
-    Channel,
-    DeadTime,
-    Resistance,
-    Rotation,
-    TemperatureResistance,
     completed,
     physical_places,
     physical_values,
@@ -34,6 +30,7 @@ from penode.pmsm.machine.terms import (
     terms_of,
     with_physical,
 )
+from penode.pmsm.machine.terms import Channel, DeadTime, Resistance, Rotation, TemperatureResistance
 from penode.training.weak_form import weak_regression
 
 RANDOM = np.random.default_rng(7)

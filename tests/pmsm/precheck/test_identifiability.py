@@ -55,13 +55,13 @@ def test_gauge_alarm_of_a_free_map(slow_run):
 
 def test_excitation_of_a_disc_and_of_a_line(slow_run, unseen_run):
     found = excitation_of([slow_run, unseen_run])
-    assert found.share > 0.7
+    assert found.fraction > 0.7
     assert found.advice == ()
     assert found.speeds == pytest.approx((5 * 50 * np.pi, 5 * 30 * np.pi), rel=1e-6)
     line = {"i_d": np.zeros(len(slow_run)), "i_q": np.abs(slow_run.channels["i_q"])}
     run = replace(slow_run, channels={**slow_run.channels, **line})
     poor = excitation_of([run])
-    assert poor.share == 0.0
+    assert poor.fraction == 0.0
     assert len(poor.advice) == 3
 
 

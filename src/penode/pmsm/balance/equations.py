@@ -16,7 +16,8 @@ from penode.data.experiment import Experiment
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.machine.flux_maps import Flux
-from penode.pmsm.machine.terms import Term, channels_of, physical_places
+from penode.pmsm.machine.term_registry import channels_of, physical_places
+from penode.pmsm.machine.terms import Term
 from penode.training.weak_form import WeakRegression, weak_regression
 
 CURRENTS = ("i_d", "i_q")
@@ -39,7 +40,7 @@ def balance_equations(
     terms : sequence of Term
         Prepared; psi enters through them, such as through the rotation.
     basis : ndarray, shape (time, 2, coefficient)
-        Flux linkage of each coefficient, in Vs or its share of it.
+        Flux linkage of each coefficient, in Vs or a fraction of it.
     length : int
         Samples in a window.
     further : sequence of (ndarray, ndarray), each of shape (time, 2)

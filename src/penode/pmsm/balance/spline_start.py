@@ -24,7 +24,8 @@ from penode.pmsm.machine.coenergy_map import (
 )
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.model import Machine
-from penode.pmsm.machine.terms import Term, physical_values, with_physical
+from penode.pmsm.machine.term_registry import physical_values, with_physical
+from penode.pmsm.machine.terms import Term
 from penode.training.penalties import GaussianPrior
 from penode.training.weak_form import WeakRegression, join
 
@@ -168,7 +169,7 @@ def _block(part: CoenergyPart, found: Smoothed, number: int) -> _Block:
 def _with_harmonics(
     setting: _Setting, network: CoenergySplines, found: Smoothed, orders: tuple[int, ...]
 ) -> tuple[CoenergySplines, _Block]:
-    """Return the network with the amplitudes that what the mean leaves in short windows shows."""
+    """Return the map with amplitudes fitted to the residual of the mean in short windows."""
     count = len(orders)
     cosine, sine = (CoenergyPart.zero(AMPLITUDE, even, count) for even in (True, False))
     regressions = []

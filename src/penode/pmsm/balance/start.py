@@ -1,4 +1,7 @@
-"""Convex start: resistance and a polynomial flux map by the weak form, then a network fit to it."""
+"""Start by the weak form: splines by penalised least squares; for other maps a polynomial map.
+
+To the polynomial map a draw of the wanted map is fitted.
+"""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +24,7 @@ from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.terms import Resistance, Term
 from penode.training.penalties import Penalty
 
-#: Networks drawn, of which the better after a few evaluations is fitted to the end.
+#: Maps drawn, of which the better after a few evaluations is fitted to the end.
 _DRAWS, _FEW, _MANY = 2, 20, 100
 _POINTS = 200
 #: Weights of the differential inductance and of the slope over the angle beside the flux linkage,
@@ -33,7 +36,7 @@ _WEAK = 0.05
 
 
 class WeakStart(NamedTuple):
-    """A machine by convex steps.
+    """A machine started by the weak form.
 
     Attributes
     ----------
@@ -58,7 +61,10 @@ def weak_start(
     angle_orders: tuple[int, ...] = (),
     terms: Sequence[Term] = (),
 ) -> WeakStart:
-    """Find resistance and flux map by convex steps.
+    """Find physical parameters and flux map by the weak form.
+
+    A map of splines follows by penalised least squares. For any other a polynomial map does, to
+    which a draw of the map is fitted.
 
     Parameters
     ----------
@@ -67,7 +73,7 @@ def weak_start(
     kind : str
         A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
     seed : int
-        Seed of the network draws, of which the better of two is kept; a map of splines draws
+        Seed of the draws, of which the better of two is kept; a map of splines draws
         nothing.
     angle_orders : tuple of int
         Harmonics of the electrical angle in the map.
@@ -96,7 +102,7 @@ def weak_start(
 
 
 def nominal_start(experiments: Sequence[Experiment], seed: int) -> Machine:
-    """Put a weak random network beside the machine's linear map, with an R that knows nothing.
+    """Put a weak random network beside the machine's linear map, with an R drawn at random.
 
     The start of the paper's recipe: without the linear part random weights make the differential
     inductance singular, and every rollout overflows at once.

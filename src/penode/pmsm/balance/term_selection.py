@@ -12,7 +12,8 @@ from penode.horizon.identifiability import THRESHOLD
 from penode.pmsm.balance.equations import CURRENTS, VOLTAGES, term_columns
 from penode.pmsm.balance.voltage_balance import BalanceForm, BalanceSolution
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
-from penode.pmsm.machine.terms import ANGLE, DeadTime, Term, channels_of, physical_places
+from penode.pmsm.machine.term_registry import channels_of, physical_places
+from penode.pmsm.machine.terms import ANGLE, DeadTime, Term
 
 #: Harmonics of the electrical angle that a machine of three symmetric phases may have.
 _HARMONICS = (6, 12)
@@ -134,14 +135,14 @@ def _orders(
     if FLUX_MAPS[kind].draw_with_features is None:
         return (), (
             f"Angle harmonics {names} stand out and were left out: a {kind} map cannot follow the "
-            "angle; coenergy can.",
+            "angle; coenergy, convex and mlp can.",
         )
     fastest = max(float(np.abs(e.channels["omega_el"]).max()) * e.time_step for e in experiments)
     kept = tuple(n for n in shown if _SAMPLES * n * fastest < 2 * np.pi)
     reasons = []
     if kept:
-        told = " and ".join(f"{n} ({_rounded(power[n] / floor)}-fold)" for n in kept)
-        reasons.append(f"Angle harmonics were included: orders {told} stand out of the residual.")
+        named = " and ".join(f"{n} ({_rounded(power[n] / floor)}-fold)" for n in kept)
+        reasons.append(f"Angle harmonics were included: orders {named} stand out of the residual.")
     missed = [n for n in shown if n not in kept]
     if missed:
         reasons.append(

@@ -19,13 +19,14 @@ from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.voltage_balance import harmonic_window
 from penode.pmsm.machine.flux_maps import Flux
 from penode.pmsm.machine.frames import quarter_turned
-from penode.pmsm.machine.terms import Term, completed
+from penode.pmsm.machine.term_registry import completed
+from penode.pmsm.machine.terms import Term
 from penode.training.covariance import bartlett
 from penode.training.weak_form import WeakRegression
 
 #: Degree of the coenergy: enough for factors and the magnet, and for timing and R.
 _DEGREE, FINE_DEGREE = 4, 8
-#: Share of the largest current below which the mean dead-time voltage fades.
+#: Fraction of the largest current below which the mean dead-time voltage fades.
 _FADE = 0.02
 #: Points at which the differential inductance is looked at.
 _POINTS = 200
@@ -47,10 +48,10 @@ class TrialBalance:
     ----------
     resistance, deviation : float
         R and its HAC deviation in ohm.
-    leftover : float
-        What is left of the voltages, over the voltages (root mean square).
+    residual : float
+        Residual of the balance over the voltages (root mean square).
     definite : float
-        Share of the visited currents at which d psi / d i is positive definite, as it must be.
+        Fraction of the visited currents at which d psi / d i is positive definite, as it must be.
     magnet : ndarray, shape (2,)
         Flux linkage at no current in Vs.
     magnet_deviation : float
@@ -61,16 +62,16 @@ class TrialBalance:
 
     resistance: float
     deviation: float
-    leftover: float
+    residual: float
     definite: float
     magnet: FloatArray
     magnet_deviation: float
     inductance: FloatArray
 
     @property
-    def doubt(self) -> float:
-        """The leftover, doubled where no d psi / d i is positive definite: smaller is better."""
-        return self.leftover * (2.0 - self.definite)
+    def misfit(self) -> float:
+        """The residual, doubled where no d psi / d i is positive definite: smaller is better."""
+        return self.residual * (2.0 - self.definite)
 
 
 def try_balance(
@@ -104,7 +105,7 @@ def try_balance(
     return TrialBalance(
         resistance=float(solution[0]),
         deviation=equations.deviation(0),
-        leftover=float(
+        residual=float(
             np.linalg.norm(equations.target - equations.matrix @ solution)
             / np.linalg.norm(equations.target)
         ),
@@ -126,7 +127,7 @@ def lag_of_voltage(experiment: Experiment, in_phases: bool) -> tuple[float, floa
 
     What a voltage late by tau was is u + tau du/dt, with du/dt + omega J u for one of phases, which
     the rotor turned away from: linear in tau. As a little turn has other reasons too, such as dead
-    time, that of phases is told from tau du/dt alone where the rotor turns slowly. Of windows of
+    time, that of phases is taken from tau du/dt alone where the rotor turns slowly. Of windows of
     several lengths the one with the least deviation is taken.
 
     Parameters
@@ -143,19 +144,19 @@ def lag_of_voltage(experiment: Experiment, in_phases: bool) -> tuple[float, floa
     earlier, nothing = -experiment.time_step * voltage, np.zeros_like(voltage)
     tried = [([(earlier, nothing)], 0.0)]
     if in_phases:
-        doubt = _OTHER_TURN / max(float(np.median(np.abs(turn))), 1e-9)
+        ambiguity = _OTHER_TURN / max(float(np.median(np.abs(turn))), 1e-9)
         tried = [
-            ([(earlier, turn[:, None] * turned)], doubt),
+            ([(earlier, turn[:, None] * turned)], ambiguity),
             ([(earlier, nothing), (nothing, turned)], 0.0),
         ]
     window = trial_window(experiment)
     longest = len(experiment) // _FEWEST
     found = []
     for length in (n * window for n in _TIMING_WINDOWS if n * window <= longest):
-        for columns, doubt in tried:
+        for columns, ambiguity in tried:
             equations = balance_equations(experiment, terms, basis, length, columns)
             deviation, lag = _first_coefficient(equations)
-            found.append((float(np.hypot(deviation, doubt)), lag))
+            found.append((float(np.hypot(deviation, ambiguity)), lag))
     deviation, lag = min(found)
     return lag, deviation
 
@@ -163,7 +164,8 @@ def lag_of_voltage(experiment: Experiment, in_phases: bool) -> tuple[float, floa
 def _first_coefficient(equations: WeakRegression) -> tuple[float, float]:
     """Return the HAC deviation of the first coefficient, and its least-squares value.
 
-    What `WeakRegression` tells by a singular value decomposition, here by one QR, ten times faster.
+    What `WeakRegression` computes by a singular value decomposition, here by one QR, ten times
+    faster.
     """
     others = equations.matrix[:, 1:]
     basis = np.linalg.qr(others / np.maximum(np.linalg.norm(others, axis=0), 1e-300))[0]
@@ -173,8 +175,8 @@ def _first_coefficient(equations: WeakRegression) -> tuple[float, float]:
     gain = own / max(float(own @ own), 1e-300)
     value = float(gain @ target)
     lags = max(2 * int((len(own) / 2) ** 0.6), _OVERLAPPING)
-    share = gain * (target - value * own)
-    return float(np.sqrt(bartlett(share[None], lags)[0, 0])), value
+    influence = gain * (target - value * own)
+    return float(np.sqrt(bartlett(influence[None], lags)[0, 0])), value
 
 
 def _terms(currents: FloatArray) -> tuple[Term, ...]:

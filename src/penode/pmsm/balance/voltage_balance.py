@@ -10,7 +10,8 @@ from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.equations import CURRENTS, balance_equations
 from penode.pmsm.balance.polynomial_map import PolynomialMap
-from penode.pmsm.machine.terms import Term, completed, physical_values, with_physical
+from penode.pmsm.machine.term_registry import completed, physical_values, with_physical
+from penode.pmsm.machine.terms import Term
 from penode.training.weak_form import WeakRegression, join
 
 #: Windows of the second step in periods of the highest order: short enough to see them.
@@ -35,7 +36,7 @@ class BalanceSolution:
     deviation : mapping of str to float
         HAC deviation of each physical parameter, SI units.
     independence : mapping of str to float
-        Share of each one's low-passed regressor that the others do not explain.
+        Fraction of each one's low-passed regressor that the others do not explain.
     equations : WeakRegression
         Behind all but the harmonics; columns of the physical parameters first.
     """
@@ -94,8 +95,8 @@ class BalanceForm:
     polynomial : PolynomialMap
         Basis of the mean map and of each harmonic's amplitude.
     terms : tuple of Term
-        All that takes up voltage (`penode.pmsm.machine.terms.completed`), prepared. Their physical
-        parameters are solved for; all others are held.
+        All that takes up voltage (`penode.pmsm.machine.term_registry.completed`), prepared. Their
+        physical parameters are solved for; all others are held.
     angle_orders : tuple of int
         Harmonics of the electrical angle.
     """

@@ -57,9 +57,9 @@ def judge_signs(experiment: Experiment) -> Judged:
     """
     standing = try_balance(experiment, degree=_SIGN_DEGREE)
     trials = {n: try_balance(_reversed(experiment, n), degree=_SIGN_DEGREE) for n in _REVERSALS}
-    best = min(trials, key=lambda n: (float(f"{trials[n].doubt:.4g}"), -trials[n].magnet[0]))
+    best = min(trials, key=lambda n: (float(f"{trials[n].misfit:.4g}"), -trials[n].magnet[0]))
     angle = _angle_sign(experiment)
-    if trials[best].doubt > _CLEARER * standing.doubt:
+    if trials[best].misfit > _CLEARER * standing.misfit:
         if angle >= 0:
             return None, experiment
         found = BrokenConvention(
@@ -92,9 +92,9 @@ def _angle_sign(experiment: Experiment) -> int:
 def _why(standing: TrialBalance, mended: TrialBalance, angle: int) -> str:
     against = "the angle turns against the speed, and " if angle < 0 else ""
     return (
-        f"{against}the voltage balance leaves {100 * standing.leftover:.2g} % of the voltages and "
+        f"{against}the voltage balance leaves {100 * standing.residual:.2g} % of the voltages and "
         f"an inductance that is positive at {100 * standing.definite:.0f} % of the currents, and "
-        f"with the sign turned {100 * mended.leftover:.2g} % and {100 * mended.definite:.0f} %"
+        f"with the sign turned {100 * mended.residual:.2g} % and {100 * mended.definite:.0f} %"
     )
 
 
@@ -117,14 +117,14 @@ def judge_speed_factor(experiment: Experiment, pole_pairs: int | None) -> Judged
     pairs = range(2, _MOST_POLE_PAIRS + 1) if pole_pairs is None else (pole_pairs,)
     factors = [float(p) for p in pairs] + ([1.0 / pole_pairs] if pole_pairs else [])
     trials = {f: _at_factor(experiment, f) for f in factors if f != 1.0}
-    best = min(trials, key=lambda f: trials[f][1].doubt / trials[f][0].doubt, default=1.0)
-    if best == 1.0 or trials[best][1].doubt > _CLEARER * trials[best][0].doubt:
+    best = min(trials, key=lambda f: trials[f][1].misfit / trials[f][0].misfit, default=1.0)
+    if best == 1.0 or trials[best][1].misfit > _CLEARER * trials[best][0].misfit:
         return None, experiment
     speed = best * experiment.channels["omega_el"]
     scaled, window = with_channels(experiment, {"omega_el": speed}), trial_window(experiment)
-    if try_balance(scaled, window).doubt > try_balance(experiment, window).doubt:
+    if try_balance(scaled, window).misfit > try_balance(experiment, window).misfit:
         return None, experiment
-    standing, mended = (trial.leftover for trial in trials[best])
+    standing, mended = (trial.residual for trial in trials[best])
     evidence = (
         f"the voltage balance leaves {100 * standing:.2g} % of the voltages, and "
         f"{100 * mended:.2g} % with {best:.3g} times the speed"

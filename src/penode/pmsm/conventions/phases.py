@@ -72,7 +72,7 @@ def judge_phases(experiment: Experiment, kinds: str) -> Judged:
         for kind in swapped
     )
     orders = {pair: _exchanged(experiment, swapped, pair) for pair in ("bc", "ab", "ac")}
-    pair = min(orders, key=lambda p: _doubt_in_dq(orders[p], kinds))
+    pair = min(orders, key=lambda p: _misfit_in_dq(orders[p], kinds))
     mend = f"exchange the columns of phases {pair[0]} and {pair[1]} of the {what}"
     if len(swapped) == 2:
         mend += ", or give theta_el and omega_el sign = -1 if it is they that count backwards"
@@ -88,8 +88,8 @@ def _exchanged(experiment: Experiment, kinds: str, pair: str) -> Experiment:
     return with_channels(experiment, {n: experiment.channels[old] for n, old in names.items()})
 
 
-def _doubt_in_dq(experiment: Experiment, kinds: str) -> tuple[float, float]:
-    """Return the doubt of a recording in phases, and the angle of its magnet beside the d axis."""
+def _misfit_in_dq(experiment: Experiment, kinds: str) -> tuple[float, float]:
+    """Return the misfit of a recording in phases, and the angle of its magnet beside the d axis."""
     theta = experiment.channels["theta_el"]
     axes = {}
     for kind in kinds:
@@ -99,7 +99,7 @@ def _doubt_in_dq(experiment: Experiment, kinds: str) -> tuple[float, float]:
         axes["omega_el"] = np.gradient(np.unwrap(theta), experiment.time_step)
     trial = try_balance(with_channels(experiment, axes))
     aside = abs(float(np.arctan2(trial.magnet[1], trial.magnet[0])))
-    return float(f"{trial.doubt:.3g}"), aside
+    return float(f"{trial.misfit:.3g}"), aside
 
 
 def _spins_backwards(experiment: Experiment, kind: str) -> float | None:

@@ -1,4 +1,4 @@
-"""ONNX graph of psi(i), built from the network's own weights; the package onnx is an extra."""
+"""ONNX graph of psi(i), built from the map's own parameters; the package onnx is an extra."""
 
 from typing import Any
 

@@ -78,7 +78,13 @@ class CoenergySplines(FeatureNetwork):
 
     @classmethod
     def linear(cls, orders: int = 0) -> "CoenergySplines":
-        """Return the map psi = 0.3 x, with room for the default number of coefficients."""
+        """Return the map psi = 0.3 x, to rounding, mirror symmetric.
+
+        Parameters
+        ----------
+        orders : int
+            Harmonics of the angle, each with amplitudes of zero.
+        """
         even = CoenergyPart.zero(MEAN, True)
         points = np.random.default_rng(0).uniform(-1.0, 1.0, (4 * even.coefficients.size, 2))
         wanted = 0.3 * points

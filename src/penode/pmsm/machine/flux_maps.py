@@ -40,22 +40,22 @@ class Flux(NamedTuple):
 
 
 class FluxMap(eqx.Module):
-    """A network between scaled currents and scaled flux linkages.
+    """A learned map between scaled currents and scaled flux linkages.
 
-    With angle orders its features are cos(n theta) and sin(n theta) of each order n; if the network
-    is the gradient of a scalar at each of their values, the map has one coenergy at every angle.
+    With angle orders its features are cos(n theta) and sin(n theta) of each order n; if the learned
+    map is the gradient of a scalar at each of their values, there is one coenergy at every angle.
 
     Attributes
     ----------
     network : LearnedMap
         Dimensionless map from 2 inputs to 2 outputs with its Jacobian.
     current_scale : float
-        A (peak) for one unit of the network's input.
+        A (peak) for one unit of the learned map's input.
     flux_scale : float
-        Vs for one unit of the network's output.
+        Vs for one unit of the learned map's output.
     angle_orders : tuple of int
-        Harmonics of the electrical angle in the map; none by default. They need a network with two
-        features an order.
+        Harmonics of the electrical angle in the map; none by default. They need a learned map with
+        two features an order.
     """
 
     network: LearnedMap
@@ -104,9 +104,10 @@ class FluxMap(eqx.Module):
         return Flux(scale * value, scale / self.current_scale * jacobian, scale * slope)
 
     def averaged(self) -> "FluxMap":
-        """Return the angle average of a plain map as one without orders: each unit once an angle.
+        """Return the angle average of a plain map as one without orders.
 
-        It equals `flux_and_inductance`, for those who want to write the network down.
+        Splines keep their mean, networks each unit once an angle. It equals `flux_and_inductance`,
+        for those who want to write the map down.
         """
         network = self.network
         if isinstance(network, CoenergySplines):
@@ -176,7 +177,7 @@ class FluxMapKind:
     Attributes
     ----------
     draw : callable
-        ``draw(seed)`` gives an untrained network.
+        ``draw(seed)`` gives an untrained learned map.
     reciprocal : bool
         Whether d psi_d / d i_q = d psi_q / d i_d holds by construction. A map without it can
         absorb a wrong resistance at constant speed (the gauge).
@@ -189,7 +190,7 @@ class FluxMapKind:
     draw_with_features: Callable[[int, int], FeatureNetwork] | None = None
 
 
-#: To add a family, add one entry; its network needs `value_and_jacobian`.
+#: To add a family, add one entry; its learned map needs `value_and_jacobian`.
 FLUX_MAPS: dict[str, FluxMapKind] = {
     "coenergy": FluxMapKind(
         lambda seed: CoenergySplines.linear(),

@@ -14,7 +14,8 @@ from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.frames import solved
-from penode.pmsm.machine.terms import ANGLE, SPEED, Channel, Term, channels_of, completed
+from penode.pmsm.machine.term_registry import channels_of, completed
+from penode.pmsm.machine.terms import ANGLE, SPEED, Channel, Term
 
 
 class Machine(Model):

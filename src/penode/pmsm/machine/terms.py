@@ -6,11 +6,10 @@ Each term is stated once, as the voltage that drops across it::
 
 The predictor solves this for di/dt (`penode.pmsm.machine.model.Machine`); the weak form takes its
 columns from the same `drop` (`penode.pmsm.balance.voltage_balance`). To add a term, write a
-subclass of `Term` and register it in `TERMS`.
+subclass of `Term` and register it in `penode.pmsm.machine.term_registry.TERMS`.
 """
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -18,10 +17,10 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, Leaf
-from penode.errors import InputError
+from penode.arrays import JaxArray, Leaf
 from penode.models.inputs import Inputs
-from penode.models.parameters import Positive, parameter, physical
+from penode.models.parameters import parameter, physical
+from penode.models.transforms import Positive
 from penode.pmsm.machine.flux_maps import Flux
 from penode.pmsm.machine.frames import quarter_turned
 
@@ -62,7 +61,7 @@ class Term(eqx.Module):
     """One summand of the voltage equation, with its own parameters and channels.
 
     Parameters are fields, declared as in any `penode.Model`. The drop is linear in those that are
-    physical; the weak form finds them, and holds all others where `prepared` puts them.
+    physical; the weak form estimates them, and holds all others where `prepared` puts them.
 
     Class attributes
     ----------------
@@ -89,8 +88,10 @@ class Term(eqx.Module):
         u : Inputs, rows of shape (batch,)
             u_d and u_q in V, and the channels in their units.
         flux : Flux
-            Flux linkage in Vs and its slope over the angle in Vs/rad. The weak form integrates the
-            whole change of the flux linkage, that with the angle included, and gives a slope of 0.
+            Flux linkage in Vs, inductance in H and slope over the angle in Vs/rad. The weak form
+            integrates the whole change of the flux linkage, that with the angle included, and gives
+            an inductance and a slope of 0. It takes the drop as linear in psi, at the values that
+            the parameters start from: one that multiplies psi is not identified there.
 
         Returns
         -------
@@ -242,95 +243,3 @@ def _log_cosh(x: JaxArray) -> JaxArray:
     """Return log(2 cosh x), the integral of tanh, without overflow."""
     size = jnp.abs(x)
     return size + jnp.log1p(jnp.exp(-2 * size))
-
-
-#: Terms that a user can name, in study files and on the command line.
-TERMS: dict[str, type[Term]] = {
-    "resistance": Resistance,
-    "temperature_resistance": TemperatureResistance,
-    "dead_time": DeadTime,
-}
-
-
-def terms_of(names: Sequence[str]) -> tuple[Term, ...]:
-    """Return terms by name, with nothing known of their parameters.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Keys of `TERMS`.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown.
-    """
-    for name in names:
-        if name not in TERMS:
-            raise InputError(f"term {name!r} came; choose from {', '.join(TERMS)}.")
-    return tuple(TERMS[name]() for name in names)
-
-
-def completed(terms: Sequence[Term]) -> tuple[Term, ...]:
-    """Return terms with the resistance and the rotation, which every machine has, added.
-
-    Parameters
-    ----------
-    terms : sequence of Term
-        A term of the role of one of these two stands in its place.
-
-    Raises
-    ------
-    InputError
-        If two terms have one role.
-    """
-    roles = [term.role for term in terms]
-    twice = next((role for role in roles if roles.count(role) > 1), None)
-    if twice is not None:
-        names = " and ".join(type(term).__name__ for term in terms if term.role == twice)
-        raise InputError(f"{names} came, and both describe the {twice}; leave one of them out.")
-    first = () if "resistance" in roles else (Resistance(),)
-    last = () if "rotation" in roles else (Rotation(),)
-    return (*first, *terms, *last)
-
-
-def channels_of(terms: Sequence[Term]) -> dict[str, Channel]:
-    """Return the channels that terms need, by name."""
-    return {channel.name: channel for term in terms for channel in term.channels}
-
-
-def term_name(term: Term) -> str:
-    """Return the key of a term in `TERMS`, or the name of its class where it is not there."""
-    names = {kind: name for name, kind in TERMS.items()}
-    return names.get(type(term), type(term).__name__)
-
-
-def physical_places(terms: Sequence[Term]) -> tuple[tuple[int, str], ...]:
-    """Return the place of each physical parameter: its term, and the name of its field."""
-    places = []
-    for place, term in enumerate(terms):
-        for name, declared in type(term).__dataclass_fields__.items():
-            setting = declared.metadata.get("setting")
-            if setting is not None and setting.physical:
-                places.append((place, name))
-    return tuple(places)
-
-
-def physical_values(terms: Sequence[Term]) -> dict[str, float]:
-    """Return the physical parameters of terms by name, SI units."""
-    return {name: float(getattr(terms[at], name)) for at, name in physical_places(terms)}
-
-
-def with_physical(terms: Sequence[Term], values: Sequence[float] | FloatArray) -> tuple[Term, ...]:
-    """Return terms with other physical parameters.
-
-    Parameters
-    ----------
-    terms : sequence of Term
-    values : sequence of float
-        In the order of `physical_places`, SI units.
-    """
-    changed = list(terms)
-    for (place, name), value in zip(physical_places(terms), values, strict=True):
-        changed[place] = replace(changed[place], **{name: value})
-    return tuple(changed)

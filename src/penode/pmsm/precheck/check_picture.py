@@ -85,7 +85,7 @@ def _draw_plane(axes: Axes, recordings: tuple[Experiment, ...], excitation: Exci
     axes.axhline(0, color=_MUTED, lw=0.5)
     axes.axvline(0, color=_MUTED, lw=0.5)
     axes.set(aspect="equal", xlabel="i_d (A)", ylabel="i_q (A)")
-    title = f"Currents visited; the hull (red) is {100 * excitation.share:.0f} % of the disc"
+    title = f"Currents visited; the hull (red) is {100 * excitation.fraction:.0f} % of the disc"
     axes.set_title(title, loc="left", fontsize=10)
     return image
 

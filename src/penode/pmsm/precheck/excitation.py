@@ -9,13 +9,13 @@ from scipy.spatial import ConvexHull, QhullError
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 
-#: Share of the disc of the largest current from which the currents cover it well.
+#: Fraction of the disc of the largest current from which the currents cover it well.
 ENOUGH = 0.2
 #: Relative change of the speed that makes it another one.
 _OTHER_SPEED = 0.2
 #: Percentiles between which a speed is no spike.
 _USUAL = (5.0, 95.0)
-#: A quarter of the disc was visited from this share of the time on.
+#: A quarter of the disc was visited from this fraction of the time on.
 _VISITED = 0.01
 
 
@@ -27,10 +27,10 @@ class Excitation:
     ----------
     largest_current : float
         A (peak).
-    share : float
+    fraction : float
         Area of the hull of all visited currents over that of the disc of the largest current.
     quarters : tuple of float
-        Share of the time in the quarters of the dq plane, from i_d > 0, i_q > 0 counted
+        Fraction of the time in the quarters of the dq plane, from i_d > 0, i_q > 0 counted
         anticlockwise.
     speeds : tuple of float
         Median electrical speed of each recording in rad/s.
@@ -43,7 +43,7 @@ class Excitation:
     """
 
     largest_current: float
-    share: float
+    fraction: float
     quarters: tuple[float, ...]
     speeds: tuple[float, ...]
     speed_range: tuple[float, float]
@@ -54,10 +54,10 @@ class Excitation:
     def advice(self) -> tuple[str, ...]:
         """What would widen the excitation, a sentence each."""
         found = []
-        empty = [q for q, share in zip(_QUARTERS, self.quarters, strict=True) if share < _VISITED]
-        if self.share < ENOUGH:
+        empty = [q for q, part in zip(_QUARTERS, self.quarters, strict=True) if part < _VISITED]
+        if self.fraction < ENOUGH:
             found.append(
-                f"The currents visit {100 * self.share:.2g} % of the disc of "
+                f"The currents visit {100 * self.fraction:.2g} % of the disc of "
                 f"{self.largest_current:.3g} A; sweep i_d and i_q over a Lissajous figure or a "
                 "spiral."
             )
@@ -97,7 +97,7 @@ def excitation_of(recordings: Sequence[Experiment]) -> Excitation:
     ends = np.array([np.percentile(e.channels["omega_el"], _USUAL) for e in recordings])
     return Excitation(
         largest_current=largest,
-        share=area / (np.pi * largest**2),
+        fraction=area / (np.pi * largest**2),
         quarters=tuple(float(np.mean(quarter == k)) for k in range(4)),
         speeds=tuple(float(np.median(e.channels["omega_el"])) for e in recordings),
         speed_range=(float(ends[:, 0].min()), float(ends[:, 1].max())),
@@ -110,6 +110,6 @@ def _rate(experiment: Experiment) -> float:
     """Return the frequency below which nine tenths of the currents' power lie, in rad/s."""
     currents = experiment.stack(("i_d", "i_q"))
     power = np.sum(np.abs(np.fft.rfft(currents - currents.mean(axis=0), axis=0)) ** 2, axis=1)
-    shares = np.cumsum(power) / max(float(power.sum()), 1e-300)
-    index = int(np.searchsorted(shares, 0.9))
+    below = np.cumsum(power) / max(float(power.sum()), 1e-300)
+    index = int(np.searchsorted(below, 0.9))
     return 2 * np.pi * index / (len(currents) * experiment.time_step)

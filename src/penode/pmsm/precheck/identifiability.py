@@ -1,7 +1,7 @@
 """How well recordings determine the physical parameters, before any training, and what would help.
 
-Independence rho is the share of a parameter's regressor in the voltage balance that the map and the
-other parameters do not explain. It depends on currents and speed alone, so a change of the
+Independence rho is the fraction of a parameter's regressor in the voltage balance that the map and
+the other parameters do not explain. It depends on currents and speed alone, so a change of the
 recording is tried on the recordings at hand: the same currents at another speed, or run faster.
 """
 
@@ -20,7 +20,7 @@ from penode.pmsm.machine.terms import DeadTime, Term
 
 #: The skew part of a free map, as a voltage drop over R, from which it is an alarm.
 _ALARM = 0.1
-#: How much faster the currents are, and the share of them that is left, in trials.
+#: How much faster the currents are, and the fraction of them that is left, in trials.
 _FASTER, _LEAST_AMPLITUDE = 4, 0.3
 _POINTS = 300
 
@@ -44,7 +44,7 @@ class Profile:
     steepness: float
 
     def rise(self, resistance: FloatArray) -> FloatArray:
-        """Return by what share the balance's residual rises with R held, same shape."""
+        """Return by what fraction the balance's residual rises with R held, same shape."""
         away = resistance - self.resistance
         return np.asarray(np.sqrt(1 + self.steepness * away**2) - 1)
 

@@ -104,7 +104,7 @@ class RecordingCheck:
         if self.excitation is not None and self.identifiability is not None:
             found["excitation"] = {
                 "largest_current": self.excitation.largest_current,
-                "share_of_disc": self.excitation.share,
+                "share_of_disc": self.excitation.fraction,
                 "quarters": list(self.excitation.quarters),
                 "omega_el": list(self.excitation.speeds),
                 "current_rate": self.excitation.current_rate,

@@ -9,7 +9,8 @@ from penode.data.experiment import Experiment
 from penode.data.quality import check_excitation
 from penode.errors import InputError
 from penode.pmsm.machine.frames import dq_from_abc
-from penode.pmsm.machine.terms import ANGLE, TERMS, Channel, Term
+from penode.pmsm.machine.term_registry import TERMS
+from penode.pmsm.machine.terms import ANGLE, Channel, Term
 
 #: Channel -> unit. Currents and voltages are peak values in the amplitude-invariant dq frame.
 CANONICAL = {

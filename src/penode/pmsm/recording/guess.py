@@ -92,7 +92,7 @@ def guess_study(table: Table) -> StudyGuess:
     channels = {name: _from_name(table, name, pick) for name, pick in picks.items()}
     if TIME in channels:
         channels[TIME] = _in_likely_time_unit(table, channels[TIME])
-    pole_pairs = _settle_motion(table, picks, channels)
+    pole_pairs = _decide_motion(table, picks, channels)
     used = {guess.column for guess in channels.values()} | set(table.clocks.values())
     measured = [guess.column for name, guess in channels.items() if name != TIME]
     clocks = {table.clocks.get(column) for column in measured}
@@ -136,9 +136,9 @@ def _picks(table: Table) -> dict[str, _Pick]:
 
 
 def _may_be(table: Table, column: str, hint: NameHint) -> bool:
-    """Tell whether unit and kind of a column let it be the channel of its name."""
-    told = unit_name(table.units.get(column, ""))
-    if told is not None and UNITS[told].si not in (RECORDED[hint.channel], "1"):
+    """Return whether unit and kind of a column let it be the channel of its name."""
+    given = unit_name(table.units.get(column, ""))
+    if given is not None and UNITS[given].si not in (RECORDED[hint.channel], "1"):
         return False
     return hint.channel[0] == "u" or not hint.asked_for
 
@@ -169,20 +169,20 @@ def _with_clock(table: Table, picks: dict[str, _Pick]) -> dict[str, _Pick]:
 
 
 def _from_name(table: Table, name: str, pick: _Pick) -> ChannelGuess:
-    """Return the guess that names and told units alone allow."""
+    """Return the guess that names and units of the file alone allow."""
     called = "the column has the name of the channel" if pick.column == name else "by its name"
     if pick.others:
         called += f", before {', '.join(pick.others)}"
-    told = table.units.get(pick.column, "")
-    unit, why = RECORDED[name], f"{RECORDED[name]}, as no unit is told"
-    if unit_name(told) is not None and unit_name(told) != "1":
-        unit, why = str(unit_name(told)), f"the file tells {told}"
+    given = table.units.get(pick.column, "")
+    unit, why = RECORDED[name], f"{RECORDED[name]}, as no unit is given"
+    if unit_name(given) is not None and unit_name(given) != "1":
+        unit, why = str(unit_name(given)), f"the file gives {given}"
     elif pick.hint.unit and UNITS[pick.hint.unit].si == unit:
         unit, why = pick.hint.unit, f"{pick.hint.unit} stands in the name"
-    elif told:
-        why = f"{unit}, as the file tells {told!r}, which is no unit known here"
+    elif given:
+        why = f"{unit}, as the file gives {given!r}, which is no unit known here"
     elif name == TIME or (name in OF_SHAFT and pick.column != name):
-        why = ""  # the numbers may tell
+        why = ""  # the numbers may show it
     return ChannelGuess(pick.column, unit, (called, why) if why else (called,))
 
 
@@ -198,10 +198,10 @@ def _in_likely_time_unit(table: Table, guess: ChannelGuess) -> ChannelGuess:
     return replace(guess, unit=unit, reasons=(guess.reasons[0], f"{unit}, as a step is {step:.4g}"))
 
 
-def _settle_motion(
+def _decide_motion(
     table: Table, picks: Mapping[str, _Pick], channels: dict[str, ChannelGuess]
 ) -> int | None:
-    """Settle units, sides and signs of speed and angle in the channels; return the pole pairs."""
+    """Decide units, sides and signs of speed and angle in the channels; return the pole pairs."""
     turning = {n: _turning(table, picks[n], channels, n) for n in OF_SHAFT if n in channels}
     speed, angle = turning.get(_SPEED), turning.get(_ANGLE)
     turns = None if angle is None else _turns(table, angle, channels)
@@ -209,20 +209,20 @@ def _settle_motion(
     usual = "as is usual for such a name"
     if speed is not None:
         why = "so that it is the slope of the angle" if motion.agrees else usual
-        settled = (motion.speed_unit, motion.speed_side, motion.speed_sign)
-        channels[_SPEED] = _settled(channels[_SPEED], *settled, why)
+        decided = (motion.speed_unit, motion.speed_side, motion.speed_sign)
+        channels[_SPEED] = _decided(channels[_SPEED], *decided, why)
     if angle is not None:
         why = "so that its slope is the speed" if motion.agrees else usual
         if turns is not None:
             why += " and the dq quantities have a mean"
         if {"u_a", "i_a"} & set(channels):
-            why += "; zero where the d axis is that of phase a, as no file tells"
-        settled = (motion.angle_unit, motion.angle_side, motion.angle_sign)
-        channels[_ANGLE] = _settled(channels[_ANGLE], *settled, why)
+            why += "; zero where the d axis is that of phase a, as no file shows it"
+        decided = (motion.angle_unit, motion.angle_side, motion.angle_sign)
+        channels[_ANGLE] = _decided(channels[_ANGLE], *decided, why)
     return motion.pole_pairs
 
 
-def _settled(guess: ChannelGuess, unit: str, side: str, sign: int, why: str) -> ChannelGuess:
+def _decided(guess: ChannelGuess, unit: str, side: str, sign: int, why: str) -> ChannelGuess:
     backwards = ", counted backwards" if sign < 0 else ""
     found = f"{unit}, {side}" if len(guess.reasons) == 1 else side
     reasons = (*guess.reasons, f"{found}{backwards}, {why}")
@@ -265,7 +265,7 @@ def _angle_units(values: FloatArray) -> tuple[str, ...]:
 
 
 def _turns(table: Table, angle: Turning, channels: Mapping[str, ChannelGuess]) -> int | None:
-    """Return the electrical turns in one of the angle, where phase currents can tell."""
+    """Return the electrical turns in one of the angle, where phase currents show it."""
     kinds = []
     for kind in "ui" if len(angle.values) else "":
         names = [f"{kind}_{phase}" for phase in "abc"]

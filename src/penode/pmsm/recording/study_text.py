@@ -10,16 +10,16 @@ _HEAD = """\
 #
 #   penode identify {recording} --config {study} --out result
 #
-# What is marked "guess" was guessed: look at it before you trust the result. No recording tells
+# What is marked "guess" was guessed: look at it before you trust the result. No recording shows
 # whether it holds peak or rms values, or whether a column comes too late; where it does, add
 # rms = true, or delay = 1 for a column that lags by one sample (-1 for one that leads).
 # A channel may have: column, unit, scale, sign, delay, times, rms, mechanical.
 
 """
 _SETTINGS = """\
-flux_map = "coenergy"  # default; or mlp, polynomial, spline
+flux_map = "coenergy"  # default; or convex, mlp, polynomial, spline
 horizon = "auto"  # default; or a number of steps
-hold = "dq"  # guess: the usual one, as no recording tells; or stationary
+hold = "dq"  # guess: the usual one, as no recording shows it; or stationary
 # Left to the data unless it is said here; inverter and angle_orders need theta_el:
 # inverter = true  # identify the dead-time voltage
 # terms = ["temperature_resistance"]  # R over a recorded winding temperature
@@ -71,7 +71,7 @@ def _channel(name: str, guess: ChannelGuess) -> str:
         entries.append("sign = -1")
     if guess.mechanical:
         entries.append("mechanical = true")
-    reasons = [*guess.reasons, *(["peak, as no file tells"] if name in IN_RMS else [])]
+    reasons = [*guess.reasons, *(["peak, as no file shows it"] if name in IN_RMS else [])]
     return f"# guess: {'; '.join(reasons)}.\n{name} = {{ {', '.join(entries)} }}\n"
 
 

@@ -3,16 +3,10 @@
 from penode.fit.fit import Fit
 from penode.pmsm.report.flux_sections import flux_linkage, inductances
 from penode.pmsm.report.loss_weighting import loss_weighting
+from penode.report import sections
 from penode.report.document import Section
-from penode.report.fit_report import Page, fit_report
+from penode.report.fit_report import Page, Part, fit_report, with_own
 from penode.report.quantities import with_unit
-from penode.report.sections import (
-    horizons,
-    parameters,
-    predictions,
-    provenance,
-    residual_section,
-)
 
 _HARMONIC = 6
 _LINES = 8
@@ -22,7 +16,7 @@ def residual(fit: Fit) -> Section | None:
     """Return the section on the residual, with harmonics of the electrical frequency marked."""
     base = abs(float(fit.provenance.get("electrical_frequency_hz") or 0.0))
     orders = [_HARMONIC * k for k in range(1, _LINES + 1)] if base else []
-    return residual_section(
+    return sections.residual_section(
         fit,
         [(order * base, f"{order}×") for order in orders],
         "Lines at multiples of six times the electrical frequency are the ripple of slots and "
@@ -35,21 +29,19 @@ def residual(fit: Fit) -> Section | None:
     )
 
 
+#: Sections of a machine's report in place of those of any fit.
+_OWN: dict[Part, tuple[Part, ...]] = {
+    sections.learned_maps: (flux_linkage, inductances),
+    sections.residual_section: (residual,),
+    sections.loss_weighting: (loss_weighting,),
+}
+
 MACHINE_PAGE = Page(
     kind="Machine identification",
     headline=("R",),
     method="together with the machine's flux-linkage map, so that the voltage equation predicts "
     "the measured currents",
-    parts=(
-        parameters,
-        flux_linkage,
-        inductances,
-        predictions,
-        residual,
-        loss_weighting,
-        horizons,
-        provenance,
-    ),
+    parts=with_own(_OWN),
     words=(
         (
             "Flux-linkage map",
