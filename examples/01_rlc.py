@@ -13,16 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import penode
-from penode.engine import (
-    BestOf,
-    LevenbergMarquardt,
-    Longest,
-    Loss,
-    Positive,
-    TanhLayers,
-    WeightDecay,
-    with_batch_axis,
-)
+import penode.engine as engine
 
 CURRENT, INDUCTANCE = 5.0, 50e-6  # scales inside the network: A, H
 
@@ -34,9 +25,9 @@ class Circuit(penode.Model):
     inputs = ("u",)
     state_units = ("V", "A")
 
-    inductance: TanhLayers
-    R: object = penode.physical("ohm", Positive())
-    C: object = penode.physical("F", Positive())
+    inductance: engine.TanhLayers
+    R: object = penode.physical("ohm", engine.Positive())
+    C: object = penode.physical("F", engine.Positive())
 
     def learned(self, x):
         """Return L (1, batch) in H, an even function of the current."""
@@ -49,7 +40,7 @@ class Circuit(penode.Model):
 
     def maps(self):
         """Return ``inductance_at(i)`` in H."""
-        batched = with_batch_axis(self)
+        batched = engine.with_batch_axis(self)
         return {"inductance_at": lambda i: batched.learned(np.stack([0 * i, i]))[0]}
 
 
@@ -75,12 +66,16 @@ def inductance_error(fit, run):
 
 def identify(run, unseen=(), horizons=(30, 100, 300)):
     """Return the fit at the longest horizon, both states free at each window's start."""
-    start, *others = (Circuit(TanhLayers.random((1, 6, 1), k), R=2.0, C=300e-9) for k in range(3))
-    climb = LevenbergMarquardt(100, tolerance=0.01)
-    optimisers = [BestOf(climb, tuple(others)), *[climb] * (len(horizons) - 1)]
-    loss = Loss(free_starts={"v": np.inf, "i": np.inf}, penalties=(WeightDecay(3e-6),))
+    start, *others = (
+        Circuit(engine.TanhLayers.random((1, 6, 1), k), R=2.0, C=300e-9) for k in range(3)
+    )
+    climb = engine.LevenbergMarquardt(100, tolerance=0.01)
+    optimisers = [engine.BestOf(climb, tuple(others)), *[climb] * (len(horizons) - 1)]
+    loss = engine.Loss(
+        free_starts={"v": np.inf, "i": np.inf}, penalties=(engine.WeightDecay(3e-6),)
+    )
     plan = penode.Plan(tuple(map(penode.Stage, horizons, optimisers)), loss=loss)
-    return penode.identify(start, [run], plan=plan, selector=Longest(), validation=unseen)
+    return penode.identify(start, [run], plan=plan, selector=engine.Longest(), validation=unseen)
 
 
 def main(data, test, out="rlc.png"):
@@ -92,8 +87,8 @@ def main(data, test, out="rlc.png"):
     print(f"L(i) to {inductance_error(fit, run):.1%} of L(0), rms over the excited range")
     current = np.linspace(-20.0, 20.0, 400)
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
-    axes.plot(current, 1e6 * fit.inductance_at(current), label="identified")
-    axes.plot(current, 1e6 * true_inductance(current), "--", label="simulated")
+    for curve, label in ((fit.inductance_at, "identified"), (true_inductance, "simulated")):
+        axes.plot(current, 1e6 * curve(current), label=label)
     axes.set(xlabel="current in A", ylabel="inductance in µH")
     axes.legend()
     figure.savefig(out, dpi=120)

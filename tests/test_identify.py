@@ -257,7 +257,9 @@ def test_public_names_say_what_they_are(thing):
 def test_public_functions_have_numpydoc_sections(thing):
     if len(inspect.signature(thing).parameters) > 1:
         assert documented(thing, "Parameters")
-    assert "Returns" in sections(thing) or inspect.getdoc(thing).startswith(("Return", "Declare"))
+    if inspect.signature(thing).return_annotation is not None:
+        first = inspect.getdoc(thing)
+        assert "Returns" in sections(thing) or first.startswith(("Return", "Declare"))
 
 
 @pytest.mark.parametrize("thing", [p for p in PUBLIC if dataclasses.is_dataclass(p)])

@@ -56,7 +56,7 @@ def test_the_section_has_a_figure_and_a_table_with_the_numbers(view):
     assert table.columns[-1].startswith("fraction")
     for row, line in zip(table.rows, view.lines, strict=True):
         values = [cell.value for cell in row.cells[1:]]
-        assert values == [line.frequency, line.amplitude, *view.shares(line)]
+        assert values == [line.frequency, line.amplitude, *view.fractions(line)]
 
 
 def test_causes_have_a_column_where_they_are_known(view):

@@ -25,6 +25,9 @@ _BIAS = 0.5
 #: Trains what is learned once more, with the physical parameters held.
 _REFIT = LevenbergMarquardt(evaluations=15)
 
+#: Least deviation over the value: predictor and recording agree in nothing to more digits.
+_FINEST = 1e-5
+
 #: Deviations are cut here, SI units, so that no weight is zero over zero.
 _UNSURE = 1e100
 
@@ -58,6 +61,7 @@ class Consensus:
         prior = np.stack([np.broadcast_to(rung.prior, middle.shape) for rung in rungs])
         deviation = np.hypot(deviation, np.sum(weights * prior, axis=0))
         known = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
+        deviation = np.maximum(deviation, _FINEST * np.abs(middle))
         sure = np.sum(weights * known, axis=0) >= _MOST
         return cls(middle, np.where(sure, deviation, np.inf))
 

@@ -243,6 +243,13 @@ def _panels(swept: Sequence[Swept]) -> list[Panel]:
                 legend=False,
             )
         )
-    free = Series("", x, [one.free_run_rmse for one in swept], "other")
+    errors = [one.free_run_rmse for one in swept]
+    finite = [error if np.isfinite(error) else np.nan for error in errors]
+    free = Series("", x, finite, "other")
     title = "Free run on the recordings trained on"
-    return [*panels, Panel(title, horizon, "RMSE (A)", (free,), y_log=True, legend=False)]
+    return [
+        *panels,
+        Panel(
+            title, horizon, "RMSE (A)", (free,), y_log=bool(np.isfinite(finite).any()), legend=False
+        ),
+    ]

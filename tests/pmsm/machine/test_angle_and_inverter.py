@@ -206,6 +206,17 @@ def crossed(solver, frame, machine, at, theta):
     return np.asarray(x)
 
 
+FINE = {}
+
+
+def finely_crossed(frame, machines, at, theta):
+    """Return what fifty steps a sample give for each machine; computed once a frame."""
+    if frame not in FINE:
+        fine = Substeps(DEFAULT_SOLVER, 50)
+        FINE[frame] = [crossed(fine, frame, machine, at, theta) for machine in machines]
+    return FINE[frame]
+
+
 class Momentary(DeadTime):
     """Dead time by the signs at the stages' moments, whatever they stand for."""
 
@@ -225,10 +236,9 @@ def test_stages_that_stand_for_parts_of_a_sample_follow_zero_crossings(name, fra
         for terms in ((DeadTime(3.0, 2.0),), (Momentary(3.0, 2.0),), ())
     )
     with float64():
-        fine = Substeps(DEFAULT_SOLVER, 50)
-        exact = crossed(fine, frame, with_dead_time, at, theta)
+        exact, without_it = finely_crossed(frame, (with_dead_time, without), at, theta)
         # The solver's own error, without any dead time, is no fault of its parts.
-        own = crossed(solver, frame, without, at, theta) - crossed(fine, frame, without, at, theta)
+        own = crossed(solver, frame, without, at, theta) - without_it
         errors = [
             np.linalg.norm(crossed(solver, frame, machine, at, theta) - own - exact)
             for machine in (with_dead_time, momentary)

@@ -20,6 +20,7 @@ from penode.training.weak_form import WeakRegression
 _OVERLAP = 4
 #: Decades within which a strength is sought, over that at which penalty and data weigh the same.
 _LOWEST, _HIGHEST, _FIRST = -7.0, 3.0, -3.0
+_ROUNDED = 0.25
 #: Keeps directions that neither data nor penalty see, such as a coenergy's constant.
 _RIDGE = 1e-13
 
@@ -95,12 +96,13 @@ def smoothed(equations: WeakRegression, penalties: Sequence[Roughness]) -> Smoot
         np.full(len(penalties), _FIRST),
         method="Nelder-Mead",
         options={
-            "xatol": 0.1,
-            "fatol": 0.1,
+            "xatol": 1e-3,
+            "fatol": 1e-6,
             "initial_simplex": _simplex(len(penalties)),
         },
     )
-    logs = np.clip(found.x, _LOWEST, _HIGHEST)
+    # Rounded, so that the last digits of a recording do not move the answer.
+    logs = np.round(np.clip(found.x, _LOWEST, _HIGHEST) / _ROUNDED) * _ROUNDED
     evidence, solution, variance = problem.evidence(logs)
     strength = problem.balance * 10.0**logs
     return Smoothed(solution, strength, variance, variance / strength, evidence)

@@ -4,11 +4,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import block_diag
 
-from penode.arrays import FloatArray
+from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
+from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.definite import Held, held_definite
 from penode.pmsm.balance.equations import CURRENTS, balance_equations
 from penode.pmsm.balance.smoothing import Roughness, Smoothed, smoothed
@@ -26,13 +28,17 @@ from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.term_registry import physical_values, with_physical
 from penode.pmsm.machine.terms import Term
+from penode.predictors.base import Predictor
 from penode.training.penalties import GaussianPrior
 from penode.training.weak_form import WeakRegression, join
+from penode.validation.free_run import look_ahead
 
 #: Gain of -2 log likelihood from which the mean map is not taken for mirror symmetric.
 _ASYMMETRIC = 20.0
 #: Points at which the differential inductance is taken for the weight of the prior in training.
 _POINTS = 200
+#: Samples over which predictions of the start are judged.
+_AHEAD = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,8 +213,8 @@ def _prior(
 
     A constant voltage error v of a sample moves a one-step residual by T v / L, and an equation of
     the weak form by half a window's length times v: their squares over all samples and equations
-    say how much a penalty of the one weighs in the other. Where the sensors' noise is more than
-    that, it is what the prior is weighed against.
+    say how much a penalty of the one weighs in the other. Where predictions err by more than
+    that, by noise or by what is not modelled, the prior is weighed against their error.
     """
     currents = np.concatenate([e.stack(CURRENTS) for e in setting.experiments])
     points = currents[np.linspace(0, len(currents) - 1, _POINTS).round().astype(int)]
@@ -222,8 +228,8 @@ def _prior(
         equations += len(e) / max(length // 4, 1) * (length * e.time_step / 2) ** 2
     weight = samples / equations / (2 * len(currents))
     *_, noise = observed
-    sensors = 2 * np.mean([sensor_noise(e.stack(CURRENTS)) for e in setting.experiments])
-    weight = max(weight, float(sensors) / (2 * len(currents)) / noise)
+    misfit = np.mean([_misfit(machine, e) for e in setting.experiments])
+    weight = max(weight, float(misfit) / (2 * len(currents)) / noise)
     rows, variances = [], []
     for block in blocks:
         eigenvalues, vectors = np.linalg.eigh(block.matrix)
@@ -240,9 +246,16 @@ def _prior(
     return GaussianPrior(np.concatenate([factor, further]), np.concatenate(variances), mean)
 
 
-def sensor_noise(currents: FloatArray) -> float:
-    """Return the variance of white noise on currents (time, 2), in A^2, from third differences."""
-    return float(np.mean(np.diff(currents, 3, axis=0) ** 2)) / 20
+def _misfit(machine: Machine, experiment: Experiment) -> float:
+    """Return the mean squared error in A^2 of predictions some samples ahead: noise and misfit."""
+    predictor = Predictor(experiment.time_step)
+    with float64():
+        states, inputs = (
+            jnp.asarray(experiment.stack(names).T) for names in (machine.states, machine.inputs)
+        )
+        ahead = look_ahead(predictor, with_batch_axis(machine), states, inputs, _AHEAD)
+        gap = np.asarray(ahead - states[:, predictor.past :])
+    return float(np.median(np.sum(gap**2, axis=0)) / 2)
 
 
 def reach(experiments: Sequence[Experiment]) -> float:
