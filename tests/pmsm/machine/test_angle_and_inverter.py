@@ -357,11 +357,12 @@ def test_weak_start_finds_the_harmonics_of_the_bench(slow_run):
 
 
 def test_identification_with_the_inverter_term(dead_time_run, tmp_path):
-    fit = identify([dead_time_run], study=Study(horizon=8, terms=(DeadTime(),), angle_orders=()))
+    study = Study(horizon=8, terms=(DeadTime(),), angle_orders=ORDERS)
+    fit = identify([dead_time_run], study=study)
     voltage, resistance = fit.parameters["dead_time_voltage"], fit.parameters["R"]
     assert voltage.unit == "V"
-    assert voltage.value == pytest.approx(2.4, rel=0.05)
-    assert resistance.value == pytest.approx(TRACTION_300A.resistance, rel=0.1)
+    assert voltage.value == pytest.approx(2.4, rel=0.01)
+    assert resistance.value == pytest.approx(TRACTION_300A.resistance, rel=0.01)
     assert fit.provenance["inverter"] is True
     fit.save(tmp_path)
     again = penode.Fit.load(tmp_path)
