@@ -74,6 +74,46 @@ def dropped(term, run, psi):
         return np.asarray(with_batch_axis(term).drop(x, u, flux))
 
 
+def dead_time_in_numpy(term, run, psi):
+    i_d, i_q, theta = run.stack(("i_d", "i_q", "theta_el")).T
+    angles = theta - np.array([[0.0], [2.0], [-2.0]]) * np.pi / 3
+    phases = i_d * np.cos(angles) - i_q * np.sin(angles)
+    signs = term.dead_time_voltage * np.tanh(phases / term.dead_time_current)
+    return 2 / 3 * np.stack([(signs * np.cos(angles)).sum(0), -(signs * np.sin(angles)).sum(0)])
+
+
+def along_the_current(term, run, psi):
+    i = run.stack(("i_d", "i_q")).T
+    return term.directed_voltage * i / np.sqrt((i**2).sum(0) + term.fade**2)
+
+
+def warm_resistance(term, run, psi):
+    factor = 1 + term.alpha * (run.channels["winding_temperature"] - 20.0)
+    return term.R * factor * run.stack(("i_d", "i_q")).T
+
+
+#: The voltage of each term, (2, time), written down once more and by hand.
+FORMULAS = {
+    "resistance": lambda term, run, psi: term.R * run.stack(("i_d", "i_q")).T,
+    "temperature_resistance": warm_resistance,
+    "dead_time": dead_time_in_numpy,
+    "rotation": lambda _, run, psi: run.channels["omega_el"] * np.stack([-psi[1], psi[0]]),
+    "mean dead time": along_the_current,
+}
+
+
+def test_every_term_has_a_formula():
+    assert FORMULAS.keys() == ALL.keys()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_term_drops_what_its_formula_says(name):
+    term = drawn(ALL[name])
+    run, psi = recording([term]), RANDOM.normal(size=(2, COUNT))
+    expected = FORMULAS[name](term, run, psi)
+    np.testing.assert_allclose(dropped(term, run, psi), expected, rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("name", ALL)
 def test_both_faces_of_a_term_agree(name):
     """What the predictor drops is what the weak form's columns give with the same parameters."""
