@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,11 +10,9 @@ from matplotlib.figure import Figure
 
 from penode.arrays import BoolArray, FloatArray
 from penode.errors import InputError
+from penode.fit.content import FitContent
 from penode.fit.outcome import NORMAL_95
 from penode.validation.comparison import Comparison
-
-if TYPE_CHECKING:
-    from penode.fit.fit import Fit
 
 __all__ = ["Figure", "draw_ladder", "draw_map", "draw_predictions"]
 
@@ -23,7 +21,7 @@ _BLUE, _ORANGE, _GREEN = "#1d62cc", "#d4540a", "#13694e"
 _POINTS, _CELLS = 400, 81
 
 
-def draw_ladder(fit: "Fit") -> Figure:
+def draw_ladder(fit: FitContent) -> Figure:
     """Return the figure of every physical parameter over the horizon.
 
     Parameters
@@ -88,7 +86,7 @@ def draw_predictions(comparison: Comparison) -> Figure:
     return _titled(figure, f"{comparison.name} ({comparison.role})")
 
 
-def draw_map(fit: "Fit", name: str, ranges: Mapping[str, tuple[float, float]]) -> Figure:
+def draw_map(fit: FitContent, name: str, ranges: Mapping[str, tuple[float, float]]) -> Figure:
     """Return the figure of a learned map of one or two arguments.
 
     Parameters
@@ -117,7 +115,9 @@ def draw_map(fit: "Fit", name: str, ranges: Mapping[str, tuple[float, float]]) -
     return _contours(fit, (name, unit), arguments, spans)
 
 
-def _curve(fit: "Fit", named: tuple[str, str], argument: str, span: tuple[float, float]) -> Figure:
+def _curve(
+    fit: FitContent, named: tuple[str, str], argument: str, span: tuple[float, float]
+) -> Figure:
     x = np.linspace(*span, _POINTS)
     values = np.asarray(getattr(fit, named[0])(x)).reshape(-1, len(x))
     inside = _inside(fit, [argument], x[None])
@@ -132,7 +132,7 @@ def _curve(fit: "Fit", named: tuple[str, str], argument: str, span: tuple[float,
 
 
 def _contours(
-    fit: "Fit",
+    fit: FitContent,
     named: tuple[str, str],
     arguments: Sequence[str],
     spans: Sequence[tuple[float, float]],
@@ -155,7 +155,7 @@ def _contours(
 
 
 def _span(
-    fit: "Fit", argument: str, ranges: Mapping[str, tuple[float, float]]
+    fit: FitContent, argument: str, ranges: Mapping[str, tuple[float, float]]
 ) -> tuple[float, float]:
     if argument in ranges:
         low, high = ranges[argument]
@@ -169,7 +169,7 @@ def _span(
     return float(column.min()), float(column.max())
 
 
-def _inside(fit: "Fit", arguments: Sequence[str], points: FloatArray) -> BoolArray:
+def _inside(fit: FitContent, arguments: Sequence[str], points: FloatArray) -> BoolArray:
     """Return which points (argument, point) are excited; all where arguments are not the states."""
     if sorted(arguments) == sorted(fit.model.states):
         order = [arguments.index(state) for state in fit.model.states]
@@ -182,7 +182,7 @@ def _inside(fit: "Fit", arguments: Sequence[str], points: FloatArray) -> BoolArr
     return inside
 
 
-def _argument(fit: "Fit", name: str) -> str:
+def _argument(fit: FitContent, name: str) -> str:
     units = dict(zip(fit.model.states, fit.model.state_units, strict=True))
     return f"{name} ({units[name]})" if name in units else name
 

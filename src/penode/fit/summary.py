@@ -3,15 +3,12 @@
 import math
 from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
+from penode.fit.content import FitContent
 from penode.validation.comparison import Comparison
 
-if TYPE_CHECKING:
-    from penode.fit.fit import Fit
 
-
-def text(fit: "Fit") -> str:
+def text(fit: FitContent) -> str:
     """Return a fit's parameters, horizon and errors as lines of text.
 
     Parameters
@@ -32,7 +29,7 @@ def text(fit: "Fit") -> str:
     return "\n".join([f"Fit of {type(fit.model).__name__}: {_horizon(fit)}", *lines])
 
 
-def html(fit: "Fit") -> str:
+def html(fit: FitContent) -> str:
     """Return the same as HTML: a table of parameters and one of recordings.
 
     Parameters
@@ -48,12 +45,12 @@ def html(fit: "Fit") -> str:
     return f"<p>{head}</p>{parameters}{recordings}{warnings}"
 
 
-def _horizon(fit: "Fit") -> str:
+def _horizon(fit: FitContent) -> str:
     choice = fit.horizon
     return f"H = {choice.selected}, {choice.verdict}. {choice.reason}".rstrip()
 
 
-def _parameters(fit: "Fit") -> list[tuple[str, ...]]:
+def _parameters(fit: FitContent) -> list[tuple[str, ...]]:
     """Return name, value with unit, interval, and independence where it is known, as text."""
     return [
         (
