@@ -8,6 +8,7 @@ import functools
 import operator
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -39,7 +40,15 @@ def _sum_of_products(weights: JaxArray, x: JaxArray) -> JaxArray:
 
 
 class FeatureNetwork(eqx.Module):
-    """A learned map that features, such as the harmonics of an angle, can change."""
+    """A learned map that features, such as the harmonics of an angle, can change.
+
+    Class attributes
+    ----------------
+    linear_in_features : bool
+        Whether the mean over features of mean zero is the map without features.
+    """
+
+    linear_in_features: ClassVar[bool] = False
 
     def value_and_jacobian(
         self, x: JaxArray, features: JaxArray | None = None

@@ -21,6 +21,7 @@ _GRID, _POINTS = 31, 200
 _LEAST = 0.2
 #: That least inductance over the deviation with which it is known: surer than a misfit of training.
 _CERTAIN = 40.0
+#: Most rounds in which points are added.
 _ROUNDS = 15
 
 
@@ -67,10 +68,12 @@ def held_definite(
     everywhere = _hessians(parts, np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2))
     visited = _hessians(parts, currents[:: max(len(currents) // _POINTS, 1)])
     solution = found.solution
+    rows, target = np.zeros((0, len(solution))), np.zeros(0)
     least, _ = _smallest(visited, solution[first:])
     positive = least[least > 0]
+    if not len(positive):  # nothing says how large an inductance is
+        return Held(solution, rows, target)
     floor = _LEAST * float(positive.min() if len(positive) == len(least) else np.median(positive))
-    rows, target = np.zeros((0, len(solution))), np.zeros(0)
     for _ in range(_ROUNDS):
         smallest, direction = _smallest(everywhere, solution[first:])
         bad = smallest < floor / 2

@@ -20,6 +20,7 @@ from penode.training.weak_form import WeakRegression
 _OVERLAP = 4
 #: Decades within which a strength is sought, over that at which penalty and data weigh the same.
 _LOWEST, _HIGHEST, _FIRST = -7.0, 3.0, -3.0
+#: Decades to which a strength is rounded.
 _ROUNDED = 0.25
 #: Keeps directions that neither data nor penalty see, such as a coenergy's constant.
 _RIDGE = 1e-13
@@ -126,15 +127,30 @@ def penalised(
     """
     matrix, target = equations.matrix, equations.target
     rows, values = observed
-    whole = matrix.T @ matrix + found.noise * rows.T @ rows
-    for penalty, strength in zip(penalties, found.strength, strict=True):
-        whole[penalty.place, penalty.place] += strength * penalty.matrix
-    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    scaled = whole / np.outer(size, size)
-    scaled[np.diag_indices_from(scaled)] += _RIDGE
+    normal = matrix.T @ matrix + found.noise * rows.T @ rows
     right = matrix.T @ target + found.noise * rows.T @ values
+    return _solved(_with_penalties(normal, penalties, found.strength), right)[0]
+
+
+def _with_penalties(
+    normal: FloatArray, penalties: Sequence[Roughness], strengths: FloatArray
+) -> FloatArray:
+    """Return the normal matrix with the penalties' own added."""
+    whole = normal.copy()
+    for penalty, strength in zip(penalties, strengths, strict=True):
+        whole[penalty.place, penalty.place] += strength * penalty.matrix
+    return whole
+
+
+def _solved(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, float]:
+    """Return the solution of a positive definite system, and the log determinant."""
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal / np.outer(size, size)
+    scaled[np.diag_indices_from(scaled)] += _RIDGE
     factor: Any = cho_factor(scaled, lower=True, check_finite=False)
-    return np.asarray(cho_solve(factor, right / size, check_finite=False) / size)
+    solution = cho_solve(factor, right / size, check_finite=False) / size
+    volume = 2 * float(np.sum(np.log(np.diag(factor[0]))) + np.sum(np.log(size)))
+    return np.asarray(solution), volume
 
 
 def _simplex(size: int) -> FloatArray:
@@ -171,18 +187,11 @@ class _Normal:
 
     def evidence(self, logs: FloatArray) -> tuple[float, FloatArray, float]:
         """Return -2 log REML, the solution and the variance of an equation at log10 strengths."""
-        whole = self.normal.copy()
-        for penalty, strength in zip(self.penalties, self.balance * 10.0**logs, strict=True):
-            whole[penalty.place, penalty.place] += strength * penalty.matrix
-        size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-        scaled = whole / np.outer(size, size)
-        scaled[np.diag_indices_from(scaled)] += _RIDGE
-        factor: Any = cho_factor(scaled, lower=True, check_finite=False)
-        solution = cho_solve(factor, self.right / size, check_finite=False) / size
+        whole = _with_penalties(self.normal, self.penalties, self.balance * 10.0**logs)
+        solution, volume = _solved(whole, self.right)
         left = max(self.energy - float(self.right @ solution), 1e-14 * self.energy) / _OVERLAP
         rank = sum(penalty.rank for penalty in self.penalties)
         free = max(self.count - (len(self.right) - rank), 1.0)
-        volume = 2 * float(np.sum(np.log(np.diag(factor[0]))) + np.sum(np.log(size)))
         prior = sum(
             p.rank * np.log(10.0) * log for p, log in zip(self.penalties, logs, strict=True)
         )

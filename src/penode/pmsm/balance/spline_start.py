@@ -48,15 +48,14 @@ class SplineStart:
     Attributes
     ----------
     machine : Machine
+        Its mean map has one part, even in i_q, or a second, odd one if the recordings show that
+        W(i_d, -i_q) differs from W(i_d, i_q).
     prior : GaussianPrior
         Of the map's coefficients, for training.
-    symmetric : bool
-        Whether the mean map is mirror symmetric, W(i_d, -i_q) = W(i_d, i_q).
     """
 
     machine: Machine
     prior: GaussianPrior
-    symmetric: bool
 
 
 def spline_start(
@@ -97,15 +96,15 @@ def spline_start(
         mean.append(_filled(part, found.solution[first : first + size]))
         first += size
     network = CoenergySplines(tuple(mean))
-    blocks = [_block(part, found, k) for k, part in enumerate(parts)]
+    blocks = _blocks(mean_map.penalties, found)
     observed = (held.rows[:, count:], held.target, found.noise)
     if angle_orders:
-        network, block = _with_harmonics(setting, network, found, angle_orders)
-        blocks.append(block)
+        network, amplitudes = _with_harmonics(setting, network, found, angle_orders)
+        blocks += amplitudes
     machine = Machine(
         FluxMap(network, *scales, angle_orders), with_physical(terms, found.solution[:count])
     )
-    return SplineStart(machine, _prior(setting, machine, blocks, observed), symmetric)
+    return SplineStart(machine, _prior(setting, machine, blocks, observed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,14 +166,14 @@ class _Block:
     variance: float
 
 
-def _block(part: CoenergyPart, found: Smoothed, number: int) -> _Block:
-    strength, variance = found.strength[number], found.prior_variance[number]
-    return _Block(roughness(part), float(strength), float(variance))
+def _blocks(penalties: Sequence[Roughness], found: Smoothed) -> list[_Block]:
+    entries = zip(penalties, found.strength, found.prior_variance, strict=True)
+    return [_Block(p.matrix, float(strength), float(v)) for p, strength, v in entries]
 
 
 def _with_harmonics(
     setting: _Setting, network: CoenergySplines, found: Smoothed, orders: tuple[int, ...]
-) -> tuple[CoenergySplines, _Block]:
+) -> tuple[CoenergySplines, list[_Block]]:
     """Return the map with amplitudes fitted to the residual of the mean in short windows."""
     count = len(orders)
     cosine, sine = (CoenergyPart.zero(AMPLITUDE, even, count) for even in (True, False))
@@ -192,15 +191,15 @@ def _with_harmonics(
         left = known.target - known.matrix @ found.solution
         regressions.append(WeakRegression(unknown.matrix[:, physical:], left))
     matrix = block_diag(*[roughness(part) for part in (cosine, sine) for _ in orders])
-    solved = smoothed(join(regressions), [Roughness.of(0, matrix)])
+    penalties = [Roughness.of(0, matrix)]
+    solved = smoothed(join(regressions), penalties)
     split = cosine.coefficients.size
     filled = replace(
         network,
         cosine=(_filled(cosine, solved.solution[:split]),),
         sine=(_filled(sine, solved.solution[split:]),),
     )
-    block = _Block(matrix, float(solved.strength[0]), float(solved.prior_variance[0]))
-    return filled, block
+    return filled, _blocks(penalties, solved)
 
 
 def _prior(
@@ -247,7 +246,7 @@ def _prior(
 
 
 def _misfit(machine: Machine, experiment: Experiment) -> float:
-    """Return the mean squared error in A^2 of predictions some samples ahead: noise and misfit."""
+    """Return half the median squared error in A^2 of predictions some samples ahead."""
     predictor = Predictor(experiment.time_step)
     with float64():
         states, inputs = (

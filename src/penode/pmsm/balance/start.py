@@ -85,13 +85,13 @@ def weak_start(
     WeakStart
     """
     currents = np.concatenate([e.stack(Machine.states) for e in experiments])
-    splines_follow = kind == "coenergy"
-    orders = () if splines_follow else angle_orders
-    form = BalanceForm.of(experiments, FLUX_MAPS[kind].reciprocal, terms, orders)
+    family = FLUX_MAPS[kind]
+    orders = angle_orders if family.drawn else ()
+    form = BalanceForm.of(experiments, family.reciprocal, terms, orders)
     balance = form.solve(experiments)
     points = currents[np.linspace(0, len(currents) - 1, _POINTS).round().astype(int)]
     largest = float(np.abs(balance.flux(points, np.zeros(len(points)))[0]).max())
-    if splines_follow:
+    if not family.drawn:
         scales = (reach(experiments), _round_scale(largest))
         splines = spline_start(experiments, form.terms, scales, angle_orders)
         return WeakStart(splines.machine, balance, (splines.prior,))

@@ -3,7 +3,7 @@
 import functools
 import operator
 from dataclasses import replace
-from typing import Any, TypeVar, cast
+from typing import Any, ClassVar, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -30,16 +30,13 @@ class CoenergyPart(eqx.Module):
 
     Attributes
     ----------
-    counts : tuple of 2 int
-        Splines along i_d and i_q.
     even : bool
         Symmetry in i_q.
     coefficients : array, shape (wave, d, q)
-        One table for the mean over the angle, or one for each order; q counts half of the splines
-        along i_q.
+        One table for the mean over the angle, or one for each order. There are as many splines
+        along i_q as along i_d; folded by their symmetry they are half as many.
     """
 
-    counts: tuple[int, int] = eqx.field(static=True)
     even: bool = eqx.field(static=True)
     coefficients: Leaf = parameter()
 
@@ -47,12 +44,17 @@ class CoenergyPart(eqx.Module):
     def zero(cls, count: int, even: bool, waves: int = 1) -> "CoenergyPart":
         """Return the part with as many splines along each axis, all coefficients zero."""
         half = (count + 1) // 2 if even else count // 2
-        return cls((count, count), even, np.zeros((waves, count, half)))
+        return cls(even, np.zeros((waves, count, half)))
+
+    @property
+    def count(self) -> int:
+        """Splines along each axis."""
+        return int(self.coefficients.shape[1])
 
     @property
     def bases(self) -> tuple[SplineBasis, SplineBasis]:
         """Splines along i_d and i_q."""
-        along_d, along_q = map(SplineBasis, self.counts, _SHARPNESS)
+        along_d, along_q = (SplineBasis(self.count, sharpness) for sharpness in _SHARPNESS)
         return along_d, along_q
 
 
@@ -71,6 +73,8 @@ class CoenergySplines(FeatureNetwork):
     cosine, sine : tuple of CoenergyPart
         Amplitudes of cos(n theta) and sin(n theta), a wave an order n.
     """
+
+    linear_in_features: ClassVar[bool] = True
 
     mean: tuple[CoenergyPart, ...]
     cosine: tuple[CoenergyPart, ...] = ()
@@ -153,23 +157,22 @@ def _evaluated(
     network: CoenergySplines, x: JaxArray, features: JaxArray | None
 ) -> tuple[JaxArray, JaxArray]:
     """Return gradient and Hessian; traced once for all the stages of a step."""
-    tables: dict[tuple[int, int], dict[bool, JaxArray]] = {}
+    tables: dict[int, dict[bool, JaxArray]] = {}
     for part, waves in network.weighted(features):
         table = part.coefficients[0]
         if waves is not None:
             table = jnp.sum(part.coefficients * waves[:, None, None], axis=0)
-        same = tables.setdefault(part.counts, {})
+        same = tables.setdefault(part.count, {})
         same[part.even] = same[part.even] + table if part.even in same else table
     found = []
-    for counts, of_parity in tables.items():
+    for count, of_parity in tables.items():
         along_d, whole = (
-            SplineBasis(n, sharpness)(row)
-            for n, sharpness, row in zip(counts, _SHARPNESS, x, strict=True)
+            SplineBasis(count, sharpness)(row) for sharpness, row in zip(_SHARPNESS, x, strict=True)
         )
         along_q = jnp.concatenate([folded(whole, even) for even in of_parity], axis=1)
         shape = jnp.broadcast_shapes(*(t.shape[-1:] for t in of_parity.values()))
-        even = [jnp.broadcast_to(t, (*t.shape[:-1], *shape)) for t in of_parity.values()]
-        table = jnp.concatenate(even, axis=1)
+        whole_batch = [jnp.broadcast_to(t, (*t.shape[:-1], *shape)) for t in of_parity.values()]
+        table = jnp.concatenate(whole_batch, axis=1)
         found.append(_jet(table, *_materialised((along_d, along_q))))
     gradients, hessians = zip(*found, strict=True)
     return sum(gradients[1:], gradients[0]), sum(hessians[1:], hessians[0])

@@ -72,7 +72,7 @@ class FluxMap(eqx.Module):
             i_d and i_q in A (peak).
         """
         x = currents / self.current_scale
-        if not self.angle_orders or isinstance(self.network, CoenergySplines):
+        if not self.angle_orders or getattr(self.network, "linear_in_features", False):
             value, jacobian = self.network.value_and_jacobian(x)
         else:
             over_a_period = self._features(self._one_period())[0].T[..., None]
@@ -183,11 +183,14 @@ class FluxMapKind:
         absorb a wrong resistance at constant speed (the gauge).
     draw_with_features : callable or None
         ``draw_with_features(seed, features)`` gives one that can follow the rotor's angle.
+    drawn : bool
+        Whether training starts from a draw; if not, from the weak form's own coefficients.
     """
 
     draw: Callable[[int], LearnedMap]
     reciprocal: bool
     draw_with_features: Callable[[int, int], FeatureNetwork] | None = None
+    drawn: bool = True
 
 
 #: To add a family, add one entry; its learned map needs `value_and_jacobian`.
@@ -196,6 +199,7 @@ FLUX_MAPS: dict[str, FluxMapKind] = {
         lambda seed: CoenergySplines.linear(),
         reciprocal=True,
         draw_with_features=lambda seed, features: CoenergySplines.linear(features // 2),
+        drawn=False,
     ),
     "convex": FluxMapKind(
         lambda seed: ConvexGradient.random(2, 12, seed),
