@@ -1,0 +1,111 @@
+"""The start of the map of splines: mirror symmetry by evidence, prior, definite inductance."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from penode.pmsm.balance.definite import held_definite
+from penode.pmsm.balance.smoothing import Roughness, smoothed
+from penode.pmsm.balance.spline_start import reach
+from penode.pmsm.balance.start import weak_start
+from penode.pmsm.bench.coenergy_table import true_flux_map
+from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.machine.coenergy_map import CoenergyPart, columns, roughness
+from penode.training.weak_form import WeakRegression
+
+
+@pytest.fixture(scope="module")
+def start(slow_run):
+    return weak_start([slow_run], "coenergy")
+
+
+def test_the_map_of_a_machine_with_saturation_is_found(start, rng):
+    points = rng.uniform(-160, 160, (100, 2))
+    psi = np.asarray(true_flux_map(TRACTION_300A, *points.T)).reshape(100, 2)
+    found = start.machine.maps()["flux_map"](*points.T).T
+    assert np.abs(found - psi).mean() < 1e-3 * np.abs(psi).max()
+
+
+def test_a_symmetric_machine_has_one_even_part(start):
+    (part,) = start.machine.flux.network.mean
+    assert part.even
+
+
+def test_what_lacks_mirror_symmetry_gets_an_odd_part(slow_run):
+    """An offset of u_d over omega is a flux linkage of the q axis at no current."""
+    channels = dict(slow_run.channels)
+    channels["u_d"] = channels["u_d"] - 0.002 * channels["omega_el"]
+    machine = weak_start([replace(slow_run, channels=channels)], "coenergy").machine
+    assert [part.even for part in machine.flux.network.mean] == [True, False]
+    psi_q = machine.maps()["flux_map"](0.0, 0.0)[1]
+    assert psi_q == pytest.approx(0.002, rel=0.1)
+
+
+def test_the_seed_decides_nothing(slow_run, start):
+    again = weak_start([slow_run], "coenergy", seed=5).machine.flux.network
+    np.testing.assert_array_equal(
+        again.mean[0].coefficients, start.machine.flux.network.mean[0].coefficients
+    )
+
+
+def test_the_prior_leaves_a_linear_machine_alone(start):
+    prior, (part,) = start.penalties[0], start.machine.flux.network.mean
+    linear = np.linalg.eigh(roughness(part))[1][:, :4]
+    assert np.abs(prior.factor @ linear).max() < 1e-6 * np.abs(prior.factor).max()
+    assert len(prior.factor) == len(prior.variance)
+    assert np.all(prior.variance > 0)
+
+
+def test_reach_holds_every_current_and_is_little_more(slow_run):
+    largest = max(np.abs(slow_run.channels[name]).max() for name in ("i_d", "i_q"))
+    assert largest <= reach([slow_run]) < 1.13 * largest
+
+
+def bent_map(rng):
+    """Return equations that see the disc alone, where the inductance falls towards its edge."""
+    part = CoenergyPart.zero(9, True)
+    angle, radius = rng.uniform(0, 2 * np.pi, 800), 0.8 * np.sqrt(rng.uniform(0, 1, 800))
+    currents = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    gradient, _ = columns(part, currents)
+    # psi_q = i_q - i_q^3 / 2: its slope is 0.04 at the disc's edge, and goes on falling.
+    wanted = np.stack([currents[:, 0], currents[:, 1] - currents[:, 1] ** 3 / 2], axis=1)
+    equations = WeakRegression(gradient.reshape(-1, part.coefficients.size), wanted.ravel())
+    penalties = [Roughness.of(0, roughness(part))]
+    return part, currents, equations, penalties
+
+
+def smallest(part, weights, currents):
+    low, high = currents.min(axis=0), currents.max(axis=0)
+    axes = [np.linspace(a, b, 25) for a, b in zip(low, high, strict=True)]
+    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    a, b, c = (columns(part, points)[1] @ weights).T
+    return np.min((a + c) / 2 - np.hypot((a - c) / 2, b))
+
+
+def test_a_definite_map_is_left_as_it_is(rng):
+    part, currents, equations, penalties = bent_map(rng)
+    straight = WeakRegression(equations.matrix, currents.ravel())
+    found = smoothed(straight, penalties)
+    held = held_definite(straight, penalties, found, [part], currents)
+    np.testing.assert_array_equal(held.solution, found.solution)
+    assert len(held.rows) == 0
+
+
+def test_an_inductance_that_would_turn_negative_is_held(rng):
+    part, currents, equations, penalties = bent_map(rng)
+    further = np.stack([0 * currents[:, 1], 0.2 * currents[:, 1] ** 3], axis=1)
+    turned = WeakRegression(equations.matrix, equations.target - further.ravel())
+    found = smoothed(turned, penalties)
+    assert smallest(part, found.solution, currents) < 0
+    held = held_definite(turned, penalties, found, [part], currents)
+    assert smallest(part, held.solution, currents) > smallest(part, found.solution, currents)
+    assert len(held.rows) == len(held.target) > 0
+
+
+def test_nothing_is_held_where_no_inductance_is_positive(rng):
+    part, currents, equations, penalties = bent_map(rng)
+    upside_down = WeakRegression(equations.matrix, -currents.ravel())
+    found = smoothed(upside_down, penalties)
+    held = held_definite(upside_down, penalties, found, [part], currents)
+    np.testing.assert_array_equal(held.solution, found.solution)
