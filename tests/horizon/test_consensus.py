@@ -41,6 +41,16 @@ def test_independent_rungs_are_surer_together():
     np.testing.assert_allclose(found.deviation, [known], rtol=0.15)
 
 
+def test_what_a_prior_adds_is_shared_by_all_rungs():
+    rungs = [replace(rung(h, 5.0, 1e-3, white(h)), prior=np.array([0.2])) for h in (1, 4, 16)]
+    np.testing.assert_allclose(Consensus.of(rungs).deviation, [0.2], rtol=1e-3)
+
+
+def test_no_deviation_is_finer_than_five_digits_of_the_value():
+    rungs = [rung(h, 5.0, 1e-9, white(h)) for h in (1, 4, 16)]
+    np.testing.assert_allclose(Consensus.of(rungs).deviation, [5e-5])
+
+
 def test_what_rungs_share_does_not_average_out():
     noise = white(3)
     rungs = [rung(1, 5.0, 0.2, noise), rung(1, 5.0, 0.2, noise), rung(1, 5.0, 0.2, noise)]

@@ -1,9 +1,13 @@
 """What counts as indistinguishable from the learned map."""
 
+from dataclasses import replace
+
 import pytest
 
-from penode import Start
+from penode import Start, ladder_plan
 from penode.horizon.identifiability import THRESHOLD
+from penode.training.loss import Loss
+from penode.training.penalties import WeightDecay
 
 
 def test_parameters_below_the_threshold_are_indistinguishable(systems):
@@ -21,3 +25,12 @@ def test_what_was_not_examined_is_not_accused(systems):
 def test_a_start_is_frozen(systems):
     with pytest.raises(AttributeError):
         Start(systems["linear machine"].model).repair = ""
+
+
+def test_a_starts_penalties_join_those_of_the_plan():
+    known = WeightDecay(0.1)
+    plan = ladder_plan((1, 2))
+    plan = replace(plan, loss=Loss(penalties=(WeightDecay(0.2),)))
+    joined = Start(None, penalties=(known,)).with_penalties(plan)
+    assert joined.loss.penalties == (WeightDecay(0.2), known)
+    assert joined.stages == plan.stages

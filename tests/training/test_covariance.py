@@ -18,6 +18,7 @@ from penode.training.covariance import (
     influence,
     inverse_normal,
     marquardt_scale,
+    prior_deviation,
     sandwich_deviation,
 )
 from penode.training.gauss_newton_terms import GaussNewtonTerms
@@ -178,6 +179,28 @@ def test_deviation_is_the_matrix_formula(rng):
     variance = np.diag(jacobian @ inverse @ meat @ inverse @ jacobian.T)
     found = sandwich_deviation(terms, jacobian, windows)
     np.testing.assert_allclose(found, np.sqrt(variance), rtol=1e-10)
+
+
+def test_a_prior_varies_what_the_data_do_not_determine(rng):
+    """y = x'theta + e sees one of two directions; the other keeps the prior's own deviation."""
+    count, noise, spread = 4000, 0.3, 2.0
+    seen = np.array([1.0, 1.0]) / np.sqrt(2)
+    matrix = rng.normal(size=(count, 1)) * seen
+    penalty = (noise / spread) ** 2 * np.eye(2)  # in units of the summed squares
+    normal = matrix.T @ matrix + penalty
+    scores = matrix.T * rng.normal(size=count) * noise
+    prior = penalty * spread**2 @ penalty
+    arguments = (noise**2, count, normal, scores.sum(axis=1), scores)
+    windows, terms = windows_of(count + 1), GaussNewtonTerms(*arguments, prior)
+    across = np.array([[1.0, -1.0]]) / np.sqrt(2)
+    both = np.concatenate([seen[None], across])
+    found = sandwich_deviation(terms, both, windows)
+    known = noise / np.linalg.norm(matrix @ seen)
+    np.testing.assert_allclose(found, [known, spread], rtol=0.15)
+    np.testing.assert_allclose(prior_deviation(terms, across), spread, rtol=1e-6)
+    assert prior_deviation(terms, seen[None])[0] < 0.01 * known
+    np.testing.assert_array_equal(prior_deviation(GaussNewtonTerms(*arguments), both), 0.0)
+    assert sandwich_deviation(GaussNewtonTerms(*arguments), across, windows) < 1e-6
 
 
 def test_influences_add_up_to_the_remaining_step(rng):

@@ -16,6 +16,7 @@ from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
 from penode.training.loss import Loss
 from penode.training.penalties import (
+    GaussianPrior,
     Orthogonality,
     Priors,
     Smoothness,
@@ -48,6 +49,8 @@ class Plane(Model):
 
 W, V = np.array([[0.5, -0.3], [0.8, 1.1]]), np.array([[0.2, 0.9], [-0.4, 0.6]])
 PLANE = Plane(W, V, 0.4)
+FACTOR = np.random.default_rng(4).normal(size=(3, 8)) / 5
+BELIEF = GaussianPrior(FACTOR, np.array([0.2, 0.3, 0.4]), mean=np.array([0.1, 0.0, -0.2]))
 POINTS = np.random.default_rng(2).uniform(-1.5, 1.5, (12, 2))
 
 
@@ -84,6 +87,13 @@ def test_weight_decay_is_the_mean_square_of_its_group():
 def test_priors_are_standardised_distances():
     distances = np.append((V.ravel() - 0.1) / 2.0, (0.4 - 0.7) / 0.25)
     assert_residuals(Priors(noise=0.2, count=50), distances * 0.2 / np.sqrt(50))
+
+
+def test_a_gaussian_prior_is_the_distance_of_its_combinations():
+    weights = np.concatenate([W.ravel(), V.ravel()])
+    assert_residuals(BELIEF, FACTOR @ weights - [0.1, 0.0, -0.2])
+    np.testing.assert_array_equal(BELIEF.slopes(Layout(PLANE))[:, :8], FACTOR)
+    assert not BELIEF.slopes(Layout(PLANE))[:, 8:].any()  # c is no learned parameter
 
 
 def test_smoothness_is_the_mean_squared_second_difference():
@@ -126,6 +136,7 @@ def test_a_gradient_is_reciprocal():
 ALL = (
     WeightDecay(0.3),
     Priors(0.2, 50),
+    BELIEF,
     Smoothness(POINTS, np.array([0.1, 0.3]), 40.0),
     SoftReciprocity(POINTS, 0.6),
     Orthogonality(POINTS, regressors, 0.6),
@@ -140,6 +151,17 @@ def objective_of(model, penalties=()):
 def windows_of(model, horizon=4, **channels):
     run = Experiment("run.csv", STEP, channels)
     return cut([run], model.states, model.inputs, horizon, placement=Contiguous())
+
+
+def test_a_gaussian_prior_varies_the_scores_as_it_says(rng):
+    """A residual rho of variance v adds n rho drho to the scores of n residuals."""
+    a, b, u = rng.normal(size=(3, 90))
+    windows, raw = windows_of(PLANE, a=a, b=b, u=u), Layout(PLANE).raw(PLANE)
+    terms = objective_of(PLANE, [BELIEF, WeightDecay(0.3)]).gauss_newton(raw, windows)
+    slopes = BELIEF.slopes(Layout(PLANE))
+    expected = terms.count**2 * slopes.T @ np.diag(BELIEF.variance) @ slopes
+    np.testing.assert_allclose(terms.prior, expected, rtol=1e-12)
+    assert objective_of(PLANE, [WeightDecay(0.3)]).gauss_newton(raw, windows).prior == 0.0
 
 
 def test_gradient_and_gauss_newton_terms_have_the_penalties(rng):

@@ -53,15 +53,16 @@ class Consensus:
         The variance is that of the weighted influences, in which what horizons share counts as
         shared and what is their own averages out, and half the square of the spread: influences do
         not show a bias, and what biases a horizon biases the mean, but part of the spread is
-        the rungs' own chance, which is counted already.
+        the rungs' own chance, which is counted already. What priors add to the rungs' variances is
+        one belief, shared by all.
         """
         values, weights = _weighed(rungs)
         middle, spread = _middle(values, weights)
         deviation = np.hypot(weighted_deviation(rungs, weights), np.sqrt(_BIAS) * spread)
         prior = np.stack([np.broadcast_to(rung.prior, middle.shape) for rung in rungs])
         deviation = np.hypot(deviation, np.sum(weights * prior, axis=0))
-        known = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
         deviation = np.maximum(deviation, _FINEST * np.abs(middle))
+        known = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
         sure = np.sum(weights * known, axis=0) >= _MOST
         return cls(middle, np.where(sure, deviation, np.inf))
 
