@@ -9,6 +9,7 @@ multiples, trained with both placements up the same ladder, for a map without an
 from dataclasses import replace
 
 from penode.data.windows import Contiguous, Jittered, Placement
+from penode.horizon.identifiability import Start
 from penode.horizon.ladder import ladder_plan
 from penode.horizon.selection import Longest
 from penode.identify import identify
@@ -26,7 +27,8 @@ def errors(placement: Placement) -> dict[int, float]:
     machine = TRACTION_300A
     reference = Lissajous(0.8 * machine.current_limit, 49 / 12, 50 / 12)
     run = simulate(machine, reference, speed_rpm=1000.0, duration=3.0)
-    start = weak_start([run], "coenergy")[0]
+    machine_start = weak_start([run], "coenergy")
+    start = Start(machine_start.machine, penalties=machine_start.penalties)
     plan = replace(ladder_plan(HORIZONS), placement=placement, detour=None)
     ladder = identify(start, [run], plan=plan, selector=Longest()).horizon.ladder
     return {r.horizon: 100 * (r.parameters["R"] / machine.resistance - 1) for r in ladder}

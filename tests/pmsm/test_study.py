@@ -32,6 +32,12 @@ def test_resistance_is_right_and_inside_its_interval(fit):
     assert fit.horizon.verdict == "fixed"
 
 
+def test_the_weak_forms_own_bias_counts_where_it_is_compared(slow_run):
+    start = study_module._start([slow_run], Study(candidates=(), angle_orders=()), ())
+    value, deviation = start.anchor["R"]
+    assert deviation > 0.01 * value
+
+
 def test_free_run_on_unseen_speed_stays_close(fit):
     unseen = next(c for c in fit.comparisons if c.role == "validation")
     ripple = 6.0  # the unmodelled harmonics alone leave about 3 A
