@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from penode.fit.fit import Estimate
-from penode.report.prediction_errors import free_run_value, one_step_value
+from penode.report.prediction_errors import free_run_text, free_run_value, one_step_value
 from penode.report.quantities import number
 from penode.report.statements import (
     estimate_text,
@@ -57,6 +57,7 @@ def test_diverged_runs_are_named_and_not_given_a_number(choice, comparison):
     broken[500:] = np.nan
     lost = dataclasses.replace(comparison, free_run=broken)
     assert texts(validation_table([lost]).rows[0])[-1] == "diverged"
+    assert free_run_text(lost) == "diverged"
     assert (
         overlay_title(lost)
         == f"cart.csv (used for training): the free run diverges after 500{GAP}ms"
