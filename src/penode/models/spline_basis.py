@@ -1,11 +1,11 @@
 """B-splines in one variable on knots that lie densest around zero, with three derivatives."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import Any
+from functools import cached_property
+from typing import Any, cast
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -75,15 +75,6 @@ class SplineBasis:
         middle = (self.breaks[1:] + self.breaks[:-1])[:, None] / 2
         return (middle + half * x).ravel(), (half * w).ravel()
 
-    def __call__(self, x: JaxArray) -> JaxArray:
-        """Return the splines and their first two derivatives, shape (3, count, batch).
-
-        Parameters
-        ----------
-        x : array, shape (batch,)
-        """
-        return _splines(self, x)
-
     def derivatives(self, x: FloatArray) -> FloatArray:
         """Return the splines and their first three derivatives, shape (4, count, point), by NumPy.
 
@@ -91,40 +82,44 @@ class SplineBasis:
         ----------
         x : ndarray, shape (point,)
         """
-        return np.stack(_derivatives(self, x, np))
+        axis = self.knots[None, :, None], self.weights[None]
+        return np.asarray(_derivatives(*axis, x[None], 4, np)[:, 0])
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _splines(basis: SplineBasis, x: JaxArray) -> JaxArray:
-    return jnp.stack(_derivatives(basis, x)[:3])
+def splines_of_each(bases: Sequence[SplineBasis], x: JaxArray, count: int = 3) -> JaxArray:
+    """Return splines and derivatives along several axes, shape (derivative, axis, spline, batch).
+
+    Parameters
+    ----------
+    bases : sequence of SplineBasis
+        One an axis, with equally many functions.
+    x : array, shape (axis, batch)
+    count : int
+        How many: the splines, their slopes, and so on; at most 4.
+    """
+    knots = np.stack([basis.knots for basis in bases])[..., None]
+    weights = np.stack([basis.weights for basis in bases])
+    return cast(JaxArray, _derivatives(knots, weights, x, count, jnp))
 
 
-@_splines.defjvp
-def _splines_jvp(
-    basis: SplineBasis, primals: tuple[JaxArray], tangents: tuple[JaxArray]
-) -> tuple[JaxArray, JaxArray]:
-    """Take the slope of each derivative from the next one: no recursion is differentiated."""
-    every = _derivatives(basis, primals[0])
-    return jnp.stack(every[:3]), jnp.stack(every[1:]) * tangents[0]
-
-
-def _derivatives(basis: SplineBasis, x: Any, numerics: Any = jnp) -> list[Any]:
-    """Return the splines and three derivatives, each (count, batch): divided differences."""
+def _derivatives(knots: FloatArray, weights: FloatArray, x: Any, count: int, numerics: Any) -> Any:
+    """Return divided differences of truncated powers: knots (axis, knot, 1), x (axis, point)."""
+    x = x[:, None]
     inside = numerics.clip(x, -1.0, 1.0)
-    count, knots = basis.count, basis.knots[:, None]
-    reached = (inside >= knots[:count]) & (inside < knots[DEGREE + 1 :])
-    found = []
-    for order, factor in enumerate((1.0, -4.0, 12.0, -24.0)):
-        powers = numerics.maximum(knots - inside, 0.0) ** (DEGREE - order)
-        pieces = [
-            factor * basis.weights[:, k, None] * powers[k : k + count] for k in range(DEGREE + 2)
-        ]
-        found.append(numerics.where(reached, sum(pieces[1:], pieces[0]), 0.0))
+    splines = weights.shape[1]
+    reached = (inside >= knots[:, :splines]) & (inside < knots[:, DEGREE + 1 :])
+    above = numerics.maximum(knots - inside, 0.0)
+    square = above * above
+    powers = numerics.stack([square * square, square * above, square, above])
+    factors = np.array([1.0, -4.0, 12.0, -24.0])[:, None, None, None] * weights
+    pieces = [factors[..., k, None] * powers[:, :, k : k + splines] for k in range(DEGREE + 2)]
+    found = numerics.where(reached, sum(pieces[1:], pieces[0]), 0.0)
     value, slope, curvature, third = found
     beyond = x - inside
-    return [
+    continued = [
         value + beyond * (slope + beyond * curvature / 2),
         slope + beyond * curvature,
         curvature,
         numerics.where(beyond == 0.0, third, 0.0),
     ]
+    return numerics.stack(continued[:count])

@@ -23,7 +23,7 @@ from penode.training.prediction_error import Batch, PredictionError, compiled_wi
 from penode.training.sensitivities import window_sums
 
 #: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
-CHUNK, _NEAR = 64, 98_304
+CHUNK, _NEAR = 64, 131_072
 
 #: Windows that one pass of reverse mode takes: their rollouts stay in the second-level cache.
 GRADIENT_CHUNK = 256

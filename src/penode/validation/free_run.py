@@ -177,9 +177,14 @@ def _squares(predictor: Predictor, models: Model, measured: JaxArray, inputs: Ja
     return rollout(step, jnp.stack(first), samples, visit, nothing).T
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jax.jit, static_argnums=(0, 5))
 def look_ahead(
-    predictor: Predictor, model: Model, states: JaxArray, inputs: JaxArray, steps: int
+    predictor: Predictor,
+    model: Model,
+    states: JaxArray,
+    inputs: JaxArray,
+    steps: int,
+    stride: int = 1,
 ) -> JaxArray:
     """Predict every sample from the measured ones `steps` before it (paper, k-step-ahead).
 
@@ -192,14 +197,16 @@ def look_ahead(
         Measured.
     steps : int
         k; known at run time only.
+    stride : int
+        Predict every so many samples only.
 
     Returns
     -------
-    array, shape (state, time - past)
+    array, shape (state, ceil((time - past) / stride))
         For samples past .. time - 1; the first k - 1 of them start from fewer steps before.
     """
     past, last = predictor.past, states.shape[1] - 1
-    target = jnp.arange(past, last + 1)
+    target = jnp.arange(past, last + 1, stride)
     origin = jnp.maximum(target - steps, past - 1)
     start = jnp.stack([states[:, origin - j] for j in range(past)])
 

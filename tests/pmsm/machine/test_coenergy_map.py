@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from penode.arrays import float64
+from penode.data.experiment import Experiment
+from penode.data.windows import cut
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.machine.coenergy_map import CoenergyPart, CoenergySplines, columns, roughness
 from penode.pmsm.machine.flux_maps import FluxMap
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.terms import Resistance
+from penode.predictors.base import Predictor
+from penode.training.residuals import Objective
 
 ORDERS = (6, 12)
 
@@ -21,8 +27,8 @@ def drawn(part, rng):
 
 @pytest.fixture
 def network(rng):
-    even, odd = (drawn(CoenergyPart.zero(9, parity), rng) for parity in (True, False))
-    waves = (drawn(CoenergyPart.zero(5, parity, len(ORDERS)), rng) for parity in (True, False))
+    even, odd = (drawn(CoenergyPart.zero(*size), rng) for size in ((15, True), (7, False)))
+    waves = (drawn(CoenergyPart.zero(7, parity, len(ORDERS)), rng) for parity in (True, False))
     cosine, sine = waves
     return CoenergySplines((even, odd), (cosine,), (sine,))
 
@@ -45,6 +51,34 @@ def test_jacobian_and_slope_over_the_angle_are_derivatives(network, rng):
     slope = (at(network, x, theta + h)[0] - at(network, x, theta - h)[0]) / (2 * h)
     np.testing.assert_allclose(turning, slope, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(inductance[0, 1], inductance[1, 0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("reach", [1.2, 0.01])
+@pytest.mark.parametrize("columns_of_their_own", [False, True])
+def test_reverse_mode_is_the_slope_of_all_that_a_map_returns(
+    network, rng, columns_of_their_own, reach
+):
+    with float64():
+        flux = with_batch_axis(FluxMap(network, 1.0, 1.0, ORDERS))
+        if columns_of_their_own:
+            flux = jax.tree.map(lambda leaf: np.repeat(leaf, 8, axis=-1), flux)
+        x, theta = reach * rng.uniform(-1, 1, (2, 8)), jnp.asarray(rng.uniform(0, 6.0, 8))
+        weights = [rng.normal(size=shape) for shape in ((2, 8), (2, 2, 8), (2, 8))]
+        point = (flux, jnp.asarray(x))
+        along = jax.tree.map(lambda leaf: rng.normal(size=np.shape(leaf)), point)
+
+        @jax.jit
+        def total(point):
+            returned = point[0].at_angle(point[1], theta)
+            return sum(jnp.sum(w * part) for w, part in zip(weights, returned, strict=True))
+
+        def moved(step):
+            return total(jax.tree.map(lambda leaf, way: leaf + step * way, point, along))
+
+        slopes = jax.tree.leaves(jax.jit(jax.grad(total))(point))
+        found = sum(np.sum(s * w) for s, w in zip(slopes, jax.tree.leaves(along), strict=True))
+        wanted = float(moved(1e-6) - moved(-1e-6)) / 2e-6
+    assert float(found) == pytest.approx(wanted, rel=1e-7)
 
 
 def test_a_machine_without_skew_mirrors_its_flux(network, rng):
@@ -123,3 +157,23 @@ def test_the_linear_map_is_linear_everywhere(rng):
         value, slope = with_batch_axis(CoenergySplines.linear()).value_and_jacobian(jnp.asarray(x))
     np.testing.assert_allclose(value, 0.3 * x, atol=1e-9)
     np.testing.assert_allclose(slope, np.tile(0.3 * np.eye(2)[..., None], 20), atol=1e-9)
+
+
+def test_sensitivities_of_the_whole_machine_are_slopes_of_its_loss(network, rng):
+    inputs = ("u_d", "u_q", "omega_el", "theta_el")
+    time = np.arange(80.0)
+    channels = {name: 5.0 * rng.normal(size=80) for name in ("i_d", "i_q", "u_d", "u_q")}
+    channels |= {"omega_el": np.full(80, 900.0), "theta_el": 0.09 * time}
+    run = Experiment("drawn", 1e-4, channels)
+    small = jax.tree.map(lambda leaf: 0.01 * leaf, network)
+    mean = (CoenergySplines.linear().mean[0], small.mean[1])
+    flux = FluxMap(replace(small, mean=mean), 10.0, 0.1, ORDERS)
+    machine = Machine(flux, (Resistance(R=0.1),))
+    objective = Objective(Predictor(1e-4), machine, np.ones(2))
+    windows = cut([run], machine.states, inputs, 3)
+    raw = objective.layout.raw(machine)
+    way = 1e-6 * rng.normal(size=len(raw))
+    terms = objective.gauss_newton(raw, windows)
+    above, below = (objective.gauss_newton(raw + s * way, windows).loss for s in (1.0, -1.0))
+    slope = -2 * terms.descent @ way / terms.count
+    assert slope == pytest.approx((above - below) / 2, rel=1e-6)

@@ -37,8 +37,8 @@ from penode.validation.free_run import look_ahead
 _ASYMMETRIC = 20.0
 #: Points at which the differential inductance is taken for the weight of the prior in training.
 _POINTS = 200
-#: Samples over which predictions of the start are judged.
-_AHEAD = 20
+#: Samples over which predictions of the start are judged, and about how many predictions.
+_AHEAD, _JUDGED = 20, 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,8 +252,9 @@ def _misfit(machine: Machine, experiment: Experiment) -> float:
         states, inputs = (
             jnp.asarray(experiment.stack(names).T) for names in (machine.states, machine.inputs)
         )
-        ahead = look_ahead(predictor, with_batch_axis(machine), states, inputs, _AHEAD)
-        gap = np.asarray(ahead - states[:, predictor.past :])
+        stride = max(len(experiment) // _JUDGED, 1)
+        ahead = look_ahead(predictor, with_batch_axis(machine), states, inputs, _AHEAD, stride)
+        gap = np.asarray(ahead - states[:, predictor.past :: stride])
     return float(np.median(np.sum(gap**2, axis=0)) / 2)
 
 

@@ -99,7 +99,12 @@ class FluxMap(eqx.Module):
         if not self.angle_orders:
             return self.mean(currents)
         features, rates = self._features(theta_el)
-        (value, jacobian), (slope, _) = jax.jvp(partial(self._network_at, x), (features,), (rates,))
+        if isinstance(self.network, CoenergySplines):
+            value, jacobian = self.network.value_and_jacobian(x, features)
+            slope = self.network.slope(x, rates)
+        else:
+            at_angle = partial(self._network_at, x)
+            (value, jacobian), (slope, _) = jax.jvp(at_angle, (features,), (rates,))
         scale = self.flux_scale
         return Flux(scale * value, scale / self.current_scale * jacobian, scale * slope)
 

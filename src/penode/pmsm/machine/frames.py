@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray
+from penode.arrays import FloatArray, JaxArray
 
 _PHASES = np.array([0.0, 2.0, -2.0]) * np.pi / 3.0
 
@@ -75,7 +75,8 @@ def quarter_turned(vector: Any) -> Any:
     vector : array, shape (2, ...)
         d and q components of a vector, or a matrix whose first axis they are; of NumPy or JAX.
     """
-    return _library(vector).stack([-vector[1], vector[0]])
+    signs = np.array([-1.0, 1.0]).reshape(2, *(1,) * (np.ndim(vector) - 1))
+    return signs * vector[::-1]
 
 
 def solved(matrix: Any, vector: Any) -> Any:
@@ -92,10 +93,32 @@ def solved(matrix: Any, vector: Any) -> Any:
     array, shape (2, ...)
         Not finite where the matrix is singular.
     """
+    if isinstance(vector, jax.Array) or isinstance(matrix, jax.Array):
+        return _solved(matrix, vector)
+    return _product(_inverse(matrix, np), vector)
+
+
+@jax.custom_jvp
+def _solved(matrix: JaxArray, vector: JaxArray) -> JaxArray:
+    return _product(_inverse(matrix, jnp), vector)
+
+
+@_solved.defjvp
+def _solved_jvp(
+    primals: tuple[JaxArray, JaxArray], tangents: tuple[JaxArray, JaxArray]
+) -> tuple[JaxArray, JaxArray]:
+    """Derive M x = v as a whole, dx = M^-1 (dv - dM x)."""
+    inverse = _inverse(primals[0], jnp)
+    x = _product(inverse, primals[1])
+    return x, _product(inverse, tangents[1] - _product(tangents[0], x))
+
+
+def _product(matrix: Any, vector: Any) -> Any:
+    """Return the product (2, ...) of a matrix (2, 2, ...) and a vector (2, ...)."""
+    return (matrix * vector).sum(axis=1)
+
+
+def _inverse(matrix: Any, library: Any) -> Any:
     (a, b), (c, d) = matrix
-    raised = (d * vector[0] - b * vector[1], a * vector[1] - c * vector[0])
-    return _library(vector).stack(raised) / (a * d - b * c)
-
-
-def _library(array: Any) -> Any:
-    return jnp if isinstance(array, jax.Array) else np
+    adjugate = library.stack([library.stack([d, -b]), library.stack([-c, a])])
+    return adjugate / (a * d - b * c)
