@@ -24,7 +24,7 @@ from penode.data.mapping import Origin
 from penode.data.quality import Finding, check_excitation, inspect
 from penode.data.windows import Placement, cut
 from penode.fit.learned_uncertainty import LearnedUncertainty
-from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary
+from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary, Objection
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.cross_checks import Anchor
 from penode.horizon.held_out import HeldOut
@@ -163,6 +163,7 @@ __all__ = [
     "Loss",
     "LossWeighting",
     "Normal",
+    "Objection",
     "Objective",
     "Optimiser",
     "Origin",

@@ -17,6 +17,7 @@ from penode.horizon.ladder import (
     ignore_events,
     ladder_plan,
 )
+from penode.horizon.objections import CHECKS, objections, with_objections
 from penode.horizon.selection import Plateau, Selector, choose
 from penode.models.base import Model
 from penode.training.plan import Plan
@@ -92,6 +93,8 @@ def identify(
     choice = choose(selector, climb, plan)
     check = cross_check(problem, plan, climb, choice, start)
     fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)
+    found = [*objections(fit, experiments, (*start.checks, *CHECKS)), *check.objections]
+    fit = with_objections(fit, found)
     if climb.interrupted or check.interrupted:
         raise Stopped(fit)
     return fit

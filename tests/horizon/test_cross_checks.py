@@ -38,10 +38,18 @@ def test_an_unsure_anchor_lets_one_step_stand():
 
 
 def test_a_contradiction_is_told_with_both_numbers():
-    (sentence,) = check_against_anchor(LADDER[0], ("R",), {"R": (10.0, 0.2)})
-    assert sentence.startswith("R = 5 contradicts 10 ± 0.2")
-    assert check_against_anchor(LADDER[2], ("R",), {"R": (10.0, 0.2)}) == ()
-    assert check_against_anchor(LADDER[0], ("R",), {}) == ()
+    small, (large,) = check_against_anchor(LADDER[0], ("R",), {"R": (10.0, 0.2)})
+    assert large.reason.startswith("R = 5 contradicts 10 ± 0.2")
+    assert small == ()
+    assert check_against_anchor(LADDER[2], ("R",), {"R": (10.0, 0.2)}) == ((), ())
+    assert check_against_anchor(LADDER[0], ("R",), {}) == ((), ())
+
+
+def test_a_contradiction_of_a_few_percent_is_a_warning():
+    sure = rung(1, 9.7, 0.02)
+    (sentence,), objections = check_against_anchor(sure, ("R",), {"R": (10.0, 0.02)})
+    assert sentence.startswith("R = 9.7 contradicts 10 ± 0.02")
+    assert objections == ()
 
 
 def test_another_minimum_reached_directly_is_told(systems):

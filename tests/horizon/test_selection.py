@@ -217,3 +217,10 @@ def test_a_rung_away_from_the_consensus_is_less_sure():
 def test_longest_is_the_last_rung():
     choice = Longest().select(ladder([1, 8, 50], [0.0, 5.0, 9.0], [0.1] * 3))
     assert choice == Choice(2, "fixed", "The horizon was set to 50 by the user.", (2,))
+
+
+def test_a_map_whose_deviation_is_no_number_leaves_a_choice():
+    rungs = ladder((1, 8, 50), 3 * [[1.0, np.nan]], 3 * [[0.1, np.nan]])
+    choice = Plateau().select(rungs)
+    assert isinstance(choice, Choice)
+    assert 0 <= choice.index < 3

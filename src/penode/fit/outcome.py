@@ -12,6 +12,29 @@ NORMAL_95 = 1.96
 #: Verdicts under which the horizons that agree are one answer, and their mean is reported.
 AVERAGED = ("plateau", "H = 1 suffices")
 
+#: Verdict on a result that objections speak against.
+IMPLAUSIBLE = "implausible"
+
+#: Verdicts under which the data cannot answer.
+_REFUSED = ("no plateau", "not identifiable", IMPLAUSIBLE)
+
+
+@dataclass(frozen=True)
+class Objection:
+    """One thing that makes a result implausible, however narrow its intervals are.
+
+    Attributes
+    ----------
+    name : str
+        Of the kind, in two or three words.
+    reason, repair : str
+        What was found, and the cheapest mend, a sentence each.
+    """
+
+    name: str
+    reason: str
+    repair: str
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -97,15 +120,18 @@ class HorizonChoice:
         Steps of one sample.
     verdict : str
         ``"plateau"``, ``"H = 1 suffices"``, ``"predicts best"``, ``"fixed"``, ``"no plateau"``,
-        ``"not identifiable"`` or ``"stopped"``. The data cannot answer under ``"no plateau"`` and
-        ``"not identifiable"``; under ``"predicts best"``, ``"fixed"``, and ``"stopped"`` by a
-        person before the end of ladder or cross-check, that is not known.
+        ``"not identifiable"``, ``"implausible"`` or ``"stopped"``. The data cannot answer under
+        ``"no plateau"``, ``"not identifiable"`` and ``"implausible"``; under ``"predicts best"``,
+        ``"fixed"``, and ``"stopped"`` by a person before the end of ladder or cross-check, that is
+        not known.
     reason : str
         One or two sentences for a person.
     ladder : tuple of HorizonSummary
         Every horizon tried, shortest first.
     plateau : tuple of int
         Horizons that agree with the selected one.
+    objections : tuple of Objection
+        What speaks against the result as a whole; the first of them gives the reason.
     """
 
     selected: int
@@ -113,11 +139,12 @@ class HorizonChoice:
     reason: str
     ladder: tuple[HorizonSummary, ...]
     plateau: tuple[int, ...] = ()
+    objections: tuple[Objection, ...] = ()
 
     @property
     def answered(self) -> bool:
         """Whether the data could answer, as far as was tested."""
-        return self.verdict not in ("no plateau", "not identifiable")
+        return self.verdict not in _REFUSED
 
 
 def estimate_of(document: Mapping[str, Any]) -> Estimate:
@@ -134,4 +161,8 @@ def estimate_of(document: Mapping[str, Any]) -> Estimate:
 def horizon_of(document: Mapping[str, Any]) -> HorizonChoice:
     """Return a choice of the horizon from its JSON."""
     ladder = tuple(HorizonSummary(**rung) for rung in document["ladder"])
-    return HorizonChoice(**{**document, "ladder": ladder, "plateau": tuple(document["plateau"])})
+    objections = tuple(Objection(**one) for one in document.get("objections", ()))
+    plateau = tuple(document["plateau"])
+    return HorizonChoice(
+        **{**document, "ladder": ladder, "plateau": plateau, "objections": objections}
+    )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.fit.outcome import Objection
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import Climb, HorizonFit, LadderProblem
 from penode.horizon.selection import Choice
@@ -13,6 +14,8 @@ from penode.training.plan import DIVERGED, Plan, Stage
 
 #: Deviations apart from which two answers disagree.
 _APART = 4.0
+#: Fraction of a value from which such a disagreement makes the result implausible.
+_LARGE = 0.05
 
 
 @dataclass(frozen=True)
@@ -66,11 +69,14 @@ class CrossCheck:
     ----------
     contradictions : tuple of str
         Of the choice, a sentence each.
+    objections : tuple of Objection
+        Contradictions so large that the result is implausible.
     interrupted : bool
         Whether a person stopped them by Ctrl-C before their end.
     """
 
     contradictions: tuple[str, ...] = ()
+    objections: tuple[Objection, ...] = ()
     interrupted: bool = False
 
 
@@ -94,21 +100,21 @@ def cross_check(
     if climb.interrupted:
         return CrossCheck()
     chosen, layout = climb.fits[choice.index], problem.objective.layout
-    contradictions = check_against_anchor(chosen, layout.physical, start.anchor)
+    small, objections = check_against_anchor(chosen, layout.physical, start.anchor)
     if not choice.index:
-        return CrossCheck(contradictions)
+        return CrossCheck(small, objections)
     try:
-        contradictions += check_path_dependence(problem, plan, chosen, layout.raw(start.model))
+        small += check_path_dependence(problem, plan, chosen, layout.raw(start.model))
     except KeyboardInterrupt:
         problem.observer({"event": "stop", "horizon": chosen.horizon})
-        return CrossCheck(contradictions, interrupted=True)
-    return CrossCheck(contradictions)
+        return CrossCheck(small, objections, interrupted=True)
+    return CrossCheck(small, objections)
 
 
 def check_against_anchor(
     rung: HorizonFit, names: Sequence[str], anchor: Mapping[str, tuple[float, float]]
-) -> tuple[str, ...]:
-    """Return a sentence for each physical parameter that contradicts its anchor.
+) -> tuple[tuple[str, ...], tuple[Objection, ...]]:
+    """Return what physical parameters contradict their anchors: small ones, and objections.
 
     Parameters
     ----------
@@ -119,17 +125,22 @@ def check_against_anchor(
     anchor : mapping of str to (float, float)
         Value and deviation, SI units.
     """
-    contradictions = []
+    small, objections = [], []
     for k, name in enumerate(names):
         value, deviation = anchor.get(name, (np.nan, np.nan))
         gap = abs(rung.values[k] - value) / np.hypot(rung.working[k], deviation)
-        if gap > _APART:
-            contradictions.append(
-                f"{name} = {rung.values[k]:.4g} contradicts {value:.4g} ± {deviation:.2g}, the "
-                "estimate of the weak form of the balance without any training; something is "
-                "missing in the model or wrong in the recording."
-            )
-    return tuple(contradictions)
+        if not gap > _APART:
+            continue
+        reason = (
+            f"{name} = {rung.values[k]:.4g} contradicts {value:.4g} ± {deviation:.2g}, the "
+            "estimate of the weak form of the balance without any training."
+        )
+        repair = "Something is missing in the model or wrong in the recording."
+        if abs(rung.values[k] - value) > _LARGE * abs(value):
+            objections.append(Objection("contradiction", reason, repair))
+        else:
+            small.append(f"{reason} {repair}")
+    return tuple(small), tuple(objections)
 
 
 def check_path_dependence(

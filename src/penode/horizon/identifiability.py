@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from penode.horizon.objections import Check
 from penode.models.base import Model
 from penode.training.penalties import Penalty
 from penode.training.plan import Plan
@@ -34,6 +35,8 @@ class Start:
         Joins those of the fit: what is odd in the recordings, a sentence each.
     penalties : tuple of Penalty
         Join those of the plan's loss: what is known of the learned map before training.
+    checks : tuple of Check
+        What the fit is examined for beside `penode.horizon.objections.CHECKS`.
     """
 
     model: Model
@@ -43,6 +46,7 @@ class Start:
     facts: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     penalties: tuple[Penalty, ...] = ()
+    checks: tuple[Check, ...] = ()
 
     def with_penalties(self, plan: Plan) -> Plan:
         """Return a plan with what is known of the learned map in its loss."""

@@ -49,6 +49,8 @@ class Setting:
         Whether every recording has a value of its own.
     meaning : str
         What it is, in a few words for a report.
+    lowest : float
+        A value that is not above it is impossible. Training may pass it, so that it shows.
     """
 
     unit: str = ""
@@ -58,6 +60,7 @@ class Setting:
     prior: Normal | None = None
     per_experiment: bool = False
     meaning: str = ""
+    lowest: float = -np.inf
 
 
 _DEFAULT = Setting()
@@ -114,6 +117,7 @@ def physical(
     *,
     default: Any = _REQUIRED,
     meaning: str = "",
+    lowest: float = -np.inf,
 ) -> Any:
     """Declare a scalar physical parameter, reported with an interval; see `parameter`.
 
@@ -129,12 +133,14 @@ def physical(
         Value of a field that is not given.
     meaning : str
         What it is, in a few words for a report, such as ``"stator resistance"``.
+    lowest : float
+        A fit whose interval is not above it is implausible; no constraint on training.
 
     Returns
     -------
     dataclass field
     """
-    setting = Setting(unit, "physical", True, transform, prior, meaning=meaning)
+    setting = Setting(unit, "physical", True, transform, prior, meaning=meaning, lowest=lowest)
     return _declare(setting, default)
 
 

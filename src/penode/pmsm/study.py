@@ -26,6 +26,7 @@ from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import HOLDS, check_hold
 from penode.pmsm.machine.term_registry import completed, term_name
 from penode.pmsm.machine.terms import DeadTime, Term
+from penode.pmsm.precheck.objections import machine_checks
 from penode.pmsm.recording.channels import drive_recording, require_channels
 from penode.pmsm.report.machine_report import machine_report
 from penode.training.plan import Plan
@@ -194,8 +195,12 @@ def identify(
     plan = study.plan(recordings)
     if checkpoint is not None:
         plan = checkpoint.over(plan, observer)
-    return identify_model(
+    start = replace(
         _start(recordings, study, reasons),
+        checks=machine_checks(experiments, study.hold, study.pole_pairs),
+    )
+    return identify_model(
+        start,
         recordings,
         plan=plan,
         selector=study.selector(unseen or recordings),

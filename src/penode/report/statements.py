@@ -27,6 +27,8 @@ _MEANINGS = {
     "on with --resume to find out.",
     "no plateau": "The estimate keeps changing with how far ahead the model predicts. No horizon "
     "can be preferred, so the value below must not be used.",
+    "implausible": "The model cannot explain these recordings, so the value below must not be "
+    "used, however narrow its interval is.",
     "not identifiable": "Different parameter values explain these recordings equally well, so "
     "the value below must not be used.",
 }

@@ -10,7 +10,7 @@ from penode.errors import InputError
 from penode.pmsm.bench.map_import import ImportedMachine, import_machine
 
 # Verdicts under which R and the map may stand in for each other.
-_DOUBTFUL = ("no plateau", "not identifiable")
+_DOUBTFUL = ("no plateau", "not identifiable", "implausible")
 
 
 def identified_machine(

@@ -122,7 +122,7 @@ class Resistance(Term):
     role: ClassVar[str] = "resistance"
     title: ClassVar[str] = "The resistance"
 
-    R: Leaf = physical("ohm", default=0.0, meaning="stator resistance")
+    R: Leaf = physical("ohm", default=0.0, meaning="stator resistance", lowest=0.0)
 
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
         """Return R i in V; see `Term.drop`."""
@@ -144,7 +144,7 @@ class TemperatureResistance(Term):
     title: ClassVar[str] = "The resistance over temperature"
     channels: ClassVar[tuple[Channel, ...]] = (TEMPERATURE,)
 
-    R: Leaf = physical("ohm", default=0.0, meaning="stator resistance at 20 °C")
+    R: Leaf = physical("ohm", default=0.0, meaning="stator resistance at 20 °C", lowest=0.0)
     alpha: float = eqx.field(static=True, default=3.93e-3)
 
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:

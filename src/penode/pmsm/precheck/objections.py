@@ -1,0 +1,108 @@
+"""Objections to the fit of a machine: a broken convention, the voltage limit, a standstill."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.fit.fit import Fit
+from penode.fit.outcome import Objection
+from penode.horizon.objections import Check
+from penode.pmsm.conventions.broken_convention import with_channels
+from penode.pmsm.conventions.check import check_conventions
+
+#: Fraction of the samples with the largest voltages, and how much larger their errors may be.
+_TOP, _LARGER = 0.1, 3.0
+#: A and V below which both currents and voltages look like fractions of a base.
+_PER_UNIT = 2.5
+#: Electrical radians that the rotor has to turn in one recording.
+_TURN = 1.0
+
+
+def machine_checks(
+    experiments: Sequence[Experiment], hold: str, pole_pairs: int | None = None
+) -> tuple[Check, ...]:
+    """Return what the fit of a machine is examined for.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        As a study file maps them; their conventions are tested here, once.
+    hold : str
+        Frame in which the voltage of a row is held until the next.
+    pole_pairs : int, optional
+        Of the machine.
+    """
+    acting = [_mean_over_samples(e) if hold == "stationary" else e for e in experiments]
+    broken = [b for e in acting for b in check_conventions(e, pole_pairs).broken]
+    found = [
+        Objection(b.name, f"{b.recording}: {b.evidence}.", f"To mend it, {b.mend}.") for b in broken
+    ]
+
+    def broken_conventions(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
+        yield from found
+
+    return broken_conventions, per_unit, voltage_limit, standstill
+
+
+def per_unit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
+    """Yield an objection where no current and no voltage is as large as those of a drive."""
+    for experiment in experiments:
+        current, voltage = (
+            float(np.abs(experiment.stack(names)).max())
+            for names in (("i_d", "i_q"), ("u_d", "u_q"))
+        )
+        if max(current, voltage) < _PER_UNIT:
+            yield Objection(
+                "per unit",
+                f"{experiment.name}: no current is above {current:.2g} A and no voltage above "
+                f"{voltage:.2g} V, as if they were given per unit.",
+                "Give scale = BASE for these channels in the study file.",
+            )
+
+
+def voltage_limit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
+    """Yield an objection where predictions err most at the largest voltages."""
+    seen = [c for c in fit.comparisons if c.role == "train"]
+    for comparison, experiment in zip(seen, experiments, strict=True):
+        voltage = np.hypot(*experiment.stack(("u_d", "u_q")).T)[:-1]
+        squares = np.sum((comparison.measured - comparison.one_step)[1:] ** 2, axis=1)
+        above = voltage > np.quantile(voltage, 1 - _TOP)
+        if not above.any():
+            continue
+        ratio = float(np.sqrt(squares[above].mean() / max(squares[~above].mean(), 1e-300)))
+        if ratio > _LARGER:
+            yield Objection(
+                "voltage limit",
+                f"{comparison.name}: one-step errors are {ratio:.1f} times as large where the "
+                f"voltage is above {voltage[above].min():.3g} V, as if a limiter acted that the "
+                "recorded command does not show.",
+                "Record the voltage behind the limiter, or stay below it.",
+            )
+
+
+def standstill(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
+    """Yield an objection where the rotor turns so little that the magnet induces nothing."""
+    turned = [abs(float(np.sum(e.channels["omega_el"]))) * e.time_step for e in experiments]
+    if max(turned) < _TURN:
+        yield Objection(
+            "standstill",
+            "The rotor stands still, so no voltage shows the constant of the flux linkage; only "
+            "resistance and inductance are determined.",
+            "Add a recording with the rotor turning.",
+        )
+
+
+def _mean_over_samples(experiment: Experiment) -> Experiment:
+    """Return the recording with the mean, in the turning frame, of voltages held in the other."""
+    if "u_d" not in experiment.channels or "omega_el" not in experiment.channels:
+        return experiment
+    half = experiment.channels["omega_el"] * experiment.time_step / 2
+    u_d, u_q = experiment.stack(("u_d", "u_q")).T
+    return with_channels(
+        experiment,
+        {
+            "u_d": np.cos(half) * u_d + np.sin(half) * u_q,
+            "u_q": np.cos(half) * u_q - np.sin(half) * u_d,
+        },
+    )

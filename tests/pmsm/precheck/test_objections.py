@@ -1,0 +1,156 @@
+"""Each objection is raised by what it is about, and by nothing that a good fit shows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from penode import Experiment
+from penode.fit.fit import Estimate, HorizonChoice, HorizonSummary
+from penode.fit.outcome import Objection, horizon_of
+from penode.horizon.objections import CHECKS, objections, with_objections
+from penode.pmsm.precheck.objections import machine_checks, per_unit, standstill, voltage_limit
+from penode.validation.comparison import Comparison
+
+COUNT, STEP = 4000, 1e-4
+
+
+def summary(horizon, deviation):
+    return HorizonSummary(horizon, {"R": 0.01}, {"R": deviation}, 0.1, 0.1, 2, "Done.")
+
+
+@pytest.fixture
+def run(rng):
+    """Return a recording in which currents swing, and the voltages that R and L explain."""
+    time = STEP * np.arange(COUNT)
+    i_d, i_q = 100 * np.sin(90 * time), 100 * np.sin(95 * time + 1)
+    u_d, u_q = 2 * i_d + rng.normal(size=COUNT), i_q + 20 + rng.normal(size=COUNT)
+    channels = {"i_d": i_d, "i_q": i_q, "u_d": u_d, "u_q": u_q, "omega_el": np.full(COUNT, 600.0)}
+    return Experiment("run.csv", STEP, channels)
+
+
+@pytest.fixture
+def fit(machine_fit, run, rng):
+    """Return a fit with small, white errors."""
+    measured = run.stack(("i_d", "i_q"))
+    one_step, free_run = (measured + s * rng.normal(size=measured.shape) for s in (0.1, 0.3))
+    names, units = ("i_d", "i_q"), ("A", "A")
+    comparison = Comparison("run.csv", "train", STEP, names, units, measured, one_step, free_run)
+    ladder = tuple(summary(h, 1e-4) for h in (1, 8, 50))
+    choice = HorizonChoice(50, "plateau", "Horizons agree.", ladder, (1, 8, 50))
+    return replace(machine_fit, horizon=choice, comparisons=(comparison,))
+
+
+def comparing(fit, **changed):
+    return replace(fit, comparisons=(replace(fit.comparisons[0], **changed),))
+
+
+def names(fit, run, checks=CHECKS):
+    return [found.name for found in objections(fit, [run], checks)]
+
+
+def test_nothing_speaks_against_a_good_fit(fit, run):
+    assert names(fit, run, (*CHECKS, per_unit, voltage_limit, standstill)) == []
+    assert with_objections(fit, ()) is fit
+
+
+@pytest.mark.parametrize(
+    "estimate", [(-0.002, -0.003, -0.001), (0.01, -0.001, 0.021), (0.01, -np.inf, np.inf)]
+)
+def test_a_resistance_that_may_not_be_positive(fit, run, estimate):
+    value, low, high = estimate
+    wrong = replace(fit, parameters={"R": Estimate(value, 1e-3, (low, high), "ohm")})
+    assert names(wrong, run) == ["impossible value"]
+
+
+def test_a_free_run_that_diverges_or_leaves_the_measured_states(fit, run):
+    comparison = fit.comparisons[0]
+    diverged = comparison.free_run.copy()
+    diverged[100:] = np.nan
+    assert names(comparing(fit, free_run=diverged), run) == ["free run fails"]
+    astray = comparison.free_run + 0.6 * comparison.measured
+    assert names(comparing(fit, free_run=astray), run) == ["free run fails"]
+
+
+def test_channels_that_explain_nothing(fit, run, rng):
+    noise = 100 * rng.normal(size=(COUNT, 2))
+    still = np.zeros_like(noise)
+    found = names(comparing(fit, measured=noise, one_step=still, free_run=still), run)
+    assert found == ["nothing explained"]
+
+
+def test_a_state_of_noise_beside_one_that_is_explained_is_no_objection(fit, run, rng):
+    """As i_d of a recording along the q axis."""
+    comparison = fit.comparisons[0]
+    changed = {
+        name: np.column_stack([0.1 * rng.normal(size=COUNT), getattr(comparison, name)[:, 1]])
+        for name in ("measured", "one_step", "free_run")
+    }
+    assert names(comparing(fit, **changed), run) == []
+
+
+def test_few_samples_that_decide_are_named_with_row_and_channel(fit, run):
+    measured = fit.comparisons[0].measured.copy()
+    measured[1234, 1] = 900.0
+    (found,) = objections(comparing(fit, measured=measured), [run], CHECKS)
+    assert found.name == "outliers"
+    assert "channel i_q at data row 1235" in found.reason
+
+
+def test_a_deviation_that_collapsed(fit, run):
+    ladder = (*fit.horizon.ladder[:2], summary(50, 1e-9))
+    (found,) = objections(replace(fit, horizon=replace(fit.horizon, ladder=ladder)), [run], CHECKS)
+    assert found.name == "collapsed deviation"
+    assert "H = 50" in found.reason
+
+
+def test_a_residual_that_follows_an_input(fit, run):
+    comparison = fit.comparisons[0]
+    one_step = comparison.measured + 0.01 * run.stack(("u_d", "u_q"))
+    free_run = comparison.measured + 20.0 * np.sin(np.arange(COUNT))[:, None]
+    (first, *_) = objections(comparing(fit, one_step=one_step, free_run=free_run), [run], CHECKS)
+    assert first.name == "dependent residual"
+
+
+def test_errors_at_the_largest_voltages(fit, run):
+    voltage = np.hypot(*run.stack(("u_d", "u_q")).T)
+    high = np.roll(voltage > np.quantile(voltage, 0.9), 1)[:, None]
+    one_step = fit.comparisons[0].measured + np.where(high, 1.0, 0.1) * np.array([1.0, -1.0])
+    assert names(comparing(fit, one_step=one_step), run, (voltage_limit,)) == ["voltage limit"]
+
+
+def test_per_unit_and_standstill(fit, run):
+    channels = dict(run.channels)
+    small = {n: c / 100 for n, c in channels.items() if n != "omega_el"}
+    scaled = replace(run, channels={**channels, **small})
+    assert names(fit, scaled, (per_unit,)) == ["per unit"]
+    still = replace(run, channels={**channels, "omega_el": np.zeros(COUNT)})
+    assert names(fit, still, (standstill,)) == ["standstill"]
+
+
+def test_a_convention_that_the_recording_breaks(fit, slow_run):
+    u_d, u_q = (np.roll(slow_run.channels[n], 3) for n in ("u_d", "u_q"))
+    late = replace(slow_run, channels={**slow_run.channels, "u_d": u_d, "u_q": u_q})
+    assert names(fit, slow_run, machine_checks([slow_run], "dq")[:1]) == []
+    (found,) = objections(fit, [late], machine_checks([late], "dq")[:1])
+    assert found.name == "delay of 3 samples"
+
+
+@pytest.mark.parametrize("verdict", ["plateau", "fixed", "H = 1 suffices", "predicts best"])
+def test_an_objection_turns_the_verdict(fit, verdict):
+    both = [Objection(n, f"The {n} is wrong.", "Mend it.") for n in ("first", "second")]
+    said = with_objections(replace(fit, horizon=replace(fit.horizon, verdict=verdict)), both)
+    assert said.horizon.verdict == "implausible"
+    assert not said.horizon.answered
+    assert said.horizon.reason == "First: The first is wrong. Mend it."
+    assert said.warnings[0] == "Second: The second is wrong. Mend it."
+    document = said.result()["horizon"]
+    assert horizon_of(document) == said.horizon
+
+
+@pytest.mark.parametrize("verdict", ["no plateau", "not identifiable", "stopped"])
+def test_a_verdict_without_an_answer_stays_and_the_objection_is_a_warning(fit, verdict):
+    before = replace(fit, horizon=replace(fit.horizon, verdict=verdict))
+    said = with_objections(before, [Objection("first", "It is wrong.", "Mend it.")])
+    assert said.horizon.verdict == verdict
+    assert said.warnings[0].startswith("First: It is wrong.")
