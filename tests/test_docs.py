@@ -18,7 +18,7 @@ from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.recording.guess import guess_study
 from penode.pmsm.recording.study_text import study_text
-from penode.pmsm.study import flux_map_csv
+from penode.pmsm.result_files import flux_map_csv
 from penode.pmsm.study_file import load_study
 
 ROOT = Path(__file__).parents[1]

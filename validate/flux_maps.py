@@ -22,7 +22,8 @@ from penode.pmsm.bench.drive import Drive
 from penode.pmsm.bench.machines import TRACTION_300A, Machine
 from penode.pmsm.bench.references import MOTOR, Lissajous, Reference, Steps
 from penode.pmsm.bench.run import simulate
-from penode.pmsm.study import GRID, Study, identify
+from penode.pmsm.result_files import GRID
+from penode.pmsm.study import Study, identify
 
 AMPLITUDE = 240.0
 

@@ -18,7 +18,7 @@ from penode.horizon.ladder import (
     ladder_plan,
 )
 from penode.horizon.objections import CHECKS, objections, with_objections
-from penode.horizon.selection import Plateau, Selector, choose
+from penode.horizon.selection import Plateau, Selector, choose, without_collapsed
 from penode.models.base import Model
 from penode.training.plan import Plan
 from penode.validation.free_run import require_predictable
@@ -89,7 +89,7 @@ def identify(
     for unseen in validation:
         require_predictable(problem.objective.predictor, start.model, unseen)
 
-    climb = problem.climb(plan, problem.objective.layout.raw(start.model))
+    climb = without_collapsed(problem.climb(plan, problem.objective.layout.raw(start.model)))
     choice = choose(selector, climb, plan)
     check = cross_check(problem, plan, climb, choice, start)
     fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)

@@ -11,8 +11,8 @@ from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.bench.config import load_config
 from penode.pmsm.exports.formats import FORMATS
+from penode.pmsm.result_files import flux_map_csv
 from penode.pmsm.simulation.simulated_drive import deviation
-from penode.pmsm.study import flux_map_csv
 
 
 @pytest.fixture

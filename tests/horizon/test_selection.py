@@ -6,8 +6,14 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 
 from penode.data.windows import Windows
-from penode.horizon.ladder import HorizonFit
-from penode.horizon.selection import Choice, Longest, Plateau, paired_deviation
+from penode.horizon.ladder import Climb, HorizonFit
+from penode.horizon.selection import (
+    Choice,
+    Longest,
+    Plateau,
+    paired_deviation,
+    without_collapsed,
+)
 from penode.training.plan import Solution
 
 SAMPLES = 4000
@@ -224,3 +230,12 @@ def test_a_map_whose_deviation_is_no_number_leaves_a_choice():
     choice = Plateau().select(rungs)
     assert isinstance(choice, Choice)
     assert 0 <= choice.index < 3
+
+
+def test_a_collapsed_deviation_is_not_believed():
+    rungs = ladder((1, 8, 50, 200), (1.0, 1.0, 5.0, 1.0), (0.3, 0.2, 1e-9, 0.1))
+    climb = without_collapsed(Climb(tuple(rungs)))
+    assert [r.working[0] for r in climb.fits] == [0.3, 0.2, np.inf, 0.1]
+    assert np.isinf(climb.fits[2].deviation[0])
+    whole = Climb(tuple(ladder((1, 8), (1.0, 1.0), (0.3, 0.01))))
+    assert without_collapsed(whole) is whole

@@ -13,7 +13,8 @@ from penode.fit import archive
 from penode.fit import fit as fit_module
 from penode.pmsm import study as study_module
 from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.study import GRID, Study, flux_map_csv, identify, write
+from penode.pmsm.result_files import GRID, flux_map_csv, write
+from penode.pmsm.study import Study, identify
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from penode.cli.progress import watched
 from penode.cli.signature import signed
 from penode.cli.summary import print_demo, print_fit
 from penode.pmsm.demo import run_demo
-from penode.pmsm.study import write
+from penode.pmsm.result_files import write
 
 _output, _errors = Console(), Console(stderr=True)
 

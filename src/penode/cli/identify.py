@@ -24,7 +24,8 @@ from penode.cli.summary import print_fit
 from penode.errors import InputError
 from penode.horizon.checkpoint import Checkpoint
 from penode.identify import Stopped
-from penode.pmsm.study import PURPOSES, identify, write
+from penode.pmsm.result_files import write
+from penode.pmsm.study import PURPOSES, identify
 from penode.pmsm.study_file import load_study
 
 _output, _errors = Console(), Console(stderr=True)

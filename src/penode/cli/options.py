@@ -51,7 +51,7 @@ HoldOption = Annotated[
     str | None,
     typer.Option(
         help=f"Frame in which the voltage is held: {' or '.join(HOLDS)}.",
-        show_default="dq",
+        show_default="decided from the data",
         autocompletion=holds,
     ),
 ]

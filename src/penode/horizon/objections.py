@@ -24,8 +24,6 @@ _EXPLAINED, _FAR = 0.5, 10.0
 #: Fraction of the samples, and of the squared one-step error, from which few decide; how large the
 #: worst of them is at least, in typical errors and as a fraction of what the state moves.
 _FEW, _MOST, _ASIDE, _VISIBLE = 1e-3, 0.5, 30.0, 0.1
-#: A deviation over the median of those of all horizons below which it has collapsed.
-_COLLAPSED = 1e-3
 #: Fraction of the variance of the one-step residual that inputs and time may explain, unless free
 #: runs err by less than this fraction of what a state moves.
 _LEFT_OVER, _SMALL = 0.25, 0.05
@@ -138,21 +136,6 @@ def few_samples_decide(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[
             )
 
 
-def collapsed_deviations(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
-    """Yield an objection for each parameter of which a horizon claims to know it beyond belief."""
-    for name in fit.parameters:
-        stds = {h.horizon: h.std[name] for h in fit.horizon.ladder if np.isfinite(h.std[name])}
-        middle = float(np.median(list(stds.values()))) if stds else 0.0
-        below = [h for h, std in stds.items() if std < _COLLAPSED * middle]
-        if below:
-            yield Objection(
-                "collapsed deviation",
-                f"The deviation of {name} at H = {below[0]} is {stds[below[0]]:.2g}, a "
-                "thousandth of what other horizons know.",
-                "Leave out the term that has no influence there.",
-            )
-
-
 def dependent_residual(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection where inputs, states or time explain much of the one-step residual."""
     seen = [c for c in fit.comparisons if c.role == "train"]
@@ -201,6 +184,5 @@ CHECKS: tuple[Check, ...] = (
     few_samples_decide,
     unexplained,
     impossible_values,
-    collapsed_deviations,
     dependent_residual,
 )

@@ -16,6 +16,8 @@ from penode.training.plan import Plan
 #: Runs whose least errors are within this factor are equally sure. Runs disagree, so that one of
 #: them is wrong: less of a tie than between rungs that agree.
 _AS_SURE = 1.05
+#: A deviation over the median of those of all rungs below which it has collapsed.
+_COLLAPSED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,31 @@ def choose(selector: "Selector", climb: Climb, plan: Plan) -> Choice:
     if choice.verdict == "fixed":
         reason = f"The horizon asked for, {plan.stages[-1].horizon}, was not reached."
     return replace(choice, verdict="stopped", reason=reason)
+
+
+def without_collapsed(climb: Climb) -> Climb:
+    """Return a climb whose rungs do not know what one of them claims to know beyond belief.
+
+    A deviation can collapse where a few windows cancel by chance, or where training ended at the
+    edge of numbers. It would outweigh all other rungs.
+
+    Parameters
+    ----------
+    climb : Climb
+    """
+    physical = len(climb.fits[0].influence)
+    working = np.stack([rung.working[:physical] for rung in climb.fits])
+    known = np.where(np.isfinite(working), working, np.nan)
+    middle = [np.nanmedian(c) if np.isfinite(c).any() else 0.0 for c in known.T]
+    collapsed = working < _COLLAPSED * np.asarray(middle)
+    if not collapsed.any():
+        return climb
+    fits = []
+    for rung, few in zip(climb.fits, collapsed, strict=True):
+        deviation, own = rung.deviation.copy(), rung.working.copy()
+        deviation[:physical][few] = own[:physical][few] = np.inf
+        fits.append(replace(rung, deviation=deviation, working=own))
+    return replace(climb, fits=tuple(fits))
 
 
 class Selector(Protocol):

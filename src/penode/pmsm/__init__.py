@@ -53,8 +53,9 @@ from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.recording.study_text import study_text
 from penode.pmsm.report.line_causes import NamedLine, named_lines
 from penode.pmsm.report.machine_report import machine_report
+from penode.pmsm.result_files import flux_map_csv, write
 from penode.pmsm.simulation.simulated_drive import torque_of
-from penode.pmsm.study import PURPOSES, Study, flux_map_csv, identify, write
+from penode.pmsm.study import PURPOSES, Study, identify
 from penode.pmsm.study_file import StudyFile, load_study
 
 __all__ = [

@@ -1,9 +1,7 @@
-"""From drive recordings to a machine: the application's main path, and the files it writes."""
+"""From drive recordings to a machine: the application's main path."""
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,6 @@ from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
 from penode.data.quality import inspect
 from penode.errors import InputError
-from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.held_out import LOOK_AHEADS, HeldOut
@@ -22,13 +19,13 @@ from penode.horizon.selection import Longest, Plateau, Selector
 from penode.identify import identify as identify_model
 from penode.pmsm.balance.start import weak_start
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
+from penode.pmsm.balance.voltage_timing import VoltageTiming, voltage_timing
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
-from penode.pmsm.machine.holds import HOLDS, check_hold
+from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
 from penode.pmsm.machine.term_registry import completed, term_name
 from penode.pmsm.machine.terms import DeadTime, Term
 from penode.pmsm.precheck.objections import machine_checks
 from penode.pmsm.recording.channels import drive_recording, require_channels
-from penode.pmsm.report.machine_report import machine_report
 from penode.training.plan import Plan
 from penode.training.second_order import LevenbergMarquardt
 
@@ -37,8 +34,6 @@ PURPOSES = ("parameters", *LOOK_AHEADS)
 #: What an estimate of the weak form may be wrong by in addition to its deviation, as a fraction:
 #: it integrates between samples by the trapezoidal rule.
 _ANCHOR_BIAS = 0.01
-#: Points a side of the grid in ``flux_map.csv``.
-GRID = 41
 
 
 @dataclass(frozen=True)
@@ -66,9 +61,10 @@ class Study:
         ``"parameters"`` picks the horizon by the agreement of the physical parameters,
         ``"simulation"`` and ``"one_step"`` by the errors of free runs and of single steps, on the
         validation recordings where there are any.
-    hold : str
+    hold : str or None
         Frame in which the voltage of a row is held until the next: ``"dq"``, or
-        ``"stationary"`` for an inverter without correction of the turn.
+        ``"stationary"`` for an inverter without correction of the turn. None decides from the
+        data, and whether the voltage acts later than it was recorded.
 
     Raises
     ------
@@ -84,7 +80,7 @@ class Study:
     terms: tuple[Term, ...] = ()
     candidates: tuple[Term, ...] = CANDIDATES
     angle_orders: tuple[int, ...] | None = None
-    hold: str = "dq"
+    hold: str | None = None
     purpose: str = "parameters"
 
     def __post_init__(self) -> None:
@@ -96,7 +92,7 @@ class Study:
             raise InputError(f"horizon {self.horizon} came; give a whole number from 1, or auto.")
         if self.purpose not in PURPOSES:
             raise InputError(f"purpose {self.purpose!r} came; choose one of {', '.join(PURPOSES)}.")
-        check_hold(self.hold)
+        check_hold(self.hold or DEFAULT_HOLD)
         completed(self.terms)
         check_angle_orders(self.flux_map, self.angle_orders or ())
 
@@ -110,7 +106,7 @@ class Study:
         else:
             below = [h for h in HORIZONS if h < self.horizon]
             plan = ladder_plan([*below[::3], self.horizon], optimiser, self.seed)
-        return replace(plan, hold=HOLDS[self.hold])
+        return replace(plan, hold=HOLDS[self.hold or DEFAULT_HOLD])
 
     def check(self, experiments: Sequence[Experiment]) -> None:
         """Refuse recordings without a channel that the model needs.
@@ -132,6 +128,12 @@ class Study:
             study = replace(study, angle_orders=structure.angle_orders)
             reasons += structure.angle_reasons
         return study, reasons
+
+    def timing(self, experiments: Sequence[Experiment]) -> VoltageTiming:
+        """Return when and in which frame the voltages of recordings act."""
+        if self.hold is not None:
+            return VoltageTiming(hold=self.hold)
+        return voltage_timing(experiments, self.terms)
 
     def selector(self, experiments: Sequence[Experiment]) -> Selector:
         """Return the rule that picks the horizon, given what it may predict."""
@@ -189,15 +191,18 @@ def identify(
     unseen = [drive_recording(e) for e in validation]
     study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
     study.check([*recordings, *unseen])
-    study, reasons = study.decided(recordings)
+    timing = study.timing(recordings)
+    recordings, unseen = ([timing.applied(e) for e in runs] for runs in (recordings, unseen))
+    acting = [timing.acting(e) for e in recordings]
+    study, reasons = replace(study, hold=timing.hold).decided(acting)
     study.check([*recordings, *unseen])
     observer({"event": "start", "recordings": [e.name for e in recordings]})
     plan = study.plan(recordings)
     if checkpoint is not None:
         plan = checkpoint.over(plan, observer)
     start = replace(
-        _start(recordings, study, reasons),
-        checks=machine_checks(experiments, study.hold, study.pole_pairs),
+        _start(acting, study, (*timing.reasons, *reasons)),
+        checks=machine_checks(acting if timing.reasons else experiments, study.pole_pairs),
     )
     return identify_model(
         start,
@@ -250,42 +255,3 @@ def _facts(
         "electrical_frequency_hz": speed / (2 * np.pi),
     }
     return {name: fact for name, fact in facts.items() if fact is not None}
-
-
-def write(fit: Fit, folder: str | Path) -> None:
-    """Write the result, the map, the reloadable fit and the report into a folder.
-
-    Parameters
-    ----------
-    fit : Fit
-        Of a machine.
-    folder : str or Path
-        Gets ``result.json``, ``flux_map.csv``, ``fit/`` and ``report.html``, moved there together
-        when all are written: what interrupts the writing leaves an earlier result as it was.
-    """
-    folder = Path(folder)
-    report = machine_report(fit)
-    table = flux_map_csv(fit)
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".result.") as made:
-        staged = Path(made)
-        fit.save(staged)
-        write_atomically(staged / "flux_map.csv", table)
-        write_atomically(staged / "report.html", report)
-        (folder / "fit").mkdir(exist_ok=True)
-        for file in [path for path in staged.rglob("*") if path.is_file()]:
-            file.replace(folder / file.relative_to(staged))
-
-
-def flux_map_csv(fit: Fit) -> str:
-    """Return the map on an even grid over the visited range, as CSV in SI units."""
-    low, high = fit.excited.min(axis=0), fit.excited.max(axis=0)
-    axes = [np.linspace(a, b, GRID) for a, b in zip(low, high, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    psi = fit.flux_map(*points.T)
-    inductance = fit.differential_inductance(*points.T).reshape(4, -1)
-    rows = np.column_stack([points, psi.T, inductance.T])
-    lines = ["i_d,i_q,psi_d,psi_q,l_dd,l_dq,l_qd,l_qq,supported"]
-    for row, inside in zip(rows, fit.supported(points), strict=True):
-        lines.append(",".join(f"{value:.9g}" for value in row) + f",{int(inside)}")
-    return "\n".join(lines) + "\n"

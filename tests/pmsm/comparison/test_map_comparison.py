@@ -10,7 +10,7 @@ from penode.fit.fit import Estimate
 from penode.pmsm.comparison.comparison_picture import comparison_picture
 from penode.pmsm.comparison.map_comparison import compare_maps, compare_resistances
 from penode.pmsm.machine.flux_grid import read_grid, tabulate
-from penode.pmsm.study import flux_map_csv
+from penode.pmsm.result_files import flux_map_csv
 
 
 def warmer(fit, shift=-2e-3, resistance=0.01, width=2e-4):

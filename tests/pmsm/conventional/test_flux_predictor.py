@@ -12,7 +12,7 @@ from penode.models.parameters import with_batch_axis
 from penode.pmsm.conventional.flux_predictor import FluxPredictor, flux_equations
 from penode.pmsm.conventional.linear_maps import polynomial, radial, spline
 from penode.pmsm.conventional.rotation import held, rising
-from penode.pmsm.study import write
+from penode.pmsm.result_files import write
 
 T, R = 1e-4, 0.012
 #: psi = PSI + L i + quadratic terms; not reciprocal, so that both kinds of map are told apart.

@@ -16,7 +16,7 @@ from penode.pmsm.machine.flux_grid import read_grid
 from penode.pmsm.machine.flux_maps import draw_flux_map
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.terms import Resistance
-from penode.pmsm.study import flux_map_csv
+from penode.pmsm.result_files import flux_map_csv
 
 
 def written(fit, to, folder, **options):

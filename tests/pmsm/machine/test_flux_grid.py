@@ -7,7 +7,7 @@ import pytest
 
 from penode.errors import InputError
 from penode.pmsm.machine.flux_grid import even_axis, interpolation_error, read_grid, tabulate
-from penode.pmsm.study import flux_map_csv
+from penode.pmsm.result_files import flux_map_csv
 
 
 @pytest.mark.parametrize(

@@ -97,13 +97,6 @@ def test_few_samples_that_decide_are_named_with_row_and_channel(fit, run):
     assert "channel i_q at data row 1235" in found.reason
 
 
-def test_a_deviation_that_collapsed(fit, run):
-    ladder = (*fit.horizon.ladder[:2], summary(50, 1e-9))
-    (found,) = objections(replace(fit, horizon=replace(fit.horizon, ladder=ladder)), [run], CHECKS)
-    assert found.name == "collapsed deviation"
-    assert "H = 50" in found.reason
-
-
 def test_a_residual_that_follows_an_input(fit, run):
     comparison = fit.comparisons[0]
     one_step = comparison.measured + 0.01 * run.stack(("u_d", "u_q"))
@@ -131,8 +124,8 @@ def test_per_unit_and_standstill(fit, run):
 def test_a_convention_that_the_recording_breaks(fit, slow_run):
     u_d, u_q = (np.roll(slow_run.channels[n], 3) for n in ("u_d", "u_q"))
     late = replace(slow_run, channels={**slow_run.channels, "u_d": u_d, "u_q": u_q})
-    assert names(fit, slow_run, machine_checks([slow_run], "dq")[:1]) == []
-    (found,) = objections(fit, [late], machine_checks([late], "dq")[:1])
+    assert names(fit, slow_run, machine_checks([slow_run])[:1]) == []
+    (found,) = objections(fit, [late], machine_checks([late])[:1])
     assert found.name == "delay of 3 samples"
 
 

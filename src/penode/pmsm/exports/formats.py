@@ -9,7 +9,7 @@ from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
 from penode.pmsm.exports import c_header, mat, npz, onnx, syre
 from penode.pmsm.machine.flux_grid import FluxGrid, tabulate
-from penode.pmsm.study import flux_map_csv
+from penode.pmsm.result_files import flux_map_csv
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,12 @@
 """Holds of a drive: in which frame the voltage of a row stands still until the next."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
+import numpy as np
 
+from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.models.inputs import Inputs
 from penode.predictors.holds import Hold, ZeroOrderHold
@@ -31,8 +33,41 @@ class StationaryFrame:
         return u.replaced(u_d=u_d * cosine + u_q * sine, u_q=u_q * cosine - u_d * sine)
 
 
+def turned_voltage(experiment: Experiment, samples: float) -> Experiment:
+    """Return a recording with its voltage turned ahead by what the rotor turns in some samples.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With u_d, u_q (V) and omega_el (rad/s).
+    samples : float
+        May be a fraction, and negative.
+    """
+    turn = samples * experiment.time_step * experiment.channels["omega_el"]
+    u_d, u_q = experiment.stack(("u_d", "u_q")).T
+    cosine, sine = np.cos(turn), np.sin(turn)
+    turned = {"u_d": u_d * cosine - u_q * sine, "u_q": u_q * cosine + u_d * sine}
+    return replace(experiment, channels={**experiment.channels, **turned})
+
+
+def mean_over_samples(experiment: Experiment) -> Experiment:
+    """Return a recording with the mean, seen from the rotor, of voltages held in the other frame.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        As in `turned_voltage`; u_d and u_q at the samples themselves.
+    """
+    behind = turned_voltage(experiment, -0.5)
+    half = 0.5 * experiment.time_step * experiment.channels["omega_el"]
+    shorter = np.sinc(half / np.pi)
+    mean = {name: shorter * behind.channels[name] for name in ("u_d", "u_q")}
+    return replace(behind, channels={**behind.channels, **mean})
+
+
 #: Frame in which the voltage stands still -> hold.
 HOLDS: dict[str, Hold] = {"dq": ZeroOrderHold(), "stationary": StationaryFrame()}
+DEFAULT_HOLD = "dq"
 
 
 def check_hold(name: str) -> None:

@@ -8,7 +8,6 @@ from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.fit.outcome import Objection
 from penode.horizon.objections import Check
-from penode.pmsm.conventions.broken_convention import with_channels
 from penode.pmsm.conventions.check import check_conventions
 
 #: Fraction of the samples with the largest voltages, and how much larger their errors may be.
@@ -20,21 +19,18 @@ _TURN = 1.0
 
 
 def machine_checks(
-    experiments: Sequence[Experiment], hold: str, pole_pairs: int | None = None
+    experiments: Sequence[Experiment], pole_pairs: int | None = None
 ) -> tuple[Check, ...]:
     """Return what the fit of a machine is examined for.
 
     Parameters
     ----------
     experiments : sequence of Experiment
-        As a study file maps them; their conventions are tested here, once.
-    hold : str
-        Frame in which the voltage of a row is held until the next.
+        As the model takes them; their conventions are tested here, once.
     pole_pairs : int, optional
         Of the machine.
     """
-    acting = [_mean_over_samples(e) if hold == "stationary" else e for e in experiments]
-    broken = [b for e in acting for b in check_conventions(e, pole_pairs).broken]
+    broken = [b for e in experiments for b in check_conventions(e, pole_pairs).broken]
     found = [
         Objection(b.name, f"{b.recording}: {b.evidence}.", f"To mend it, {b.mend}.") for b in broken
     ]
@@ -91,18 +87,3 @@ def standstill(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objectio
             "resistance and inductance are determined.",
             "Add a recording with the rotor turning.",
         )
-
-
-def _mean_over_samples(experiment: Experiment) -> Experiment:
-    """Return the recording with the mean, in the turning frame, of voltages held in the other."""
-    if "u_d" not in experiment.channels or "omega_el" not in experiment.channels:
-        return experiment
-    half = experiment.channels["omega_el"] * experiment.time_step / 2
-    u_d, u_q = experiment.stack(("u_d", "u_q")).T
-    return with_channels(
-        experiment,
-        {
-            "u_d": np.cos(half) * u_d + np.sin(half) * u_q,
-            "u_q": np.cos(half) * u_q - np.sin(half) * u_d,
-        },
-    )

@@ -1,0 +1,173 @@
+"""When and in which frame the recorded voltage acts: estimated with the map, by the weak form.
+
+A voltage that acts tau samples later than it is recorded, and turned by kappa omega T, is to first
+order u - tau T du/dt + kappa omega T J u, linear in both. A mirror symmetric map of splines cannot
+stand in for either, as a free one would for the turn.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.data.experiment import Experiment
+from penode.pmsm.balance.equations import CURRENTS, VOLTAGES, balance_equations
+from penode.pmsm.balance.smoothing import Roughness, Smoothed, smoothed
+from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.machine.coenergy_map import MEAN, CoenergyPart, columns, roughness
+from penode.pmsm.machine.frames import quarter_turned
+from penode.pmsm.machine.holds import mean_over_samples, turned_voltage
+from penode.pmsm.machine.term_registry import completed, physical_values
+from penode.pmsm.machine.terms import ANGLE, DeadTime, Term
+from penode.training.weak_form import WeakRegression, join
+
+#: -2 log likelihood by which another timing has to be better, and samples that it has to differ by.
+_CLEAR, _DIFFERENT = 25.0, 0.2
+#: Samples from a whole number, and from half a turn back, that are taken for these.
+_NEAR = 0.1
+#: Samples beyond which, and deviation above which, an estimate is not believed.
+_MOST, _SURE = 3.0, 0.05
+#: Radians a sample below which the rotor stands still.
+_STANDSTILL = 1e-4
+
+
+@dataclass(frozen=True)
+class VoltageTiming:
+    """When and in which frame the recorded voltage acts.
+
+    Attributes
+    ----------
+    delay : float
+        Samples by which it acts later than it is recorded.
+    hold : str
+        Frame in which it then stands still for a sample, a key of
+        `penode.pmsm.machine.holds.HOLDS`.
+    turn : float
+        Samples of rotation by which it is turned beside that.
+    reason : str
+        What was estimated, as a sentence.
+    """
+
+    delay: float = 0.0
+    hold: str = "dq"
+    turn: float = 0.0
+    reason: str = ""
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """The sentence, or nothing where nothing is to be said."""
+        return (self.reason,) if self.reason else ()
+
+    def applied(self, experiment: Experiment) -> Experiment:
+        """Return the recording with the voltage that acts, cut at its ends where there is none."""
+        if self.turn:
+            experiment = turned_voltage(experiment, self.turn)
+        if not self.delay:
+            return experiment
+        whole = int(np.floor(self.delay))
+        part = self.delay - whole
+        steps = [whole, whole + 1] if part else [whole]
+        first, last = max(*steps, 0), len(experiment) + min(*steps, 0)
+        channels = {name: values[first:last] for name, values in experiment.channels.items()}
+        for name in VOLTAGES:
+            values = experiment.channels[name]
+            shifted = [values[first - step : last - step] for step in steps]
+            weights = [1 - part, part] if part else [1.0]
+            channels[name] = np.sum([w * s for w, s in zip(weights, shifted, strict=True)], axis=0)
+        return replace(experiment, channels=channels)
+
+    def acting(self, experiment: Experiment) -> Experiment:
+        """Return an applied recording with each sample's mean voltage in the turning frame."""
+        return mean_over_samples(experiment) if self.hold == "stationary" else experiment
+
+
+def voltage_timing(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> VoltageTiming:
+    """Estimate when and in which frame the voltages of recordings act.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Recordings with i_d, i_q (A), u_d, u_q (V), omega_el (rad/s) and the channels of the terms.
+    terms : sequence of Term
+        Of the voltage equation; a dead time is allowed for where the angle was recorded.
+    """
+    roles = {term.role for term in terms}
+    angle = all(ANGLE.name in e.channels for e in experiments)
+    extra = (DeadTime(),) if angle and DeadTime.role not in roles else ()
+    reach = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
+    every = tuple(term.prepared(reach) for term in completed((*terms, *extra)))
+    turning = max(float(np.abs(e.channels["omega_el"]).max()) * e.time_step for e in experiments)
+    estimated = ("delay", "turn") if turning > _STANDSTILL else ("delay",)
+    free = _solved(experiments, every, reach, estimated)
+    plain = _solved(experiments, every, reach, ())
+    values = dict(zip(estimated, free.values, strict=True))
+    deviations = dict(zip(estimated, free.deviations, strict=True))
+    delay, turn = values["delay"], values.get("turn", 0.0)
+    believed = max(map(abs, values.values())) < _MOST and max(deviations.values()) < _SURE
+    if not believed or free.evidence > plain.evidence - _CLEAR:
+        return VoltageTiming()
+    delay = 0.0 if abs(delay) < _DIFFERENT else _near_whole(delay)
+    hold = "stationary" if abs(turn + 0.5) < _DIFFERENT else "dq"
+    left = turn + 0.5 if hold == "stationary" else turn
+    left = 0.0 if abs(left) < _DIFFERENT else left
+    if not delay and not left and hold == "dq":
+        return VoltageTiming()
+    shown = [f"{values[name]:.3f} ± {deviations[name]:.3f}" for name in estimated]
+    reason = f"The voltage acts {shown[0]} samples after it is recorded"
+    if len(shown) > 1:
+        reason += f", turned by the rotation of {shown[1]} samples"
+    taken = [f"a delay of {delay:.3g}"] if delay else []
+    taken += [f"a turn of {left:.3g}"] if left else []
+    taken += ["a hold in the stationary frame"] if hold == "stationary" else []
+    return VoltageTiming(delay, hold, left, f"{reason}: taken into account as {', '.join(taken)}.")
+
+
+def _near_whole(value: float) -> float:
+    whole = round(value)
+    return float(whole) if abs(value - whole) < _NEAR else value
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    values: FloatArray
+    deviations: FloatArray
+    evidence: float
+
+
+def _solved(
+    experiments: Sequence[Experiment], terms: Sequence[Term], reach: float, estimated: Sequence[str]
+) -> _Solution:
+    part = CoenergyPart.zero(MEAN, True)
+    equations = join([_equations(e, terms, part, reach, estimated) for e in experiments])
+    count = len(estimated)
+    penalty = Roughness.of(count + len(physical_values(terms)), roughness(part))
+    found = smoothed(equations, [penalty])
+    deviations = _deviations(equations, penalty, found)[:count]
+    return _Solution(found.solution[:count], deviations, found.evidence)
+
+
+def _equations(
+    experiment: Experiment,
+    terms: Sequence[Term],
+    part: CoenergyPart,
+    reach: float,
+    estimated: Sequence[str],
+) -> WeakRegression:
+    voltage = experiment.stack(VOLTAGES)
+    nothing, step = np.zeros_like(voltage), experiment.time_step
+    turn = step * experiment.channels["omega_el"][:, None] * quarter_turned(voltage.T).T
+    further = {"delay": (step * voltage, nothing), "turn": (nothing, turn)}
+    basis = columns(part, experiment.stack(CURRENTS) / reach)[0]
+    length = harmonic_window(experiment)
+    return balance_equations(experiment, terms, basis, length, [further[n] for n in estimated])
+
+
+def _deviations(equations: WeakRegression, penalty: Roughness, found: Smoothed) -> FloatArray:
+    """Return the deviations of all coefficients at the strength of the penalty."""
+    normal = equations.matrix.T @ equations.matrix
+    normal[penalty.place, penalty.place] += found.strength[0] * penalty.matrix
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal / np.outer(size, size) + 1e-12 * np.eye(len(size))
+    variance = found.noise * np.diag(np.linalg.inv(scaled)) / size**2
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
