@@ -1,4 +1,7 @@
-"""The command line: exit status 0 done, 1 the data cannot answer, 2 bad input, 130 stopped."""
+"""The command line.
+
+Exit status 0 done, 1 the data cannot answer, 2 bad input, 70 a failure of penode, 130 stopped.
+"""
 
 import gc
 import sys
@@ -13,6 +16,7 @@ from penode.cli.demo import demo_command
 from penode.cli.export import export_command
 from penode.cli.identify import identify_command
 from penode.cli.init import init_command
+from penode.cli.last_resort import FAILED, of_penode, of_the_system
 from penode.cli.loci import loci_command
 from penode.cli.progress import Interrupted
 from penode.cli.report import report_command
@@ -60,6 +64,12 @@ def main() -> None:
     except Interrupted as stop:
         _say(str(stop))
         sys.exit(130)
+    except OSError as error:
+        _say(f"error: {of_the_system(error)}")
+        sys.exit(2)
+    except Exception as error:
+        _say(f"error: {of_penode(error)}")
+        sys.exit(FAILED)
 
 
 def _say(text: str) -> None:

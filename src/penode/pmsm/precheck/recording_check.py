@@ -8,6 +8,7 @@ from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
 from penode.data.quality import Finding, inspect
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
+from penode.pmsm.balance.voltage_timing import voltage_timing
 from penode.pmsm.conventions.broken_convention import BrokenConvention
 from penode.pmsm.conventions.check import check_conventions
 from penode.pmsm.machine.terms import Term
@@ -37,7 +38,7 @@ class RecordingCheck:
         None where a convention is broken, as is what follows.
     identifiability : Identifiability or None
     structure : tuple of str
-        Terms that the model would get, and why.
+        How the voltage acts where that is not as recorded, terms that the model would get, and why.
     """
 
     recordings: tuple[Experiment, ...]
@@ -152,13 +153,17 @@ def check_recordings(
         If a recording cannot be used at all.
     """
     quality = tuple(f for e in recordings for f in inspect(e, _electrical(e)))
-    judged = [check_conventions(e, pole_pairs, plate) for e in recordings]
+    mapped = [drive_recording(e) for e in recordings]
+    require_channels(mapped, terms)
+    timing = voltage_timing(mapped, terms)
+    drives = tuple(timing.acting(timing.applied(e)) for e in mapped)
+    judged = [
+        check_conventions(e, pole_pairs, plate) for e in (drives if timing.reasons else recordings)
+    ]
     broken = tuple(b for one in judged for b in one.broken)
     untold = tuple(dict.fromkeys(sentence for one in judged for sentence in one.untold))
     if broken:
         return RecordingCheck(tuple(recordings), quality, broken, untold)
-    drives = tuple(drive_recording(e) for e in recordings)
-    require_channels(drives, terms)
     structure = structure_of(drives, flux_map, terms, candidates)
     return RecordingCheck(
         tuple(recordings),
@@ -168,7 +173,7 @@ def check_recordings(
         drives,
         excitation_of(drives),
         identifiability_of(drives, flux_map, structure.terms),
-        (*structure.term_reasons, *structure.angle_reasons),
+        (*timing.reasons, *structure.term_reasons, *structure.angle_reasons),
     )
 
 

@@ -1,0 +1,66 @@
+"""Failures that no command expects: a sentence, an exit status of their own, a file to send."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from penode.cli import last_resort
+
+RUN = "t,u_d,u_q,i_d,i_q,omega_el\n0,1,2,3,4,5\n"
+
+
+@pytest.fixture
+def run(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(RUN)
+    return path
+
+
+def failing(error):
+    def load(*_args, **_kwargs):
+        raise error
+
+    return load
+
+
+def test_a_failure_of_penode_names_a_file_with_its_details(penode, run, monkeypatch, tmp_path):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("penode.cli.check.load_study", failing(RuntimeError("no\nsense")))
+    done = penode("check", run)
+    assert done.returncode == 70
+    assert "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    path = Path(re.search(r"send in (\S+),", done.stderr)[1])
+    details = path.read_text()
+    assert "RuntimeError: no\nsense" in details
+    assert f"check {run}" in details
+
+
+def test_details_that_cannot_be_written_are_told(penode, run, monkeypatch):
+    monkeypatch.setattr("penode.cli.check.load_study", failing(RuntimeError("no sense")))
+    monkeypatch.setattr("tempfile.mkstemp", failing(OSError(28, "No space left on device")))
+    done = penode("check", run)
+    assert done.returncode == 70
+    assert "could not be written" in done.stderr
+
+
+def test_a_file_that_cannot_be_written_is_the_users_to_mend(penode, run, monkeypatch):
+    full = OSError(28, "No space left on device", "result.json")
+    monkeypatch.setattr("penode.cli.check.load_study", failing(full))
+    done = penode("check", run)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: result.json: no space left on device; ")
+
+
+def test_an_output_folder_that_is_a_file(penode, run, tmp_path):
+    taken = tmp_path / "taken"
+    taken.write_text("mine")
+    done = penode("identify", run, "--out", taken)
+    assert done.returncode == 2
+    assert taken.read_text() == "mine"
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_the_sentence_without_a_name_still_says_why():
+    assert last_resort.of_the_system(OSError("the disk is gone")).startswith("the disk is gone; ")
