@@ -10,6 +10,7 @@ import pytest
 from penode import Fit, InputError
 from penode.fit.archive import read_archive, write_archive
 from penode.fit.fit import Estimate, HorizonChoice
+from penode.report.fit_report import fit_report
 from penode.validation.coverage import supported
 
 
@@ -213,3 +214,14 @@ def test_estimate_is_plain_data():
         "identifiability": None,
         "meaning": "",
     }
+
+
+def test_an_unknown_deviation_of_a_horizon_is_still_unknown_when_loaded(fit, tmp_path):
+    first, *others = fit.horizon.ladder
+    (name, _), *_ = first.std.items()
+    unsure = replace(first, std={**first.std, name: np.inf})
+    replace(fit, horizon=replace(fit.horizon, ladder=(unsure, *others))).save(tmp_path)
+    loaded = Fit.load(tmp_path)
+    assert loaded.horizon.ladder[0].std[name] == np.inf
+    assert loaded.horizon.ladder[0].parameters == first.parameters
+    assert fit_report(loaded)

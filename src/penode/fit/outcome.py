@@ -160,9 +160,19 @@ def estimate_of(document: Mapping[str, Any]) -> Estimate:
 
 def horizon_of(document: Mapping[str, Any]) -> HorizonChoice:
     """Return a choice of the horizon from its JSON."""
-    ladder = tuple(HorizonSummary(**rung) for rung in document["ladder"])
+    ladder = tuple(_summary_of(rung) for rung in document["ladder"])
     objections = tuple(Objection(**one) for one in document.get("objections", ()))
     plateau = tuple(document["plateau"])
     return HorizonChoice(
         **{**document, "ladder": ladder, "plateau": plateau, "objections": objections}
     )
+
+
+def _summary_of(document: Mapping[str, Any]) -> HorizonSummary:
+    """Return one horizon from its JSON; null is an unknown deviation, or not a number."""
+    unknown = {"parameters": np.nan, "std": np.inf}
+    numbers = {
+        part: {name: default if n is None else float(n) for name, n in document[part].items()}
+        for part, default in unknown.items()
+    }
+    return HorizonSummary(**{**document, **numbers})
