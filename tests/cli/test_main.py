@@ -74,7 +74,8 @@ def test_identify_fixed_horizon_and_parquet(demo, penode, tmp_path):
 
 def test_unanswerable_question_exits_with_1_and_says_why(demo, penode, tmp_path):
     run = demo[0] / "recordings" / "train_1500rpm.csv"
-    done = penode("identify", run, "--flux-map", "mlp", "--horizon", 1, "--out", tmp_path / "out")
+    plain = ("--no-inverter", "--angle-orders", "none", "--horizon", 1)
+    done = penode("identify", run, "--flux-map", "mlp", *plain, "--out", tmp_path / "out")
     assert done.returncode == 1
     assert "not identifiable" in done.stdout
     assert "cannot distinguish R" in " ".join(done.stdout.split())

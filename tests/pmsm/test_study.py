@@ -11,6 +11,7 @@ import penode
 from penode.errors import InputError
 from penode.fit import archive
 from penode.fit import fit as fit_module
+from penode.pmsm import result_files
 from penode.pmsm import study as study_module
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.result_files import GRID, flux_map_csv, write
@@ -90,7 +91,7 @@ def test_everything_written_reads_back(fit, slow_run, tmp_path):
 def test_an_interrupted_writing_leaves_the_result_of_before_whole(
     fit, tmp_path, monkeypatch, place
 ):
-    monkeypatch.setattr(study_module, "machine_report", lambda fit: "<html>")
+    monkeypatch.setattr(result_files, "machine_report", lambda fit: "<html>")
     write(fit, tmp_path)
     before = {p: p.read_bytes() for p in tmp_path.rglob("*.*")}
     write_file = archive.write_atomically
@@ -100,7 +101,7 @@ def test_an_interrupted_writing_leaves_the_result_of_before_whole(
         if path.name == place:
             raise KeyboardInterrupt
 
-    for module in (study_module, archive, fit_module):
+    for module in (result_files, archive, fit_module):
         monkeypatch.setattr(module, "write_atomically", interrupted)
     other = replace(fit, warnings=("other",))
     with pytest.raises(KeyboardInterrupt):

@@ -200,7 +200,8 @@ def compact(values: FloatArray) -> np.ndarray[Any, np.dtype[np.float32]]:
     ndarray of float32
         The same values, for drawing only.
     """
-    return np.asarray(values, dtype=np.float32)
+    largest = np.finfo(np.float32).max
+    return np.asarray(np.clip(values, -largest, largest), dtype=np.float32)
 
 
 def envelope(values: FloatArray, points: int) -> np.ndarray[Any, np.dtype[np.intp]]:

@@ -61,7 +61,8 @@ def bartlett(series: FloatArray, bandwidth: int) -> FloatArray:
     sums = np.concatenate([np.zeros((size, 1)), np.cumsum(series, axis=1)], axis=1)
     first = np.arange(1 - bandwidth, length)
     blocks = sums[:, np.minimum(first + bandwidth, length)] - sums[:, np.maximum(first, 0)]
-    return np.asarray(blocks @ blocks.T / bandwidth)
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is unknown, and said so
+        return np.asarray(blocks @ blocks.T / bandwidth)
 
 
 def correlation_length(windows: Windows) -> int:
@@ -159,7 +160,8 @@ def sandwich(terms: GaussNewtonTerms, windows: Windows) -> FloatArray:
     """
     inverse = inverse_normal(terms.normal)
     meat = bartlett(terms.scores, bandwidth_in_windows(windows)) + terms.prior
-    return np.asarray(inverse @ meat @ inverse)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(inverse @ meat @ inverse)
 
 
 def working_deviation(
