@@ -99,14 +99,19 @@ def voltage_timing(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
     every = tuple(term.prepared(reach) for term in completed((*terms, *extra)))
     turning = max(float(np.abs(e.channels["omega_el"]).max()) * e.time_step for e in experiments)
     estimated = ("delay", "turn") if turning > _STANDSTILL else ("delay",)
-    free = _solved(experiments, every, reach, estimated)
-    plain = _solved(experiments, every, reach, ())
-    values = dict(zip(estimated, free.values, strict=True))
-    deviations = dict(zip(estimated, free.deviations, strict=True))
-    delay, turn = values["delay"], values.get("turn", 0.0)
-    believed = max(map(abs, values.values())) < _MOST and max(deviations.values()) < _SURE
-    if not believed or free.evidence > plain.evidence - _CLEAR:
+    part = CoenergyPart.zero(MEAN, True)
+    whole = join([_equations(e, every, part, reach, estimated) for e in experiments])
+    first = len(estimated) + len(physical_values(every))
+    penalty = Roughness.of(first, roughness(part))
+    free = smoothed(whole, [penalty])
+    values = dict(zip(estimated, free.solution, strict=False))
+    deviations = dict(zip(estimated, _deviations(whole, penalty, free), strict=False))
+    without = WeakRegression(whole.matrix[:, len(estimated) :], whole.target)
+    plain = smoothed(without, [replace(penalty, first=first - len(estimated))])
+    if max(map(abs, values.values())) > _MOST or free.evidence > plain.evidence - _CLEAR:
         return VoltageTiming()
+    sure = {name: value for name, value in values.items() if deviations[name] < _SURE}
+    delay, turn = sure.get("delay", 0.0), sure.get("turn", 0.0)
     delay = 0.0 if abs(delay) < _DIFFERENT else _near_whole(delay)
     hold = "stationary" if abs(turn + 0.5) < _DIFFERENT else "dq"
     left = turn + 0.5 if hold == "stationary" else turn
@@ -126,25 +131,6 @@ def voltage_timing(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
 def _near_whole(value: float) -> float:
     whole = round(value)
     return float(whole) if abs(value - whole) < _NEAR else value
-
-
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    values: FloatArray
-    deviations: FloatArray
-    evidence: float
-
-
-def _solved(
-    experiments: Sequence[Experiment], terms: Sequence[Term], reach: float, estimated: Sequence[str]
-) -> _Solution:
-    part = CoenergyPart.zero(MEAN, True)
-    equations = join([_equations(e, terms, part, reach, estimated) for e in experiments])
-    count = len(estimated)
-    penalty = Roughness.of(count + len(physical_values(terms)), roughness(part))
-    found = smoothed(equations, [penalty])
-    deviations = _deviations(equations, penalty, found)[:count]
-    return _Solution(found.solution[:count], deviations, found.evidence)
 
 
 def _equations(
