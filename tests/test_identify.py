@@ -161,6 +161,18 @@ def test_horizons_too_long_for_the_recordings_are_refused(systems):
     )
 
 
+def test_a_horizon_too_long_is_refused_before_shorter_ones_are_trained(systems):
+    events = []
+    refused(
+        systems,
+        systems["duffing"].experiments,
+        "horizon 5000",
+        plan=ladder_plan((1, 5000)),
+        observer=events.append,
+    )
+    assert events == []
+
+
 def test_validation_of_another_time_step_is_refused(systems, oscillator):
     run = systems["duffing"].experiments[0]
     other = Experiment("slow.csv", 0.1, run.channels)

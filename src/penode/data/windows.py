@@ -207,7 +207,7 @@ def cut(
     _check_time_steps(experiments)
     starts, recording, offset = [], [], 0
     for index, experiment in enumerate(experiments):
-        _check_length(experiment, horizon, past)
+        check_length(experiment, horizon, past)
         first, last = offset + past - 1, offset + len(experiment) - 1 - horizon
         placed = _placed(placement, first, last, horizon)
         starts.append(placed)
@@ -247,8 +247,20 @@ def _check_time_steps(experiments: Sequence[Experiment]) -> None:
             )
 
 
-def _check_length(experiment: Experiment, horizon: int, past: int) -> None:
-    """Refuse a recording too short for one window."""
+def check_length(experiment: Experiment, horizon: int, past: int) -> None:
+    """Refuse a recording too short for one window.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    horizon, past : int
+        Samples that are predicted, and that the first prediction starts from.
+
+    Raises
+    ------
+    InputError
+        If it has fewer samples.
+    """
     if len(experiment) < past + horizon:
         raise InputError(
             f"{experiment.name}: {len(experiment)} samples came where horizon {horizon} with "
