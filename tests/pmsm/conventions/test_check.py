@@ -14,6 +14,7 @@ from penode.pmsm.bench.machines import BRUSA_250A, COMSOL_300A, TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.bench.sensors import Resolver, SpeedSensor
+from penode.pmsm.conventions.balance import judge_delay
 from penode.pmsm.conventions.check import check_conventions
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.recording.name_plate import NamePlate
@@ -197,3 +198,12 @@ def test_a_delay_that_does_not_show_is_said_to_be_untold():
     found = check_conventions(run)
     assert found.broken == ()
     assert any("a delay of the voltage cannot be determined" in one for one in found.untold)
+
+
+@pytest.mark.parametrize(("lag", "deviation", "late"), [(0.7, 0.19, False), (0.7, 0.1, True)])
+def test_a_delay_is_named_from_five_deviations(slow_run, monkeypatch, lag, deviation, late):
+    module = "penode.pmsm.conventions.balance.lag_of_voltage"
+    monkeypatch.setattr(module, lambda run, in_phases: (lag, deviation))
+    found, _, why = judge_delay(slow_run, False)
+    assert (found is not None) == late
+    assert why == ""

@@ -178,7 +178,7 @@ def judge_delay(
                 f"{deviation:.2g} samples); faster currents or a higher speed would show it."
             ),
         )
-    if abs(lag) < _LATE:
+    if abs(lag) < max(_LATE, _SIGNIFICANT * deviation):
         return None, experiment, ""
     samples = round(lag) or (1 if lag > 0 else -1)
     names = ("u_a", "u_b", "u_c") if in_phases else ("u_d", "u_q")
