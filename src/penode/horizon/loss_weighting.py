@@ -174,7 +174,7 @@ def loss_weighting(
     base : float, optional
         Frequency in Hz whose multiples are the lines' orders; its sign is kept.
     """
-    residual = (comparison.measured - comparison.one_step)[1:]
+    residual = comparison.one_step_residual
     samples, states = residual.shape
     paired = states == 2 and len(set(comparison.units)) == 1
     signal = residual @ np.array([[1.0], [1.0j]]) if paired else residual

@@ -14,6 +14,7 @@ from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.fit.outcome import IMPLAUSIBLE, Objection
 from penode.models.layout import Layout
+from penode.validation.comparison import Comparison
 
 #: Looks at a fit and the recordings that it was trained on, and yields what speaks against it.
 Check = Callable[[Fit, Sequence[Experiment]], Iterator[Objection]]
@@ -27,7 +28,7 @@ _FEW, _MOST, _ASIDE, _VISIBLE = 1e-3, 0.5, 30.0, 0.1
 #: Fraction of the variance of the one-step residual that inputs and time may explain, unless free
 #: runs err by less than this fraction of what a state moves.
 _LEFT_OVER, _SMALL = 0.25, 0.05
-#: Terms of the regression on inputs and time need so many samples each.
+#: Each channel that may explain a residual needs so many samples.
 _SAMPLES = 50
 
 
@@ -66,6 +67,14 @@ def with_objections(fit: Fit, found: Sequence[Objection]) -> Fit:
     return replace(fit, horizon=choice, warnings=warnings)
 
 
+def trained_on(
+    fit: Fit, experiments: Sequence[Experiment]
+) -> Iterator[tuple[Comparison, Experiment]]:
+    """Yield each training recording with its predictions beside it."""
+    seen = (c for c in fit.comparisons if c.role == "train")
+    yield from zip(seen, experiments, strict=True)
+
+
 def impossible_values(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection for each physical parameter that may be beyond its limit."""
     layout = Layout(fit.model)
@@ -85,9 +94,7 @@ def impossible_values(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[O
 
 def unexplained(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection where free runs explode, or explain nothing of what was recorded."""
-    for comparison in fit.comparisons:
-        if comparison.role != "train":
-            continue
+    for comparison, _ in trained_on(fit, experiments):
         free, ahead = (
             np.array(list(errors.values()))
             for errors in (comparison.free_run_errors, comparison.one_step_errors)
@@ -115,9 +122,9 @@ def unexplained(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objecti
 
 def few_samples_decide(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection where isolated samples hold most of the squared one-step error."""
-    for comparison in fit.comparisons:
-        residual = _residual(comparison.measured, comparison.one_step)
-        if comparison.role != "train" or len(residual) < 1 / _FEW:
+    for comparison, _ in trained_on(fit, experiments):
+        residual = _finite_residual(comparison)
+        if len(residual) < 1 / _FEW:
             continue
         squares = (residual / _typical(residual)) ** 2
         worst = np.argsort(squares.max(axis=1))[::-1][: int(_FEW * len(squares))]
@@ -130,17 +137,15 @@ def few_samples_decide(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[
                 "outliers",
                 f"{comparison.name}: {len(worst)} of {len(squares)} samples hold "
                 f"{100 * held:.0f} % of the squared one-step error, most of all channel "
-                f"{comparison.states[column]} "
-                f"at data row {row + 2}.",
+                f"{comparison.states[column]} at data row {row + 2}.",
                 "Cut them out, or record again.",
             )
 
 
 def dependent_residual(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection where inputs, states or time explain much of the one-step residual."""
-    seen = [c for c in fit.comparisons if c.role == "train"]
-    for comparison, experiment in zip(seen, experiments, strict=True):
-        residual = _residual(comparison.measured, comparison.one_step)
+    for comparison, experiment in trained_on(fit, experiments):
+        residual = _finite_residual(comparison)
         names = (*comparison.states, *fit.model.inputs)
         count = len(residual)
         if count < _SAMPLES * (len(names) + 2):
@@ -152,9 +157,8 @@ def dependent_residual(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[
             explained = {n: _share(row, c) for n, c in moving.items()}
             name = max(explained, key=lambda n: explained[n])
             spread = comparison.measured[:, comparison.states.index(state)].std()
-            if comparison.free_run_errors[state] < _SMALL * spread:
-                continue
-            if explained[name] > _LEFT_OVER:
+            astray = not comparison.free_run_errors[state] < _SMALL * spread
+            if astray and explained[name] > _LEFT_OVER:
                 yield Objection(
                     "dependent residual",
                     f"{comparison.name}: {name} explains {100 * explained[name]:.0f} % of the "
@@ -170,9 +174,9 @@ def _share(residual: FloatArray, column: FloatArray) -> float:
     return float(residual @ column) ** 2 / max(whole, 1e-300)
 
 
-def _residual(measured: FloatArray, one_step: FloatArray) -> FloatArray:
-    """Return finite one-step residuals, (time - 1, state), of samples 1 and up."""
-    return np.asarray(np.nan_to_num((measured - one_step)[1:], posinf=1e150, neginf=-1e150))
+def _finite_residual(comparison: Comparison) -> FloatArray:
+    """Return one-step residuals, (time - 1, state), a diverged prediction as a huge one."""
+    return np.asarray(np.nan_to_num(comparison.one_step_residual, posinf=1e150, neginf=-1e150))
 
 
 def _typical(residual: FloatArray) -> FloatArray:

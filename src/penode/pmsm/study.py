@@ -202,7 +202,7 @@ def identify(
         plan = checkpoint.over(plan, observer)
     start = replace(
         _start(acting, study, (*timing.reasons, *reasons)),
-        checks=machine_checks(acting if timing.reasons else experiments, study.pole_pairs),
+        checks=machine_checks(experiments, timing, study.pole_pairs),
     )
     return identify_model(
         start,

@@ -59,6 +59,11 @@ class Comparison:
         return self._errors(self.free_run)
 
     @property
+    def one_step_residual(self) -> FloatArray:
+        """Measured less predicted one step ahead, (time - 1, state), from the second sample on."""
+        return np.asarray((self.measured - self.one_step)[1:])
+
+    @property
     def unit(self) -> str | None:
         """The unit that all states share; None where they differ."""
         return self.units[0] if len(set(self.units)) == 1 else None

@@ -80,7 +80,7 @@ def residual_correlations(
     inputs : tuple of str
         Channels to compare with; those that stand still are left out.
     """
-    residual = (comparison.measured - comparison.one_step)[1:]
+    residual = comparison.one_step_residual
     predicted = np.flatnonzero(np.isfinite(residual).all(axis=0))
     if not len(predicted):
         return Correlations(comparison.name)
@@ -133,7 +133,7 @@ def residual_spectrum(comparison: Comparison) -> Spectrum:
     comparison : Comparison
         Its first row, which has no prediction, is left out.
     """
-    residual = (comparison.measured - comparison.one_step)[1:]
+    residual = comparison.one_step_residual
     taper = np.hanning(len(residual) + 1)[:-1]
     lines = np.fft.rfft(residual * taper[:, None], axis=0)
     frequency = np.asarray(np.fft.rfftfreq(len(residual), comparison.time_step), dtype=np.float64)

@@ -9,7 +9,12 @@ from penode import Experiment
 from penode.fit.fit import Estimate, HorizonChoice, HorizonSummary
 from penode.fit.outcome import Objection, horizon_of
 from penode.horizon.objections import CHECKS, objections, with_objections
+from penode.pmsm.balance.voltage_timing import VoltageTiming
+from penode.pmsm.conventions.check import check_all
+from penode.pmsm.machine.frames import abc_from_dq
+from penode.pmsm.machine.holds import turned_voltage
 from penode.pmsm.precheck.objections import machine_checks, per_unit, standstill, voltage_limit
+from penode.pmsm.precheck.recording_check import check_recordings
 from penode.validation.comparison import Comparison
 
 COUNT, STEP = 4000, 1e-4
@@ -127,6 +132,39 @@ def test_a_convention_that_the_recording_breaks(fit, slow_run):
     assert names(fit, slow_run, machine_checks([slow_run])[:1]) == []
     (found,) = objections(fit, [late], machine_checks([late])[:1])
     assert found.name == "delay of 3 samples"
+
+
+def test_conventions_are_tested_where_the_voltage_acts(fit, slow_run):
+    """At 6000 rpm half a sample's turn looks like an angle with an offset of more than 5 deg."""
+    fast = turned_voltage(slow_run, 2.0)  # as half a sample does at four times the speed
+    assert names(fit, fast, machine_checks([fast])[:1]) == ["offset angle"]
+    timing = VoltageTiming(turn=-2.0)
+    assert names(fit, fast, machine_checks([fast], timing)[:1]) == []
+
+
+def in_phases(run, kinds):
+    """Return a recording with phase channels in place of those in dq."""
+    channels = dict(run.channels)
+    for kind in kinds:
+        dq = np.stack([channels.pop(f"{kind}_{axis}") for axis in "dq"], axis=-1)
+        phases = abc_from_dq(dq, run.channels["theta_el"]).T
+        channels |= {f"{kind}_{name}": row for name, row in zip("abc", phases, strict=True)}
+    return replace(run, channels=channels)
+
+
+def test_a_recording_that_cannot_be_mapped_has_its_convention_named(slow_run):
+    """In degrees, the angle turns too fast for a speed to be made of it."""
+    run = in_phases(slow_run, "ui")
+    wrong = {**run.channels, "theta_el": np.degrees(run.channels["theta_el"])}
+    del wrong["omega_el"]
+    checked = check_recordings([replace(run, channels=wrong)])
+    assert "degrees" in checked.broken[0].name
+    assert not checked.drives
+
+
+def test_phases_that_dq_was_made_from_are_no_second_measurement(slow_run):
+    (found,) = check_all([in_phases(slow_run, "u")], VoltageTiming(hold="stationary"))
+    assert any("Rms values cannot be distinguished" in sentence for sentence in found.untold)
 
 
 @pytest.mark.parametrize("verdict", ["plateau", "fixed", "H = 1 suffices", "predicts best"])

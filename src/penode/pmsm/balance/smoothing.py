@@ -14,6 +14,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from penode.arrays import FloatArray
+from penode.training.covariance import inverse_normal
 from penode.training.weak_form import WeakRegression
 
 #: Windows overlap by three quarters: so many equations are worth one.
@@ -130,6 +131,22 @@ def penalised(
     normal = matrix.T @ matrix + found.noise * rows.T @ rows
     right = matrix.T @ target + found.noise * rows.T @ values
     return _solved(_with_penalties(normal, penalties, found.strength), right)[0]
+
+
+def deviations(
+    equations: WeakRegression, penalties: Sequence[Roughness], found: Smoothed
+) -> FloatArray:
+    """Return the deviation of each coefficient, shape (coefficient,), at strengths found before.
+
+    Parameters
+    ----------
+    equations : WeakRegression
+    penalties : sequence of Roughness
+    found : Smoothed
+    """
+    normal = equations.matrix.T @ equations.matrix
+    inverse = inverse_normal(_with_penalties(normal, penalties, found.strength))
+    return np.asarray(np.sqrt(found.noise * np.maximum(np.diag(inverse), 0.0)))
 
 
 def _with_penalties(

@@ -5,15 +5,15 @@ order u - tau T du/dt + kappa omega T J u, linear in both. A mirror symmetric ma
 stand in for either, as a free one would for the turn.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.equations import CURRENTS, VOLTAGES, balance_equations
-from penode.pmsm.balance.smoothing import Roughness, Smoothed, smoothed
+from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
 from penode.pmsm.balance.voltage_balance import harmonic_window
 from penode.pmsm.machine.coenergy_map import MEAN, CoenergyPart, columns, roughness
 from penode.pmsm.machine.frames import quarter_turned
@@ -65,21 +65,20 @@ class VoltageTiming:
             experiment = turned_voltage(experiment, self.turn)
         if not self.delay:
             return experiment
-        whole = int(np.floor(self.delay))
-        part = self.delay - whole
-        steps = [whole, whole + 1] if part else [whole]
-        first, last = max(*steps, 0), len(experiment) + min(*steps, 0)
+        count = len(experiment)
+        first, last = math.ceil(max(self.delay, 0.0)), count + math.floor(min(self.delay, 0.0))
         channels = {name: values[first:last] for name, values in experiment.channels.items()}
-        for name in VOLTAGES:
-            values = experiment.channels[name]
-            shifted = [values[first - step : last - step] for step in steps]
-            weights = [1 - part, part] if part else [1.0]
-            channels[name] = np.sum([w * s for w, s in zip(weights, shifted, strict=True)], axis=0)
+        at = np.arange(first, last) - self.delay
+        for name in VOLTAGES:  # of two voltages held one after the other the mean acts
+            channels[name] = np.interp(at, np.arange(count), experiment.channels[name])
         return replace(experiment, channels=channels)
 
     def acting(self, experiment: Experiment) -> Experiment:
         """Return an applied recording with each sample's mean voltage in the turning frame."""
         return mean_over_samples(experiment) if self.hold == "stationary" else experiment
+
+
+AS_RECORDED = VoltageTiming()
 
 
 def voltage_timing(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> VoltageTiming:
@@ -105,20 +104,20 @@ def voltage_timing(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
     penalty = Roughness.of(first, roughness(part))
     free = smoothed(whole, [penalty])
     values = dict(zip(estimated, free.solution, strict=False))
-    deviations = dict(zip(estimated, _deviations(whole, penalty, free), strict=False))
+    own = dict(zip(estimated, deviations(whole, [penalty], free), strict=False))
     without = WeakRegression(whole.matrix[:, len(estimated) :], whole.target)
     plain = smoothed(without, [replace(penalty, first=first - len(estimated))])
     if max(map(abs, values.values())) > _MOST or free.evidence > plain.evidence - _CLEAR:
-        return VoltageTiming()
-    sure = {name: value for name, value in values.items() if deviations[name] < _SURE}
+        return AS_RECORDED
+    sure = {name: value for name, value in values.items() if own[name] < _SURE}
     delay, turn = sure.get("delay", 0.0), sure.get("turn", 0.0)
     delay = 0.0 if abs(delay) < _DIFFERENT else _near_whole(delay)
     hold = "stationary" if abs(turn + 0.5) < _DIFFERENT else "dq"
     left = turn + 0.5 if hold == "stationary" else turn
     left = 0.0 if abs(left) < _DIFFERENT else left
     if not delay and not left and hold == "dq":
-        return VoltageTiming()
-    shown = [f"{values[name]:.3f} ± {deviations[name]:.3f}" for name in estimated]
+        return AS_RECORDED
+    shown = [f"{values[name]:.3f} ± {own[name]:.3f}" for name in estimated]
     reason = f"The voltage acts {shown[0]} samples after it is recorded"
     if len(shown) > 1:
         reason += f", turned by the rotation of {shown[1]} samples"
@@ -147,13 +146,3 @@ def _equations(
     basis = columns(part, experiment.stack(CURRENTS) / reach)[0]
     length = harmonic_window(experiment)
     return balance_equations(experiment, terms, basis, length, [further[n] for n in estimated])
-
-
-def _deviations(equations: WeakRegression, penalty: Roughness, found: Smoothed) -> FloatArray:
-    """Return the deviations of all coefficients at the strength of the penalty."""
-    normal = equations.matrix.T @ equations.matrix
-    normal[penalty.place, penalty.place] += found.strength[0] * penalty.matrix
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    scaled = normal / np.outer(size, size) + 1e-12 * np.eye(len(size))
-    variance = found.noise * np.diag(np.linalg.inv(scaled)) / size**2
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))

@@ -9,7 +9,7 @@ from typing import Any
 from penode.errors import InputError
 from penode.pmsm.bench.map_import import ImportedMachine, import_machine
 
-# Verdicts under which R and the map may stand in for each other.
+# Verdicts under which R and the map must not be used.
 _DOUBTFUL = ("no plateau", "not identifiable", "implausible")
 
 

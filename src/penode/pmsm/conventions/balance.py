@@ -15,6 +15,7 @@ from penode.pmsm.balance.trial_balance import (
 )
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judged, with_channels
 from penode.pmsm.conventions.motion import angle_over_speed
+from penode.pmsm.machine.holds import turned_voltage
 
 #: Channels counted the other way -> what that is called. The first of equals is taken.
 _REVERSALS = {
@@ -195,14 +196,11 @@ def judge_delay(
 
 def _in_place(experiment: Experiment, samples: int, in_phases: bool) -> Experiment:
     """Return the recording with voltages so many samples earlier, its ends cut off."""
-    angle = experiment.channels["omega_el"] * experiment.time_step * (samples if in_phases else 0)
     u_d, u_q = np.roll(experiment.stack(("u_d", "u_q")), -samples, axis=0).T
-    turned = {
-        "u_d": np.cos(angle) * u_d - np.sin(angle) * u_q,
-        "u_q": np.sin(angle) * u_d + np.cos(angle) * u_q,
-    }
+    moved = with_channels(experiment, {"u_d": u_d, "u_q": u_q})
+    if in_phases:
+        moved = turned_voltage(moved, samples)
     kept = slice(abs(samples), -abs(samples))
-    moved = with_channels(experiment, turned)
     return with_channels(moved, {name: values[kept] for name, values in moved.channels.items()})
 
 

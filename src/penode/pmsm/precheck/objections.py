@@ -7,8 +7,9 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.fit.outcome import Objection
-from penode.horizon.objections import Check
-from penode.pmsm.conventions.check import check_conventions
+from penode.horizon.objections import Check, trained_on
+from penode.pmsm.balance.voltage_timing import AS_RECORDED, VoltageTiming
+from penode.pmsm.conventions.check import check_all
 
 #: Fraction of the samples with the largest voltages, and how much larger their errors may be.
 _TOP, _LARGER = 0.1, 3.0
@@ -19,18 +20,22 @@ _TURN = 1.0
 
 
 def machine_checks(
-    experiments: Sequence[Experiment], pole_pairs: int | None = None
+    experiments: Sequence[Experiment],
+    timing: VoltageTiming = AS_RECORDED,
+    pole_pairs: int | None = None,
 ) -> tuple[Check, ...]:
     """Return what the fit of a machine is examined for.
 
     Parameters
     ----------
     experiments : sequence of Experiment
-        As the model takes them; their conventions are tested here, once.
+        As a study file maps them; their conventions are tested here, once.
+    timing : VoltageTiming
+        Of their voltages.
     pole_pairs : int, optional
         Of the machine.
     """
-    broken = [b for e in experiments for b in check_conventions(e, pole_pairs).broken]
+    broken = [b for one in check_all(experiments, timing, pole_pairs) for b in one.broken]
     found = [
         Objection(b.name, f"{b.recording}: {b.evidence}.", f"To mend it, {b.mend}.") for b in broken
     ]
@@ -59,10 +64,9 @@ def per_unit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]
 
 def voltage_limit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection where predictions err most at the largest voltages."""
-    seen = [c for c in fit.comparisons if c.role == "train"]
-    for comparison, experiment in zip(seen, experiments, strict=True):
+    for comparison, experiment in trained_on(fit, experiments):
         voltage = np.hypot(*experiment.stack(("u_d", "u_q")).T)[:-1]
-        squares = np.sum((comparison.measured - comparison.one_step)[1:] ** 2, axis=1)
+        squares = np.sum(comparison.one_step_residual**2, axis=1)
         above = voltage > np.quantile(voltage, 1 - _TOP)
         if not above.any():
             continue

@@ -7,10 +7,11 @@ from typing import Any
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
 from penode.data.quality import Finding, inspect
+from penode.errors import InputError
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
-from penode.pmsm.balance.voltage_timing import voltage_timing
+from penode.pmsm.balance.voltage_timing import AS_RECORDED, VoltageTiming, voltage_timing
 from penode.pmsm.conventions.broken_convention import BrokenConvention
-from penode.pmsm.conventions.check import check_conventions
+from penode.pmsm.conventions.check import check_all
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.precheck.excitation import Excitation, excitation_of
 from penode.pmsm.precheck.identifiability import Identifiability, identifiability_of
@@ -153,17 +154,13 @@ def check_recordings(
         If a recording cannot be used at all.
     """
     quality = tuple(f for e in recordings for f in inspect(e, _electrical(e)))
-    mapped = [drive_recording(e) for e in recordings]
-    require_channels(mapped, terms)
-    timing = voltage_timing(mapped, terms)
-    drives = tuple(timing.acting(timing.applied(e)) for e in mapped)
-    judged = [
-        check_conventions(e, pole_pairs, plate) for e in (drives if timing.reasons else recordings)
-    ]
+    timing = _timing(recordings, terms)
+    judged = check_all(recordings, timing, pole_pairs, plate)
     broken = tuple(b for one in judged for b in one.broken)
     untold = tuple(dict.fromkeys(sentence for one in judged for sentence in one.untold))
     if broken:
         return RecordingCheck(tuple(recordings), quality, broken, untold)
+    drives = tuple(timing.acting(timing.applied(e)) for e in _drives(recordings, terms))
     structure = structure_of(drives, flux_map, terms, candidates)
     return RecordingCheck(
         tuple(recordings),
@@ -175,6 +172,20 @@ def check_recordings(
         identifiability_of(drives, flux_map, structure.terms),
         (*timing.reasons, *structure.term_reasons, *structure.angle_reasons),
     )
+
+
+def _drives(recordings: Sequence[Experiment], terms: Sequence[Term]) -> list[Experiment]:
+    drives = [drive_recording(e) for e in recordings]
+    require_channels(drives, terms)
+    return drives
+
+
+def _timing(recordings: Sequence[Experiment], terms: Sequence[Term]) -> VoltageTiming:
+    """Return when the voltage acts; of what cannot be mapped yet a convention is named first."""
+    try:
+        return voltage_timing(_drives(recordings, terms), terms)
+    except InputError:
+        return AS_RECORDED
 
 
 def _electrical(experiment: Experiment) -> list[str]:
