@@ -1,10 +1,11 @@
 """The horizon chosen and the interval given, over machines and drives drawn at random.
 
 ``python -m validate.horizon_choice [COUNT] [FIRST]``: each draw is identified with default
-settings, nothing told. Printed are, draw by draw, the terms the structure took, the horizon and the
-verdict, the error of R and of the dead-time voltage in per cent and in deviations, and the error of
-R at the rung of least error. An unconstrained map at one speed, on a slow trajectory, must be
-called not identifiable. Ctrl-C prints the table of the draws so far; the same command goes on.
+settings, nothing given but that simulated sensors are exact. Printed are, draw by draw, the terms
+the structure took, the horizon and the verdict, the error of R and of the dead-time voltage in per
+cent and in deviations, and the error of R at the rung of least error. An unconstrained map at one
+speed, on a slow trajectory, must be called not identifiable. Ctrl-C prints the table of the draws
+so far; the same command goes on.
 """
 
 import sys
@@ -16,6 +17,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.fit.fit import Fit
+from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.study import Study, identify
 from validate.drawn_recordings import Campaign, draw_campaign
 from validate.ledger import Ledger, Record
@@ -27,8 +29,8 @@ POSITIVE = ("plateau", "H = 1 suffices")
 def result_of(number: int) -> Record:
     """Identify one campaign, and an unconstrained map of the same machine at one speed."""
     campaign, began = draw_campaign(number), time.perf_counter()
-    fit = identify(campaign.runs)
-    free = identify([campaign.hidden], study=Study("mlp", horizon=1))
+    fit = identify(campaign.runs, study=Study(accuracy=Accuracy.exact()))
+    free = identify([campaign.hidden], study=Study("mlp", horizon=1, accuracy=Accuracy.exact()))
     truth, (low, high) = campaign.machine.resistance, fit.parameters["R"].interval_95
     ladder = fit.horizon.ladder
     return {

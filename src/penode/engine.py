@@ -11,7 +11,8 @@ Training
     `FirstOrder`, `BestOf`, `CoarseToFine`; `Objective` and `Problem` beneath them.
 Horizon
     `LadderProblem`, the selectors `Plateau`, `Longest`, `HeldOut`, `Spectral`, `Anchor`;
-    `Checkpoint`; `loss_weighting`, which shows how each horizon weighs the residual.
+    `Checkpoint`; `loss_weighting`, which shows how each horizon weighs the residual; what joins the
+    uncertainty budget: `Imperfection`, `Contribution`.
 Data and validation
     `read`, `cut`, `inspect`; `compare`, `find_lines`, `residual_correlations`.
 
@@ -24,7 +25,13 @@ from penode.data.mapping import Origin
 from penode.data.quality import Finding, check_excitation, inspect
 from penode.data.windows import Placement, cut
 from penode.fit.learned_uncertainty import LearnedUncertainty
-from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary, Objection
+from penode.fit.outcome import (
+    Contribution,
+    Estimate,
+    HorizonChoice,
+    HorizonSummary,
+    Objection,
+)
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.cross_checks import Anchor
 from penode.horizon.held_out import HeldOut
@@ -33,6 +40,7 @@ from penode.horizon.loss_weighting import LossWeighting, linearised, loss_weight
 from penode.horizon.parallel_starts import Sweep, sweep
 from penode.horizon.selection import Choice, Longest, Plateau, Selector
 from penode.horizon.spectral import BiasForecast, Spectral
+from penode.horizon.uncertainty_budget import Imperfection
 from penode.models.compositions import Gradient, LinearSkip, QuadraticSkip, Scaled
 from penode.models.inputs import Inputs
 from penode.models.layout import Layout
@@ -133,6 +141,7 @@ __all__ = [
     "Climb",
     "CoarseToFine",
     "Comparison",
+    "Contribution",
     "ConvexGradient",
     "Correlations",
     "Discounted",
@@ -149,6 +158,7 @@ __all__ = [
     "HorizonFit",
     "HorizonSummary",
     "Identity",
+    "Imperfection",
     "ImplicitMidpoint",
     "Inputs",
     "LadderProblem",

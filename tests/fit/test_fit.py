@@ -83,6 +83,7 @@ def test_result_is_the_saved_document(fit, tmp_path):
         "interval_95",
         "identifiability",
         "meaning",
+        "budget",
     }
     assert [rung["horizon"] for rung in saved["horizon"]["ladder"]] == [1, 2, 4, 8, 16]
     # States of two units: each has errors of its own, and there is none of both.
@@ -213,6 +214,7 @@ def test_estimate_is_plain_data():
         "unit": "ohm",
         "identifiability": None,
         "meaning": "",
+        "budget": (),
     }
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from penode.errors import InputError
 from penode.pmsm.machine.terms import DeadTime
+from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.study import Study
 from penode.pmsm.study_file import load_study
 
@@ -77,6 +78,14 @@ def test_an_empty_file_is_the_default_study_on_canonical_columns(config):
     assert not asked.mapping.channels
 
 
+def test_the_accuracy_of_the_bench_replaces_the_assumed_one(config):
+    text = "[accuracy]\ncurrent_gain = 0.002\ndelay = 0"
+    asked = load_study(config(text)).study
+    assert asked.accuracy == Accuracy(current_gain=0.002, delay=0.0)
+    assert load_study(config("")).study.accuracy == Accuracy()
+    assert load_study(config(text), {"horizon": 3}).study.accuracy == asked.accuracy
+
+
 def test_auto_and_angle_orders(config):
     asked = load_study(config('horizon = "auto"\nangle_orders = [6, 12]\n'))
     assert asked.study.horizon is None
@@ -117,6 +126,9 @@ def test_options_override_the_file(config):
             ["channel t: delay", "column, unit, scale"],
         ),
         ("horizon = ", ["not a TOML file"]),
+        ("[accuracy]\nvoltage_gain = -1", ["accuracy voltage_gain", "from 0"]),
+        ('[accuracy]\nangle = "1 deg"', ["accuracy", "angle", "number"]),
+        ("[accuracy]\ngain = 0.01", ["accuracy", "gain"]),
     ],
 )
 def test_what_cannot_be_meant_is_refused_with_the_file_and_the_entry(config, text, words):

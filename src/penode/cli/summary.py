@@ -10,6 +10,7 @@ from penode.fit.fit import Estimate, Fit
 from penode.pmsm.demo import Demo
 from penode.report.prediction_errors import free_run_text, one_step_text
 from penode.report.quantities import decimals_for, fixed, number, scale_for
+from penode.report.uncertainty_budget import budget_sentence
 
 
 def print_fit(console: Console, fit: Fit, folder: Path) -> None:
@@ -19,6 +20,11 @@ def print_fit(console: Console, fit: Fit, folder: Path) -> None:
     steps = "step" if choice.selected == 1 else "steps"
     rows: list[tuple[str, str | Text]] = [
         *((name, _interval(estimate)) for name, estimate in fit.parameters.items()),
+        *(
+            ("budget", f"{name}: {line}")
+            for name, estimate in fit.parameters.items()
+            if (line := budget_sentence(estimate))
+        ),
         ("horizon", Text.assemble(f"{choice.selected} {steps}: ", verdict, f". {choice.reason}")),
         *(("model", reason) for reason in fit.provenance.get("structure", ())),
     ]

@@ -37,6 +37,28 @@ class Objection:
 
 
 @dataclass(frozen=True)
+class Contribution:
+    """One row of the uncertainty budget of a quantity (JCGM 100:2008).
+
+    Attributes
+    ----------
+    source : str
+        What the uncertainty comes from, in a few words.
+    std : float
+        Standard deviation that it contributes, in the quantity's unit.
+    accuracy : str
+        What was assumed of the source, such as ``"0.5 %"``; empty where the data show it.
+    remedy : str
+        What would make it smaller, as a sentence.
+    """
+
+    source: str
+    std: float
+    accuracy: str = ""
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
 class Estimate:
     """One physical parameter as reported.
 
@@ -53,6 +75,8 @@ class Estimate:
         explains: 1 is independent, 0 is indistinguishable; None where it was not computed.
     meaning : str
         What it is, in a few words; empty where the model does not say.
+    budget : tuple of Contribution
+        What the standard deviation is made of, the largest first; the squares add.
     """
 
     value: float
@@ -61,6 +85,22 @@ class Estimate:
     unit: str
     identifiability: float | None = None
     meaning: str = ""
+    budget: tuple[Contribution, ...] = ()
+
+    @property
+    def statistical_std(self) -> float:
+        """Standard deviation that the data themselves show, nothing assumed of their sensors."""
+        if not self.budget:
+            return self.std
+        return float(np.sqrt(sum(row.std**2 for row in self.budget if not row.accuracy)))
+
+    @property
+    def statistical_interval_95(self) -> tuple[float, float]:
+        """Ends of the 95 % interval that the data themselves show."""
+        if not any(row.accuracy for row in self.budget):
+            return self.interval_95
+        half = NORMAL_95 * self.statistical_std
+        return self.value - half, self.value + half
 
     @classmethod
     def of(
@@ -70,10 +110,12 @@ class Estimate:
         unit: str,
         identifiability: float | None = None,
         meaning: str = "",
+        budget: tuple[Contribution, ...] = (),
     ) -> "Estimate":
         """Return the estimate with its 95 % interval; the arguments are attributes."""
         half = NORMAL_95 * std
-        return cls(value, std, (value - half, value + half), unit, identifiability, meaning)
+        interval = (value - half, value + half)
+        return cls(value, std, interval, unit, identifiability, meaning, budget)
 
 
 @dataclass(frozen=True)
@@ -154,8 +196,13 @@ def estimate_of(document: Mapping[str, Any]) -> Estimate:
         for number in (document["value"], document["std"], *document["interval_95"])
     )
     low, high = interval
+    rest = {name: document[name] for name in ("unit", "identifiability")}
+    budget = tuple(
+        Contribution(**{**one, "std": np.inf if one["std"] is None else one["std"]})
+        for one in document.get("budget", ())
+    )
     meaning = document.get("meaning", "")
-    return Estimate(value, std, (low, high), document["unit"], document["identifiability"], meaning)
+    return Estimate(value, std, (low, high), **rest, meaning=meaning, budget=budget)
 
 
 def horizon_of(document: Mapping[str, Any]) -> HorizonChoice:

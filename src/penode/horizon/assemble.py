@@ -11,7 +11,7 @@ from penode.arrays import BoolArray, FloatArray, float64
 from penode.data.experiment import Experiment
 from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.fit.learned_uncertainty import LearnedUncertainty
-from penode.fit.outcome import AVERAGED
+from penode.fit.outcome import AVERAGED, Contribution
 from penode.fit.provenance import provenance_of
 from penode.horizon.consensus import Consensus, retrained
 from penode.horizon.cross_checks import CrossCheck
@@ -19,6 +19,7 @@ from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.horizon.loss_weighting import linearised
 from penode.horizon.selection import Choice
+from penode.horizon.uncertainty_budget import budget, raw_shifts
 from penode.models.base import Model
 from penode.training.covariance import sandwich
 from penode.training.plan import Plan, Problem
@@ -136,14 +137,22 @@ class Assembly:
         recording = self.problem.experiments[0]
         return linearised(objective.predictor, model, recording, objective.scale)
 
+    @cached_property
+    def _shifts(self) -> FloatArray:
+        """What each imperfection moves the raw parameters by, shape (imperfection, parameter)."""
+        k, plan = self.choice.index, self.plan
+        return raw_shifts(
+            self.problem, plan, plan.stages[k], self.rungs[k], self.start.imperfections
+        )
+
     def _uncertainty(self, chosen: HorizonFit) -> LearnedUncertainty:
         layout = self.problem.objective.layout
         moving = np.flatnonzero(self._moving)
         known = np.isfinite(chosen.deviation[len(self.names) :]).all()
         covariance = np.full((layout.size, layout.size), np.inf)
         if known:
-            covariance[:] = 0.0
-            covariance[np.ix_(moving, moving)] = sandwich(chosen.solution.terms, chosen.windows)
+            covariance[:] = self._shifts.T @ self._shifts
+            covariance[np.ix_(moving, moving)] += sandwich(chosen.solution.terms, chosen.windows)
         agreeing = [self.rungs[k] for k in self.choice.agreeing]
         physical, kept = len(self.names), layout.first_copies
         squares = np.array([np.sum(rung.working[physical:] ** 2) for rung in agreeing])
@@ -161,16 +170,31 @@ class Assembly:
     def _estimates(self) -> dict[str, Estimate]:
         layout, together = self.problem.objective.layout, self._consensus
         settings = dict(zip(layout.names, layout.settings, strict=True))
+        budgets = self._budgets()
         return {
             name: Estimate.of(
                 float(together.values[k]),
-                float(together.deviation[k]),
+                float(np.sqrt(sum(row.std**2 for row in budgets[k]))),
                 settings[name].unit,
                 self.start.identifiability.get(name),
                 settings[name].meaning,
+                budgets[k],
             )
             for k, name in enumerate(self.names)
         }
+
+    def _budgets(self) -> list[tuple[Contribution, ...]]:
+        """Return the uncertainty budget of every physical parameter."""
+        chosen, problem = self.rungs[self.choice.index], self.problem
+        slopes = problem.reported.jacobian(chosen.solution.raw)[: len(self.names)]
+        return [
+            budget(
+                {source: float(part[k]) for source, part in self._consensus.parts.items()},
+                self.start.imperfections,
+                self._shifts @ slopes[k],
+            )
+            for k in range(len(self.names))
+        ]
 
     def _horizon(self) -> HorizonChoice:
         verdict, reason = self.choice.verdict, self.choice.reason

@@ -4,7 +4,7 @@ Windows of another horizon start from other measured samples, and leave other er
 horizons of a plateau err in part independently of each other, and their mean is surer than any.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,10 @@ _REFIT = LevenbergMarquardt(evaluations=15)
 #: Least deviation over the value: predictor and recording agree in nothing to more digits.
 _FINEST = 1e-5
 
+#: What a deviation comes from: rows of the uncertainty budget.
+STATISTICS, HORIZON = "statistics of the residuals", "spread over the horizons"
+PRIOR, NUMERICS = "prior of the learned map", "numerical agreement"
+
 #: Deviations are cut here, SI units, so that no weight is zero over zero.
 _UNSURE = 1e100
 
@@ -38,13 +42,20 @@ class Consensus:
 
     Attributes
     ----------
-    values, deviation : ndarray, shape (physical,)
-        Means weighted by precision, and their deviations, SI units. A deviation is infinite where
-        most of the weight is on rungs that do not know their own.
+    values : ndarray, shape (physical,)
+        Means weighted by precision, SI units.
+    parts : mapping of str to ndarray, shape (physical,)
+        Deviations by what they come from; their squares add. Statistics are infinite where most of
+        the weight is on rungs that do not know their own deviation.
     """
 
     values: FloatArray
-    deviation: FloatArray
+    parts: Mapping[str, FloatArray]
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Deviations of the means, shape (physical,), SI units."""
+        return np.sqrt(np.sum([part**2 for part in self.parts.values()], axis=0))
 
     @classmethod
     def of(cls, rungs: Sequence[HorizonFit]) -> "Consensus":
@@ -58,13 +69,16 @@ class Consensus:
         """
         values, weights = _weighed(rungs)
         middle, spread = _middle(values, weights)
-        deviation = np.hypot(weighted_deviation(rungs, weights), np.sqrt(_BIAS) * spread)
-        prior = np.stack([np.broadcast_to(rung.prior, middle.shape) for rung in rungs])
-        deviation = np.hypot(deviation, np.sum(weights * prior, axis=0))
-        deviation = np.maximum(deviation, _FINEST * np.abs(middle))
+        priors = np.stack([np.broadcast_to(rung.prior, middle.shape) for rung in rungs])
         known = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
         sure = np.sum(weights * known, axis=0) >= _MOST
-        return cls(middle, np.where(sure, deviation, np.inf))
+        statistics = np.where(sure, weighted_deviation(rungs, weights), np.inf)
+        horizon, prior = np.sqrt(_BIAS) * spread, np.sum(weights * priors, axis=0)
+        shown = statistics**2 + horizon**2 + prior**2
+        finest = np.sqrt(np.maximum((_FINEST * middle) ** 2 - shown, 0.0))
+        return cls(
+            middle, {STATISTICS: statistics, HORIZON: horizon, PRIOR: prior, NUMERICS: finest}
+        )
 
     @classmethod
     def around(cls, chosen: HorizonFit, rungs: Sequence[HorizonFit]) -> "Consensus":
@@ -72,7 +86,8 @@ class Consensus:
         values, weights = _weighed(rungs)
         _, spread = _middle(values, weights)
         physical = values.shape[1]
-        return cls(chosen.values[:physical], np.hypot(chosen.deviation[:physical], spread))
+        statistics = chosen.deviation[:physical]
+        return cls(chosen.values[:physical], {STATISTICS: statistics, HORIZON: spread})
 
 
 def _weighed(rungs: Sequence[HorizonFit]) -> tuple[FloatArray, FloatArray]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from penode.horizon.objections import Check
+from penode.horizon.uncertainty_budget import Imperfection
 from penode.models.base import Model
 from penode.training.penalties import Penalty
 from penode.training.plan import Plan
@@ -37,6 +38,8 @@ class Start:
         Join those of the plan's loss: what is known of the learned map before training.
     checks : tuple of Check
         What the fit is examined for beside `penode.horizon.objections.CHECKS`.
+    imperfections : tuple of Imperfection
+        Of the recordings, by one standard deviation each; they join the uncertainty budget.
     """
 
     model: Model
@@ -47,6 +50,7 @@ class Start:
     warnings: tuple[str, ...] = ()
     penalties: tuple[Penalty, ...] = ()
     checks: tuple[Check, ...] = ()
+    imperfections: tuple[Imperfection, ...] = ()
 
     def with_penalties(self, plan: Plan) -> Plan:
         """Return a plan with what is known of the learned map in its loss."""

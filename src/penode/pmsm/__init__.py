@@ -1,7 +1,8 @@
 """Permanent-magnet synchronous machines: flux-linkage map and resistance from a drive recording.
 
 From a recording to a result
-    `load_study`, `guess_study`, `check_recordings`; `identify` with a `Study`; `write`.
+    `load_study`, `guess_study`, `check_recordings`; `identify` with a `Study` and the
+    `Accuracy` of the bench; `write`.
 What the result is used for
     `export`, `ControlledMachine`, `control_loci` and single loci, `compare_maps`, `tabulate`,
     `machine_report`, `torque_of` a recording.
@@ -46,6 +47,7 @@ from penode.pmsm.machine.terms import (
     Term,
 )
 from penode.pmsm.precheck.recording_check import RecordingCheck, check_recordings
+from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.recording.drive_mapping import DriveMapping, DriveOrigin
 from penode.pmsm.recording.guess import StudyGuess, guess_study
@@ -65,6 +67,7 @@ __all__ = [
     "HOLDS",
     "PURPOSES",
     "TERMS",
+    "Accuracy",
     "Channel",
     "ControlLoci",
     "ControlledMachine",

@@ -25,6 +25,7 @@ from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
 from penode.pmsm.machine.term_registry import completed, term_name
 from penode.pmsm.machine.terms import DeadTime, Term
 from penode.pmsm.precheck.objections import machine_checks
+from penode.pmsm.recording.accuracy import DEFAULT_ACCURACY, Accuracy
 from penode.pmsm.recording.channels import drive_recording, require_channels
 from penode.training.plan import Plan
 from penode.training.second_order import LevenbergMarquardt
@@ -65,6 +66,8 @@ class Study:
         Frame in which the voltage of a row is held until the next: ``"dq"``, or
         ``"stationary"`` for an inverter without correction of the turn. None decides from the
         data, and whether the voltage acts later than it was recorded.
+    accuracy : Accuracy
+        Of the recording chain, for the uncertainty budget; an ordinary bench's by default.
 
     Raises
     ------
@@ -82,6 +85,7 @@ class Study:
     angle_orders: tuple[int, ...] | None = None
     hold: str | None = None
     purpose: str = "parameters"
+    accuracy: Accuracy = DEFAULT_ACCURACY
 
     def __post_init__(self) -> None:
         if self.flux_map not in FLUX_MAPS:
@@ -203,6 +207,7 @@ def identify(
     start = replace(
         _start(acting, study, (*timing.reasons, *reasons)),
         checks=machine_checks(experiments, timing, study.pole_pairs),
+        imperfections=study.accuracy.imperfections(recordings),
     )
     return identify_model(
         start,

@@ -14,6 +14,7 @@ from penode.data.toml_file import (
     FLAG,
     NAMES,
     NATURAL,
+    NUMBER,
     POSITIVE,
     SIGN,
     TABLE,
@@ -29,6 +30,7 @@ from penode.data.toml_file import (
 from penode.errors import InputError
 from penode.pmsm.machine.term_registry import terms_of
 from penode.pmsm.machine.terms import DeadTime
+from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.recording.drive_mapping import RECORDED, DriveMapping, DriveOrigin
 from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.study import DEFAULT_STUDY, Study
@@ -57,9 +59,11 @@ _SETTINGS = {
     "purpose": TEXT,
     "resample": Kind('"linear"', lambda value: value == "linear"),
     "name_plate": TABLE,
+    "accuracy": TABLE,
     "channels": TABLE,
 }
 _NAME_PLATE = {entry.name: POSITIVE for entry in fields(NamePlate)}
+_ACCURACY = {entry.name: NUMBER for entry in fields(Accuracy)}
 
 
 @dataclass(frozen=True)
@@ -134,6 +138,9 @@ def _study(entries: Mapping[str, Any]) -> Study:
         settings["horizon"] = None
     if "angle_orders" in settings:
         settings["angle_orders"] = tuple(settings["angle_orders"])
+    if "accuracy" in settings:
+        require_kinds("accuracy:", settings["accuracy"], _ACCURACY)
+        settings["accuracy"] = Accuracy(**settings["accuracy"])
     terms = terms_of(settings.get("terms", ()))
     if "inverter" in entries:  # a word for dead time, which is otherwise left to the data
         settings["candidates"] = ()

@@ -89,13 +89,13 @@ class Cell:
         What is shown.
     value : float or None
         The number behind the text in SI units, where it is one.
-    kind : {"text", "number", "code"}
-        How it is set: plain, aligned to the right, or verbatim.
+    kind : {"text", "number", "bar", "code"}
+        How it is set: plain, aligned to the right, beside a bar of the fraction, or verbatim.
     """
 
     text: str
     value: float | None = None
-    kind: Literal["text", "number", "code"] = "text"
+    kind: Literal["text", "number", "bar", "code"] = "text"
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from penode.report.statements import (
     verdict_notice,
     warning_notices,
 )
+from penode.report.uncertainty_budget import uncertainty_budget
 
 #: A part of the report: a section, or None where the fit has nothing to show in it.
 Part: TypeAlias = Callable[[Fit], Section | None]
@@ -37,6 +38,7 @@ Part: TypeAlias = Callable[[Fit], Section | None]
 #: The sections of any fit, in order.
 PARTS: tuple[Part, ...] = (
     parameters,
+    uncertainty_budget,
     learned_maps,
     predictions,
     residual_section,
@@ -71,7 +73,7 @@ _WORDS = (
     ("Plateau", "Neighbouring horizons whose estimates agree within their uncertainty. The "
      "sign that a physical parameter is right and not an artefact of the horizon."),
     ("95 % interval", "Where the parameter lies with 95 % confidence if the model's structure "
-     "is right. A wrong sensor gain is not in it."),
+     "is right and the sensors are as accurate as the uncertainty budget assumes."),
 )  # fmt: skip
 
 

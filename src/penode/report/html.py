@@ -31,6 +31,8 @@ _POLICY = (
 )
 #: Key values of more characters are set smaller.
 _LONG = 14
+#: Kinds of cells that are aligned as numbers.
+_NUMERIC = ("number", "bar")
 _PLOT_KEYS = "Keyboard: arrows move or turn the picture, plus and minus zoom, 0 resets."
 
 
@@ -142,7 +144,7 @@ class _Renderer:
         number = next(self._tables)
         name = f"table-{number}"
         numeric = [
-            any(row.cells[column].kind == "number" for row in table.rows)
+            any(row.cells[column].kind in _NUMERIC for row in table.rows)
             for column in range(len(table.columns))
         ]
         heads = "".join(
@@ -208,7 +210,11 @@ def _row(row: Row) -> str:
 def _cell(cell: Cell) -> str:
     if cell.kind == "code":
         return f"<code>{_breakable(cell.text)}</code>"
-    return _breakable(cell.text) if cell.value is None else _data(cell.text, cell.value)
+    text = _breakable(cell.text) if cell.value is None else _data(cell.text, cell.value)
+    if cell.kind == "bar":
+        width = f"{100 * min(max(cell.value or 0.0, 0.0), 1.0):.1f}%"
+        return f'<span class="bar"><span style="width:{width}"></span></span>{text}'
+    return text
 
 
 def _breakable(text: str) -> str:
@@ -223,7 +229,7 @@ def _data(text: str, value: float | None) -> str:
 
 
 def _kind_class(cell: Cell) -> str:
-    return _class("number", cell.kind == "number")
+    return _class("number", cell.kind in _NUMERIC)
 
 
 def _class(name: str, wanted: bool) -> str:

@@ -41,7 +41,7 @@ class _Ladder:
             NORMAL_95 * np.where(np.isfinite(std), std, 0.0) * scale.factor,
             choice.selected,
             choice.plateau if choice.answered and len(choice.plateau) > 1 else (),
-            np.array(estimate.interval_95) * scale.factor,
+            np.array(estimate.statistical_interval_95) * scale.factor,
             scale,
         )
 
@@ -106,7 +106,7 @@ def _draw(figure: go.Figure, ladder: _Ladder, panel: int) -> None:
         low, high = ladder.interval
         band = {"x0": 0, "x1": 1, "xref": f"{x} domain", "y0": low, "y1": high, "yref": y}
         figure.add_shape(**band, fillcolor=palette.INTERVAL.light, line_width=0, layer="below")
-        figure.add_trace(_swatch("reported 95 % interval", palette.INTERVAL.light, panel))
+        figure.add_trace(_swatch("95 % interval shown by the data", palette.INTERVAL.light, panel))
     if ladder.plateau:
         low, high = min(ladder.plateau) / 1.1, max(ladder.plateau) * 1.1
         area = {"x0": low, "x1": high, "xref": x, "y0": 0, "y1": 1, "yref": f"{y} domain"}

@@ -29,7 +29,7 @@ def parameter_table(fit: Fit) -> Table:
     columns = ["parameter", "value", "standard deviation", "95 % interval", "unit"]
     caption = (
         "The standard deviation allows for residuals that are correlated in time and for the "
-        "spread over the horizons that agree."
+        "spread over the horizons that agree, and for the sensors where their accuracy was given."
     )
     rows = [_parameter_row(name, estimate) for name, estimate in fit.parameters.items()]
     independence = [estimate.identifiability for estimate in fit.parameters.values()]

@@ -36,10 +36,8 @@ class CoarseToFine:
         stride = int(np.clip(residuals / (_LEFT * max(problem.moving.sum(), 1)), 1, self.most))
         if stride == 1:
             return self.optimiser.minimise(problem, raw, progress)
-        few = replace(
-            windows, starts=windows.starts[::stride], recording=windows.recording[::stride]
-        )
-        coarse = self.optimiser.minimise(replace(problem, windows=few), raw, progress)
+        few = replace(problem, windows=windows.thinned(stride))
+        coarse = self.optimiser.minimise(few, raw, progress)
         begin = raw if coarse.outcome == DIVERGED else coarse.raw
         fine = self.optimiser.minimise(problem, begin, progress)
         return replace(fine, evaluations=fine.evaluations + -(-coarse.evaluations // stride))

@@ -1,7 +1,9 @@
 """The text of a guessed study file, with the reason for every guess."""
 
 import json
+from dataclasses import fields
 
+from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.recording.drive_mapping import IN_RMS, RECORDED
 from penode.pmsm.recording.guess import ChannelGuess, StudyGuess
 
@@ -11,16 +13,16 @@ _HEAD = """\
 #   penode identify {recording} --config {study} --out result
 #
 # What is marked "guess" was guessed: look at it before you trust the result. No recording shows
-# whether it holds peak or rms values, or whether a column comes too late; where it does, add
-# rms = true, or delay = 1 for a column that lags by one sample (-1 for one that leads).
+# whether it holds peak or rms values: add rms = true for the latter. A column that lags by one
+# sample takes delay = 1 (-1 for one that leads); that of the voltages is estimated.
 # A channel may have: column, unit, scale, sign, delay, times, rms, mechanical.
 
 """
 _SETTINGS = """\
 flux_map = "coenergy"  # default; or convex, mlp, polynomial, spline
 horizon = "auto"  # default; or a number of steps
-hold = "dq"  # guess: the usual one, as no recording shows it; or stationary
-# Left to the data unless it is said here; inverter and angle_orders need theta_el:
+# Left to the data unless given here; inverter and angle_orders need theta_el:
+# hold = "dq"  # frame in which a voltage is held for a sample, or "stationary"; as recorded then
 # inverter = true  # identify the dead-time voltage
 # terms = ["temperature_resistance"]  # R over a recorded winding temperature
 # angle_orders = [6, 12]  # harmonics of the angle in the map; [] for none
@@ -52,9 +54,18 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
     parts += [_channel(name, channel) for name, channel in guess.channels.items()]
     for name in guess.missing:
         parts.append(f'# not found, and needed: {name} in {RECORDED[name]}.\n# {name} = "..."\n')
+    parts.append(_accuracy())
     if guess.unused:
         parts.append(f"\n# Columns that are not used: {', '.join(map(_quoted, guess.unused))}\n")
     return "".join(parts)
+
+
+def _accuracy() -> str:
+    """Return the accuracies that are assumed, for the user to replace."""
+    lines = [f"# {entry.name} = {entry.default}\n" for entry in fields(Accuracy)]
+    return "".join(
+        ["\n# Standard deviations assumed of your bench; give your own:\n# [accuracy]\n", *lines]
+    )
 
 
 def _pole_pairs(guess: StudyGuess) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.horizon.ladder import Observer, ignore_events
+from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.study import Study, identify
 
 
@@ -16,10 +17,10 @@ class OurDefaults:
     Attributes
     ----------
     study : Study
-        The defaults decide terms and horizon from the data.
+        The defaults decide terms and horizon from the data; simulated sensors are exact.
     """
 
-    study: Study = field(default_factory=Study)
+    study: Study = field(default_factory=lambda: Study(accuracy=Accuracy.exact()))
 
     def identify(
         self,

@@ -1,0 +1,121 @@
+"""Uncertainty budget: what each source of error contributes to a reported quantity.
+
+After the Guide to the Expression of Uncertainty in Measurement (JCGM 100:2008): contributions of
+statistics (type A) and of what is believed of the recording chain (type B) are standard deviations
+that add in squares.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.data.experiment import Experiment
+from penode.fit.outcome import Contribution
+from penode.horizon.consensus import HORIZON, PRIOR, STATISTICS
+from penode.horizon.ladder import HorizonFit, LadderProblem
+from penode.training.covariance import inverse_normal
+from penode.training.plan import Plan, Stage
+
+#: What would make smaller what the data themselves show.
+_REMEDIES = {
+    STATISTICS: "Record longer, or with less noise.",
+    HORIZON: "Add to the model what its residual still shows.",
+    PRIOR: "Record more operating points.",
+}
+
+
+#: Standard deviations of an imperfection by which its slope is taken: over a window errors grow,
+#: and one of 0.5 % in every voltage is no small one.
+_SMALL = 1e-6
+#: Gradients that are computed side by side.
+_TOGETHER = 2
+
+
+@dataclass(frozen=True)
+class Imperfection:
+    """One way in which recordings may differ from what happened, by one standard deviation.
+
+    Attributes
+    ----------
+    source : str
+        What it is, in a few words; imperfections of one source are one row of the budget.
+    accuracy : str
+        The standard deviation, such as ``"0.5 %"``.
+    remedy : str
+        What would make it smaller, as a sentence.
+    applied : callable
+        Takes an experiment and a number; returns the experiment with that many standard deviations
+        of the imperfection added.
+    """
+
+    source: str
+    accuracy: str
+    remedy: str
+    applied: Callable[[Experiment, float], Experiment]
+
+
+def raw_shifts(
+    problem: LadderProblem,
+    plan: Plan,
+    stage: Stage,
+    rung: HorizonFit,
+    imperfections: Sequence[Imperfection],
+) -> FloatArray:
+    """Return what each imperfection moves the estimate by, shape (imperfection, parameter), raw.
+
+    To first order the minimum moves by A^-1 times the change of S'r, half the loss's descent.
+
+    Parameters
+    ----------
+    problem : LadderProblem
+    plan : Plan
+    stage : Stage
+        Of the plan.
+    rung : HorizonFit
+        At the stage's minimum.
+    imperfections : sequence of Imperfection
+    """
+    raw, terms = rung.solution.raw, rung.solution.terms
+    shifts = np.zeros((len(imperfections), len(raw)))
+    if not imperfections:
+        return shifts
+    inverse = inverse_normal(terms.normal)
+
+    def descent(experiments: Sequence[Experiment]) -> FloatArray:
+        here = replace(problem, experiments=experiments).problem(stage, plan)
+        slope = problem.objective.loss_and_gradient(raw, here.windows)[1]
+        return -0.5 * terms.count * slope[here.moving]
+
+    changed = [[one.applied(e, _SMALL) for e in problem.experiments] for one in imperfections]
+    with ThreadPoolExecutor(_TOGETHER) as workers:
+        own, *others = workers.map(descent, [problem.experiments, *changed])
+    moving = problem.objective.layout.members(stage.groups)
+    shifts[:, moving] = (np.array(others) - own) @ inverse / _SMALL
+    return shifts
+
+
+def budget(
+    shown: Mapping[str, float], imperfections: Sequence[Imperfection], shifts: FloatArray
+) -> tuple[Contribution, ...]:
+    """Return the uncertainty budget of one quantity, the largest contribution first.
+
+    Parameters
+    ----------
+    shown : mapping of str to float
+        Standard deviations that the data show, by what they come from, in the quantity's unit.
+    imperfections : sequence of Imperfection
+    shifts : ndarray, shape (imperfection,)
+        What each of them moves the quantity by, in its unit.
+    """
+    rows = {
+        source: Contribution(source, std, remedy=_REMEDIES.get(source, ""))
+        for source, std in shown.items()
+    }
+    for one, shift in zip(imperfections, shifts, strict=True):
+        others = rows[one.source].std if one.source in rows else 0.0
+        total = float(np.nan_to_num(np.hypot(others, shift), nan=np.inf))
+        rows[one.source] = Contribution(one.source, total, one.accuracy, one.remedy)
+    return tuple(sorted(rows.values(), key=lambda row: -row.std))

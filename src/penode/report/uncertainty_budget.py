@@ -1,0 +1,77 @@
+"""The uncertainty budget of a fit, in words and as a table with bars."""
+
+from penode.fit.fit import Fit
+from penode.fit.outcome import NORMAL_95, Contribution, Estimate
+from penode.report.document import Cell, Row, Section, Table
+from penode.report.quantities import number, scale_for
+
+#: Fraction of the largest contribution below which one is not named in a sentence.
+_MINOR = 0.2
+#: Fraction of the variance below which no figure is given.
+_LEAST = 0.01
+
+
+def uncertainty_budget(fit: Fit) -> Section | None:
+    """Return the section on what the intervals are made of."""
+    budgets = {name: one for name, one in fit.parameters.items() if _assumed(one)}
+    if not budgets:
+        return None
+    return Section(
+        "Uncertainty budget",
+        "What the data show by themselves, and what was assumed of the sensors, which no "
+        "statistics of a recording can show. Give the accuracy of your own in the study file.",
+        [_table(name, estimate) for name, estimate in budgets.items()],
+    )
+
+
+def budget_sentence(estimate: Estimate) -> str:
+    """Return the main contributions to a half width in per cent; empty where none was assumed.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    """
+    if not _assumed(estimate) or not estimate.value:
+        return ""
+    each = NORMAL_95 * 100 / abs(estimate.value)
+    own = _assumed(estimate)
+    main = [row for row in own if row.std >= _MINOR * estimate.budget[0].std]
+    parts = [f"{row.source} {number(each * row.std, 2)} (assumed {row.accuracy})" for row in main]
+    shown = f"the data alone {number(each * estimate.statistical_std, 2)}"
+    whole = f"half width {number(each * estimate.std, 2)} %"
+    return f"{whole}: {', '.join([*parts, shown])}"
+
+
+def _assumed(estimate: Estimate) -> list[Contribution]:
+    return [row for row in estimate.budget if row.accuracy]
+
+
+def _table(name: str, estimate: Estimate) -> Table:
+    scale = scale_for([row.std for row in estimate.budget], estimate.unit)
+    whole = sum(row.std**2 for row in estimate.budget)
+    rows = [
+        Row(
+            (
+                Cell(row.source),
+                Cell(row.accuracy or "from the data"),
+                Cell(number(row.std * scale.factor, 2), row.std, "number"),
+                _bar(row.std**2 / whole if whole else 0.0),
+                Cell(row.remedy),
+            )
+        )
+        for row in estimate.budget
+        if row.std > 0
+    ]
+    return Table(
+        f"Standard uncertainty of {name}",
+        ("source", "standard deviation assumed", f"contribution in {scale.unit}".rstrip(),
+         "of the variance", "what would make it smaller"),
+        tuple(rows),
+        "Contributions are standard deviations; their squares add (JCGM 100:2008). The 95 % "
+        f"interval is the value ± {NORMAL_95} times their root sum of squares.",
+    )  # fmt: skip
+
+
+def _bar(fraction: float) -> Cell:
+    text = f"{100 * fraction:.0f} %" if fraction >= _LEAST else f"< {100 * _LEAST:.0f} %"
+    return Cell(text, fraction, "bar")

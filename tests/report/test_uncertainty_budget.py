@@ -1,0 +1,67 @@
+"""The budget in a report: a row a source, a bar a fraction of the variance, one sentence."""
+
+from dataclasses import replace
+
+import pytest
+
+from penode.fit.outcome import Contribution, Estimate
+from penode.report.document import Cell, Document, Row, Section, Table
+from penode.report.html import render
+from penode.report.uncertainty_budget import budget_sentence, uncertainty_budget
+
+ROWS = (
+    Contribution("gain of the currents", 4e-5, "0.4 %", "Calibrate."),
+    Contribution("statistics of the residuals", 3e-5, "", "Record longer."),
+    Contribution("delay of the voltage", 1e-6, "0.02 samples", "Measure it."),
+    Contribution("prior of the learned map", 0.0),
+)
+STD = (16e-10 + 9e-10 + 1e-12) ** 0.5
+R = Estimate.of(10e-3, STD, "ohm", budget=ROWS)
+
+
+def texts(row):
+    return [cell.text for cell in row.cells]
+
+
+def test_a_row_a_source_with_what_was_assumed_and_its_fraction_of_the_variance(fit):
+    fit.parameters = {"R": R}
+    (table,) = uncertainty_budget(fit).blocks
+    assert table.columns[2] == "contribution in µΩ"
+    assert [texts(row) for row in table.rows] == [
+        ["gain of the currents", "0.4 %", "40", "64 %", "Calibrate."],
+        ["statistics of the residuals", "from the data", "30", "36 %", "Record longer."],
+        ["delay of the voltage", "0.02 samples", "1.0", "< 1 %", "Measure it."],
+    ]
+    assert table.rows[0].cells[3].value == pytest.approx(0.64, rel=1e-3)
+
+
+def test_nothing_is_shown_where_nothing_was_assumed(fit):
+    shown = Estimate.of(10e-3, 3e-5, "ohm", budget=ROWS[1:2])
+    fit.parameters = {"R": shown, "old": Estimate.of(1.0, 0.1, "ohm")}
+    assert uncertainty_budget(fit) is None
+    assert budget_sentence(shown) == budget_sentence(fit.parameters["old"]) == ""
+
+
+def test_the_sentence_names_the_main_contributions():
+    assert budget_sentence(R) == (
+        "half width 0.98 %: gain of the currents 0.78 (assumed 0.4 %), the data alone 0.59"
+    )
+    assert budget_sentence(replace(R, value=0.0)) == ""
+
+
+def test_what_the_data_show_leaves_out_what_was_assumed():
+    assert R.statistical_std == pytest.approx(3e-5)
+    low, high = R.statistical_interval_95
+    assert (low, high) == pytest.approx((10e-3 - 5.88e-5, 10e-3 + 5.88e-5))
+    plain = Estimate.of(1.0, 0.1, "ohm")
+    assert plain.statistical_std == 0.1
+    assert plain.statistical_interval_95 == plain.interval_95
+
+
+@pytest.mark.parametrize(("fraction", "width"), [(0.25, "25.0%"), (0.0, "0.0%"), (1.7, "100.0%")])
+def test_a_bar_is_as_wide_as_its_fraction(fraction, width):
+    rows = (Row((Cell("source"), Cell("shown", fraction, "bar"))),)
+    table = Table("Budget", ("source", "fraction"), rows)
+    page = render(Document("Kind", "Title", "Lead", [], [Section("Part", "Lead", [table])]))
+    assert f'<span class="bar"><span style="width:{width}"></span></span>' in page
+    assert '<th scope="col" class="number">fraction</th>' in page
