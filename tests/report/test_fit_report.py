@@ -56,6 +56,7 @@ def test_a_report_of_any_model_has_every_section(text):
     titles = re.findall(r"<h2 [^>]*>([^<]*)</h2>", text)
     assert titles == [
         "Parameters over the horizon",
+        "Uncertainty budget",
         "Learned maps",
         "Prediction against measurement",
         "What the model does not explain",

@@ -35,11 +35,17 @@ def test_a_row_a_source_with_what_was_assumed_and_its_fraction_of_the_variance(f
     assert table.rows[0].cells[3].value == pytest.approx(0.64, rel=1e-3)
 
 
-def test_nothing_is_shown_where_nothing_was_assumed(fit):
+def test_sensors_are_not_spoken_of_where_nothing_was_assumed(fit):
     shown = Estimate.of(10e-3, 3e-5, "ohm", budget=ROWS[1:2])
     fit.parameters = {"R": shown, "old": Estimate.of(1.0, 0.1, "ohm")}
-    assert uncertainty_budget(fit) is None
+    section = uncertainty_budget(fit)
+    assert "sensors" not in section.lead
+    assert [row.cells[0].text for table in section.blocks for row in table.rows] == [ROWS[1].source]
     assert budget_sentence(shown) == budget_sentence(fit.parameters["old"]) == ""
+    fit.parameters = {"old": Estimate.of(1.0, 0.1, "ohm")}
+    assert uncertainty_budget(fit) is None
+    fit.parameters = {"R": R}
+    assert "assumed of the sensors" in uncertainty_budget(fit).lead
 
 
 def test_the_sentence_names_the_main_contributions():

@@ -13,13 +13,18 @@ _LEAST = 0.01
 
 def uncertainty_budget(fit: Fit) -> Section | None:
     """Return the section on what the intervals are made of."""
-    budgets = {name: one for name, one in fit.parameters.items() if _assumed(one)}
+    budgets = {name: one for name, one in fit.parameters.items() if one.budget}
     if not budgets:
         return None
+    lead = "What the data show of the uncertainty by themselves"
+    if any(_assumed(one) for one in budgets.values()):
+        lead += (
+            ", and what was assumed of the sensors, which no statistics of a recording can show. "
+            "Give the accuracy of your own in the study file"
+        )
     return Section(
         "Uncertainty budget",
-        "What the data show by themselves, and what was assumed of the sensors, which no "
-        "statistics of a recording can show. Give the accuracy of your own in the study file.",
+        f"{lead}.",
         [_table(name, estimate) for name, estimate in budgets.items()],
     )
 
