@@ -62,8 +62,8 @@ class Consensus:
         prior = np.stack([np.broadcast_to(rung.prior, middle.shape) for rung in rungs])
         deviation = np.hypot(deviation, np.sum(weights * prior, axis=0))
         deviation = np.maximum(deviation, _FINEST * np.abs(middle))
-        known = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
-        sure = np.sum(weights * known, axis=0) >= _MOST
+        finite = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
+        sure = np.sum(weights * finite, axis=0) >= _MOST
         return cls(middle, np.where(sure, deviation, np.inf))
 
     @classmethod

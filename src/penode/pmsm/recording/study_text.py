@@ -20,7 +20,7 @@ _SETTINGS = """\
 flux_map = "coenergy"  # default; or convex, mlp, polynomial, spline
 horizon = "auto"  # default; or a number of steps
 hold = "dq"  # guess: the usual one, as no recording shows it; or stationary
-# Left to the data unless it is said here; inverter and angle_orders need theta_el:
+# Decided from the data unless given here; inverter and angle_orders need theta_el:
 # inverter = true  # identify the dead-time voltage
 # terms = ["temperature_resistance"]  # R over a recorded winding temperature
 # angle_orders = [6, 12]  # harmonics of the angle in the map; [] for none
