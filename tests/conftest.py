@@ -322,8 +322,8 @@ def oscillation(name, samples, phase):
 
 
 @dataclass(frozen=True)
-class Told:
-    """A fit, the recording behind it, and what its observer heard."""
+class ObservedFit:
+    """A fit, the recording behind it, and the events its observer received."""
 
     fit: Fit
     recording: Experiment
@@ -331,7 +331,7 @@ class Told:
 
 
 @pytest.fixture(scope="session")
-def oscillator() -> Told:
+def oscillator() -> ObservedFit:
     """Return the fit of `Duffing` to a mass on a cubic spring, on a short ladder."""
     start = Duffing(TanhLayers.random((1, 3, 1), seed=1), mass=1.0, damping=0.1)
     recording, events = oscillation("train.csv", 800, 1.0), []
@@ -342,7 +342,7 @@ def oscillator() -> Told:
         validation=[oscillation("unseen.csv", 300, 2.0)],
         observer=events.append,
     )
-    return Told(fit, recording, events)
+    return ObservedFit(fit, recording, events)
 
 
 # --- compiled once ----------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 
 class InputError(ValueError):
-    """Bad input or usage, told in one sentence: what came, what was wanted, how to mend it.
+    """Bad input or usage, in one sentence: what came, what was wanted, how to mend it.
 
     The command line prints the sentence and ends with exit status 2.
     """

@@ -97,8 +97,8 @@ def identify(
     choice = choose(selector, climb, plan)
     check = cross_check(problem, plan, climb, choice, start)
     fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)
-    found = [*objections(fit, experiments, (*start.checks, *CHECKS)), *check.objections]
-    fit = with_objections(fit, found)
+    raised = [*objections(fit, experiments, (*start.checks, *CHECKS)), *check.objections]
+    fit = with_objections(fit, raised)
     if climb.interrupted or check.interrupted:
         raise Stopped(fit)
     return fit

@@ -41,7 +41,7 @@ def check_command(
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"{picture}: suffix {picture.suffix!r} came; use .png.")
     asked = load_study(config)
-    found = check_recordings(
+    check = check_recordings(
         [asked.load(run) for run in runs],
         flux_map=asked.study.flux_map,
         terms=asked.study.terms,
@@ -49,29 +49,29 @@ def check_command(
         pole_pairs=asked.mapping.pole_pairs,
         plate=asked.name_plate,
     )
-    drawn = picture is not None and found.excitation is not None
-    if picture is not None and found.excitation is not None and found.identifiability is not None:
+    drawn = picture is not None and check.excitation is not None
+    if picture is not None and check.excitation is not None and check.identifiability is not None:
         # Imported here: the plotting library takes a third of a second, and few commands draw.
         from penode.pmsm.precheck.check_picture import check_picture
 
         write_atomically(
-            picture, check_picture(found.drives, found.excitation, found.identifiability)
+            picture, check_picture(check.drives, check.excitation, check.identifiability)
         )
     if as_json:
-        typer.echo(json.dumps({**found.as_json(), "picture": str(picture) if drawn else None}))
+        typer.echo(json.dumps({**check.as_json(), "picture": str(picture) if drawn else None}))
     else:
-        _print(found, picture if drawn else None)
-    if not found.good:
+        _print(check, picture if drawn else None)
+    if not check.good:
         raise typer.Exit(1)
 
 
-def _print(found: RecordingCheck, picture: Path | None) -> None:
-    verdict = Text(found.verdict, style="green" if found.good else "red")
+def _print(check: RecordingCheck, picture: Path | None) -> None:
+    verdict = Text(check.verdict, style="green" if check.good else "red")
     rows: list[tuple[str, str | Text]] = [
-        *_recordings(found),
-        *_conventions(found),
-        *_coverage(found),
-        *_identifiability(found),
+        *_recordings(check),
+        *_conventions(check),
+        *_coverage(check),
+        *_identifiability(check),
         ("verdict", verdict),
     ]
     if picture is not None:
@@ -79,32 +79,32 @@ def _print(found: RecordingCheck, picture: Path | None) -> None:
     print_rows(_output, rows)
 
 
-def _recordings(found: RecordingCheck) -> list[tuple[str, str]]:
+def _recordings(check: RecordingCheck) -> list[tuple[str, str]]:
     rows = [
         (
             "recording",
             f"{e.name}: {len(e)} samples in {number(len(e) * e.time_step)} s, "
             f"{number(1e-3 / e.time_step)} kHz",
         )
-        for e in found.recordings
+        for e in check.recordings
     ]
-    quality = [f.sentence for f in found.quality] or ["No channel stands still or is clipped."]
+    quality = [f.sentence for f in check.quality] or ["No channel stands still or is clipped."]
     return rows + [("quality", sentence) for sentence in quality]
 
 
-def _conventions(found: RecordingCheck) -> list[tuple[str, str]]:
-    sentences = [b.sentence for b in found.broken] or [
+def _conventions(check: RecordingCheck) -> list[tuple[str, str]]:
+    sentences = [b.sentence for b in check.broken] or [
         "Nothing speaks against the signs, units, order, timing and angle of the channels."
     ]
     return [("conventions", sentence) for sentence in sentences] + [
-        ("undetermined", sentence) for sentence in found.untold
+        ("undetermined", sentence) for sentence in check.untold
     ]
 
 
-def _coverage(found: RecordingCheck) -> list[tuple[str, str]]:
-    if found.excitation is None:
+def _coverage(check: RecordingCheck) -> list[tuple[str, str]]:
+    if check.excitation is None:
         return []
-    cover = found.excitation
+    cover = check.excitation
     speeds = ", ".join(number(s * 30 / np.pi) for s in cover.speeds)
     summary = (
         f"Currents up to {number(cover.largest_current)} A over {number(100 * cover.fraction)} % "
@@ -114,10 +114,10 @@ def _coverage(found: RecordingCheck) -> list[tuple[str, str]]:
     return [("coverage", sentence) for sentence in (summary, *cover.advice)]
 
 
-def _identifiability(found: RecordingCheck) -> list[tuple[str, str]]:
-    if found.identifiability is None:
+def _identifiability(check: RecordingCheck) -> list[tuple[str, str]]:
+    if check.identifiability is None:
         return []
-    judged = found.identifiability
+    judged = check.identifiability
     rhos = ", ".join(f"{name} {rho:.2g}" for name, rho in judged.independence.items())
     summary = (
         f"Independence with the {judged.flux_map} map: {rhos} "
@@ -127,4 +127,4 @@ def _identifiability(found: RecordingCheck) -> list[tuple[str, str]]:
         ("identifiability", s)
         for s in (summary, judged.alarm, judged.repair and f"Repair: {judged.repair}")
     ]
-    return [row for row in rows if row[1]] + [("model", reason) for reason in found.structure]
+    return [row for row in rows if row[1]] + [("model", reason) for reason in check.structure]

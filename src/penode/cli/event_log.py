@@ -27,15 +27,15 @@ class EventLog:
         self._append = append
         self._file: TextIO | None = None
         self._before: bytes | None = None
-        self._told: set[int] = set()  # horizons whose rungs the log of before has
+        self._logged: set[int] = set()  # horizons whose rungs the log of before has
         self._began = time.monotonic()
 
     def __call__(self, event: Mapping[str, Any]) -> None:
         """Log one event, unless it repeats a rung that was taken over."""
         file = self._file or self._open()
         if event["event"] == "resume":
-            self._told &= set(event["horizons"])
-        if event["event"] == "rung" and event["horizon"] in self._told:
+            self._logged &= set(event["horizons"])
+        if event["event"] == "rung" and event["horizon"] in self._logged:
             return
         elapsed = round(time.monotonic() - self._began, 3)
         file.write(json.dumps({"elapsed_s": elapsed, **event}) + "\n")
@@ -62,7 +62,7 @@ class EventLog:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         self._before = self._path.read_bytes() if self._path.exists() else None
         if self._append and self._before is not None:
-            self._told = _rungs(self._before)
+            self._logged = _rungs(self._before)
         self._file = self._path.open("a" if self._append else "w")
         return self._file
 

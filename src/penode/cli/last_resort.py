@@ -1,4 +1,4 @@
-"""What is said of failures that no command expects: a sentence, an exit status, a file to send."""
+"""The report on failures that no command expects: a sentence, an exit status, a file to send."""
 
 import os
 import platform
@@ -39,11 +39,11 @@ def of_penode(error: Exception) -> str:
         *traceback.format_exception(error),
     ]
     what = f"{type(error).__name__}: {error}".splitlines()[0][:200]
-    said = f"penode failed where it should not ({what})"
+    message = f"penode failed where it should not ({what})"
     try:
         handle, path = tempfile.mkstemp(prefix="penode-failure-", suffix=".txt", text=True)
         with os.fdopen(handle, "w", encoding="utf-8") as file:
             file.writelines(lines)
     except OSError:
-        return f"{said}; its details could not be written."
-    return f"{said}; please send in {path}, which has the details."
+        return f"{message}; its details could not be written."
+    return f"{message}; please send in {path}, which has the details."

@@ -48,15 +48,15 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     if as_json:
         typer.echo(json.dumps({**_as_json(loci), "picture": str(out)}))
     else:
-        lines = [*_told(loci), f"picture         {out}"]
+        lines = [*_figures(loci), f"picture         {out}"]
         lines += [f"loci            {csv}"] if csv is not None else []
         _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
     if warning := doubt(fit):
         _errors.print(warning, soft_wrap=True, highlight=False, markup=False)
 
 
-def _told(loci: ControlLoci) -> list[str]:
-    """Return the main figures, one a line; extrapolations are said."""
+def _figures(loci: ControlLoci) -> list[str]:
+    """Return the main figures, one a line; extrapolations are marked."""
     full, short = loci.mtpa, loci.characteristic
     i_d, i_q = full.current[:, -1]
     beyond = "" if full.supported[-1] else ", beyond the recordings"

@@ -10,12 +10,12 @@ _STYLES = {"warning": "bold yellow"}
 
 
 def print_rows(console: Console, rows: Sequence[tuple[str, str | Text]]) -> None:
-    """Print labels with what they stand for.
+    """Print labels with their values.
 
     Parameters
     ----------
     console : Console
-        On a terminal long sentences fold beside their label, and a label that repeats is said once;
+        On a terminal long sentences fold beside their label, and a repeated label is shown once;
         else every row is one line with its label, for programs that read lines.
     rows : sequence of pairs
         Label and sentence; nothing in them is taken for markup.

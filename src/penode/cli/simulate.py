@@ -102,11 +102,11 @@ def _torque_line(recording: Recording) -> str:
 
 
 def _deviation_lines(apart: Deviation) -> list[str]:
-    told = {name: number(value) for name, value in apart.rms.items()}
+    rms = {name: number(value) for name, value in apart.rms.items()}
     return [
-        f"currents   i_d {told['i_d']} A, i_q {told['i_q']} A rms from {apart.name}, "
+        f"currents   i_d {rms['i_d']} A, i_q {rms['i_q']} A rms from {apart.name}, "
         f"after {number(1e3 * apart.settled)} ms",
-        f"voltages   u_d {told['u_d']} V, u_q {told['u_q']} V rms from it",
+        f"voltages   u_d {rms['u_d']} V, u_q {rms['u_q']} V rms from it",
     ]
 
 

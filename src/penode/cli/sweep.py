@@ -71,21 +71,21 @@ def sweep_command(  # noqa: PLR0913 (an argument an option)
     asked = load_study(config, options)
     grid = grid_of(whole_numbers("horizons", horizons), seeds)
     recordings = [asked.load(run) for run in runs]
-    found = []
+    swept = []
     try:
         with _workers(jobs, dask) as executor:
             for one in sweep(recordings, asked.study, grid, out, executor, resume):
-                _tell(one)
-                found.append(one)
+                _report(one)
+                swept.append(one)
     except KeyboardInterrupt as error:
-        told = "Stopped; finished fits are kept. Add --resume to go on."
-        raise Interrupted(told) from error
-    found.sort(key=lambda one: grid.index((one.horizon, one.seed)))
-    write_sweep(found, out)
-    _print_table(found)
+        message = "Stopped; finished fits are kept. Add --resume to go on."
+        raise Interrupted(message) from error
+    swept.sort(key=lambda one: grid.index((one.horizon, one.seed)))
+    write_sweep(swept, out)
+    _print_table(swept)
     _output.print(f"table   {out / 'sweep.csv'}", soft_wrap=True, highlight=False)
     _output.print(f"figure  {out / 'sweep.png'}", soft_wrap=True, highlight=False)
-    if all(one.failure for one in found):
+    if all(one.failure for one in swept):
         raise typer.Exit(1)
 
 
@@ -131,7 +131,7 @@ def _cluster(address: str) -> Iterator[Executor]:
         yield client.get_executor()
 
 
-def _tell(one: Swept) -> None:
+def _report(one: Swept) -> None:
     shown = one.failure or ", ".join(
         f"{name} {_shown(value, one.units[name])}" for name, value in one.parameters.items()
     )
@@ -139,15 +139,15 @@ def _tell(one: Swept) -> None:
     _errors.print(text, soft_wrap=True, highlight=False, markup=False)
 
 
-def _print_table(found: Sequence[Swept]) -> None:
+def _print_table(swept: Sequence[Swept]) -> None:
     """Print a row a horizon: the mean over the seeds, and what they differ by."""
-    units = {name: unit for one in found for name, unit in one.units.items()}
+    units = {name: unit for one in swept for name, unit in one.units.items()}
     table = Table(box=None, padding=(0, 2, 0, 0))
-    failing = any(one.failure for one in found)
+    failing = any(one.failure for one in swept)
     for name in ("H", *units, "free run", *(["failed"] if failing else [])):
         table.add_column(name, justify="right")
-    for horizon in dict.fromkeys(one.horizon for one in found):
-        here = [one for one in found if one.horizon == horizon]
+    for horizon in dict.fromkeys(one.horizon for one in swept):
+        here = [one for one in swept if one.horizon == horizon]
         good = [one for one in here if not one.failure]
         cells = [_over_seeds([one.parameters[n] for one in good], u) for n, u in units.items()]
         failed = [str(len(here) - len(good))] if failing else []

@@ -29,7 +29,7 @@ def load(path: str | os.PathLike[str], name: str | None = None) -> Experiment:
     """Load a recording; the suffix of the file chooses the reader.
 
     Column ``t`` gives the time step, every other column becomes a channel. A unit that the file
-    tells and `penode.data.units` knows is converted to SI; all other values are left as they are.
+    gives and `penode.data.units` knows is converted to SI; all other values are left as they are.
     Nothing is repaired: what is missing, not finite or not uniform is refused.
 
     Parameters

@@ -33,12 +33,12 @@ class Origin:
     si : str
         SI unit of the channel, such as ``"A"``; empty where any unit will do.
     unit : str
-        Unit of the column; empty for the one that the file tells, and SI where it tells none.
+        Unit of the column; empty for the one that the file gives, and SI where it gives none.
     scale : float
         What one count of the column is in that unit.
     sign : {1, -1}
     delay : int
-        Samples by which the column lags behind what it stands for: row k of the channel is row
+        Samples by which the column lags behind the channel: row k of the channel is row
         ``k + delay`` of the column, on the common clock. Negative where the column leads.
     times : str
         Another column that the column is a share of, such as the DC-link voltage of a duty; it
@@ -173,15 +173,15 @@ def _column(file: str, table: Table, name: str, column: str) -> FloatArray:
 
 
 def _unit(file: str, table: Table, name: str, origin: Origin) -> Unit:
-    """Return the unit of a column as it was given, else as the file tells it, else SI."""
-    told = table.units.get(origin.column, "")
-    text = origin.unit or told or origin.si
+    """Return the unit of a column as it was given, else as the file gives it, else SI."""
+    column_unit = table.units.get(origin.column, "")
+    text = origin.unit or column_unit or origin.si
     if not origin.si and unit_name(text) is None:
         return Unit("")
     where = f"{file}: channel {name}"
     unit = find_unit(where, text)
     if origin.si not in ("", unit.si):
-        fitting = [known for known, other in UNITS.items() if other.si == origin.si]
+        fitting = [candidate for candidate, other in UNITS.items() if other.si == origin.si]
         raise InputError(
             f"{where}: unit {text!r} came for column {origin.column} where one of "
             f"{', '.join(fitting)} was wanted; give the unit of the column."

@@ -60,8 +60,8 @@ def inspect(experiment: Experiment, channels: Sequence[str]) -> tuple[Finding, .
     InputError
         If a channel is missing.
     """
-    found = (check(experiment, channel) for channel in channels for check in CHECKS)
-    return tuple(finding for finding in found if finding is not None)
+    findings = (check(experiment, channel) for channel in channels for check in CHECKS)
+    return tuple(finding for finding in findings if finding is not None)
 
 
 def check_excitation(experiment: Experiment, channels: Sequence[str]) -> None:
@@ -205,5 +205,5 @@ def _values(experiment: Experiment, channel: str) -> FloatArray:
 
 
 def _is_constant(values: FloatArray) -> bool:
-    """Tell whether all values are equal but for rounding."""
+    """Return whether all values are equal but for rounding."""
     return bool(np.ptp(values) <= _CONSTANT * np.abs(values).max())

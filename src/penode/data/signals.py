@@ -17,7 +17,7 @@ class Signal:
     Attributes
     ----------
     group, name, unit : str
-        As the file has them; the unit is empty where the file tells none.
+        As the file has them; the unit is empty where the file gives none.
     values : ndarray, shape (time,)
         In that unit.
     times : ndarray of shape (time,), or None
@@ -75,8 +75,8 @@ def table_of(file: str, signals: Sequence[Signal]) -> Table:
 
 def _clock(clocks: dict[str, FloatArray], times: FloatArray) -> str:
     """Return the name of these times, which are added where they are new."""
-    for name, known in clocks.items():
-        if np.array_equal(times, known):
+    for name, clock in clocks.items():
+        if np.array_equal(times, clock):
             return name
     name = f"{TIME}_{len(clocks) + 1}" if clocks else TIME
     clocks[name] = times

@@ -25,7 +25,7 @@ class Table:
     columns : dict of str to ndarray, each of shape (time,)
         Float64, in the order and the units of the file.
     units : dict of str to str
-        Unit as the file spells it, of the columns for which it tells one.
+        Unit as the file spells it, of the columns for which it gives one.
     clocks : dict of str to str
         Column that holds the sampling times, where the file ties a column to one. All other
         columns have the time column of the file.

@@ -52,7 +52,7 @@ def uniform_step(file: str, t: FloatArray) -> float:
 
 
 def _uniform_but_for_digits(t: FloatArray) -> bool:
-    """Tell whether the times are a uniform grid, rounded to the digits they show.
+    """Return whether the times are a uniform grid, rounded to the digits they show.
 
     Rounding errors do not add up: the times stay within half a quantum of a straight line, while
     a missing row or a jittering clock leaves it.

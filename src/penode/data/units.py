@@ -147,22 +147,22 @@ def find_unit(where: str, text: str) -> Unit:
     """
     name = unit_name(text)
     if name is None:
-        known = [*_ALIASES, *UNITS]
+        spellings = [*_ALIASES, *UNITS]
         raise InputError(
-            f"{where}: unit {text!r} came{did_you_mean(text, known)}; give one of "
+            f"{where}: unit {text!r} came{did_you_mean(text, spellings)}; give one of "
             f"{', '.join(UNITS)}, and scale for what is left."
         )
     return UNITS[name]
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, candidates: Iterable[str]) -> str:
     """Return the nearest known word as a part of a sentence, nothing where none is near.
 
     Parameters
     ----------
     word : str
         What came.
-    known : iterable of str
+    candidates : iterable of str
         What could have come.
 
     Returns
@@ -170,6 +170,6 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     str
         Such as ``" (did you mean unit?)"``, or an empty string.
     """
-    spelt = {name.lower(): name for name in known}
+    spelt = {name.lower(): name for name in candidates}
     near = difflib.get_close_matches(word.lower(), spelt, n=1, cutoff=0.5)
     return f" (did you mean {spelt[near[0]]}?)" if near else ""

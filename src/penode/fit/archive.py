@@ -106,19 +106,19 @@ def _import_module_class(reference: str) -> type[eqx.Module]:
             "from there, and save the fit again."
         )
     try:
-        found: Any = importlib.import_module(module_name)
+        target: Any = importlib.import_module(module_name)
         for part in class_name.split("."):
-            found = getattr(found, part)
+            target = getattr(target, part)
     except (ImportError, AttributeError, SyntaxError) as error:
         raise InputError(
             f"{needs} cannot be imported ({error}); run in the folder that holds "
             f"{module_name}.py, or add that folder to PYTHONPATH."
         ) from error
-    if not (isinstance(found, type) and issubclass(found, eqx.Module)):
+    if not (isinstance(target, type) and issubclass(target, eqx.Module)):
         raise InputError(
             f"The saved fit names {reference}, which is no model; it was not written by penode."
         )
-    return found
+    return target
 
 
 def write_archive(folder: Path, document: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:

@@ -179,8 +179,8 @@ class Fit:
         """Return the content of ``result.json``."""
         metrics: dict[str, Any] = {"train": {}, "validation": {}}
         for comparison in self.comparisons:
-            known = metrics[comparison.role]
-            known[unused(comparison.name, known)] = comparison.metrics()
+            of_role = metrics[comparison.role]
+            of_role[unused(comparison.name, of_role)] = comparison.metrics()
         return {
             "schema": SCHEMA,
             "horizon": asdict(self.horizon),
@@ -226,11 +226,11 @@ class Fit:
             imported.
         """
         document, arrays = read_archive(Path(folder) / "fit")
-        found = document.get("schema")
-        if found != SCHEMA:
+        schema = document.get("schema")
+        if schema != SCHEMA:
             raise InputError(
-                f"{folder}: schema {found!r} came, {SCHEMA!r} was wanted; read it with the version "
-                "of penode that wrote it."
+                f"{folder}: schema {schema!r} came, {SCHEMA!r} was wanted; read it with the "
+                "version of penode that wrote it."
             )
         try:
             return cls._restored(document, arrays)
@@ -275,10 +275,10 @@ def _in_float64(learned: Callable[..., Any]) -> Callable[..., Any]:
     return evaluate
 
 
-def unused(name: str, known: Mapping[str, Any]) -> str:
+def unused(name: str, taken: Mapping[str, Any]) -> str:
     """Return the name, numbered if the mapping has it already: files of several folders."""
     number, candidate = 2, name
-    while candidate in known:
+    while candidate in taken:
         number, candidate = number + 1, f"{name} ({number})"
     return candidate
 

@@ -148,9 +148,9 @@ class Assembly:
     def _uncertainty(self, chosen: HorizonFit) -> LearnedUncertainty:
         layout = self.problem.objective.layout
         moving = np.flatnonzero(self._moving)
-        known = np.isfinite(chosen.deviation[len(self.names) :]).all()
+        finite = np.isfinite(chosen.deviation[len(self.names) :]).all()
         covariance = np.full((layout.size, layout.size), np.inf)
-        if known:
+        if finite:
             covariance[:] = self._shifts.T @ self._shifts
             covariance[np.ix_(moving, moving)] += sandwich(chosen.solution.terms, chosen.windows)
         agreeing = [self.rungs[k] for k in self.choice.agreeing]

@@ -202,7 +202,7 @@ def _given_by_problem(problem: Problem, raw: FloatArray) -> dict[str, str]:
 def _readable(thing: object) -> str:
     """Return the representation without addresses, numbers rounded as another processor would."""
     text = re.sub(r" at 0x[0-9a-f]+", "", repr(thing))
-    return re.sub(r"\d+\.\d+(e[-+]?\d+)?", lambda found: f"{float(found[0]):.9g}", text)
+    return re.sub(r"\d+\.\d+(e[-+]?\d+)?", lambda match: f"{float(match[0]):.9g}", text)
 
 
 def _require_same(path: Path, saved: Mapping[str, str], came: Mapping[str, str]) -> None:

@@ -70,8 +70,8 @@ class Consensus:
         values, weights = _weighed(rungs)
         middle, spread = _middle(values, weights)
         priors = np.stack([np.broadcast_to(rung.prior, middle.shape) for rung in rungs])
-        known = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
-        sure = np.sum(weights * known, axis=0) >= _MOST
+        finite = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
+        sure = np.sum(weights * finite, axis=0) >= _MOST
         statistics = np.where(sure, weighted_deviation(rungs, weights), np.inf)
         horizon, prior = np.sqrt(_BIAS) * spread, np.sum(weights * priors, axis=0)
         shown = statistics**2 + horizon**2 + prior**2

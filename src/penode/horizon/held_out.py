@@ -33,7 +33,7 @@ class HeldOut:
     Attributes
     ----------
     experiments : sequence of Experiment
-        Predicted; with recordings that nobody trained on this measures what generalises.
+        Predicted; with recordings not used for training this measures what generalises.
     look_aheads : tuple of int
         Steps; `FREE_RUN` simulates the whole recording from its first sample.
     """

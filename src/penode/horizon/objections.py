@@ -47,18 +47,18 @@ def objections(
     return tuple(objection for check in checks for objection in check(fit, experiments))
 
 
-def with_objections(fit: Fit, found: Sequence[Objection]) -> Fit:
+def with_objections(fit: Fit, raised: Sequence[Objection]) -> Fit:
     """Return the fit with objections, which turn a verdict that it is right.
 
     Parameters
     ----------
     fit : Fit
-    found : sequence of Objection
+    raised : sequence of Objection
         The first gives the reason, the others are warnings.
     """
-    if not found:
+    if not raised:
         return fit
-    choice, others = replace(fit.horizon, objections=tuple(found)), list(found)
+    choice, others = replace(fit.horizon, objections=tuple(raised)), list(raised)
     if choice.answered and choice.verdict != "stopped":
         first = others.pop(0)
         reason = f"{first.name.capitalize()}: {first.reason} {first.repair}"

@@ -71,8 +71,8 @@ def without_collapsed(climb: Climb) -> Climb:
     """
     physical = len(climb.fits[0].influence)
     working = np.stack([rung.working[:physical] for rung in climb.fits])
-    known = np.where(np.isfinite(working), working, np.nan)
-    middle = [np.nanmedian(c) if np.isfinite(c).any() else 0.0 for c in known.T]
+    finite = np.where(np.isfinite(working), working, np.nan)
+    middle = [np.nanmedian(c) if np.isfinite(c).any() else 0.0 for c in finite.T]
     collapsed = working < _COLLAPSED * np.asarray(middle)
     if not collapsed.any():
         return climb

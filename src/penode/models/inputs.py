@@ -20,9 +20,9 @@ class Inputs(eqx.Module):
     names : tuple of str
         Of the rows.
     span : tuple of float, or None
-        The part of the sample that these values stand for, from its beginning to its end, in s
+        The part of the sample that these values represent, from its beginning to its end, in s
         after the moment they belong to: (0, 0) for the moment alone, None where a solver's stages
-        stand for no part of the sample.
+        represent no part of the sample.
     """
 
     values: JaxArray
@@ -75,12 +75,12 @@ class Inputs(eqx.Module):
         Raises
         ------
         InputError
-            If the solver's stages stand for no part of the sample.
+            If the solver's stages represent no part of the sample.
         """
         if self.span is None:
             raise InputError(
                 f"{purpose} takes its mean over the part of a sample that a stage of the solver "
-                "stands for, and the stages of this solver stand for none; choose a Runge-Kutta "
+                "represents, and the stages of this solver represent none; choose a Runge-Kutta "
                 "method without negative weights, such as RK4, or an implicit method."
             )
         begin, end = self.span
@@ -90,5 +90,5 @@ class Inputs(eqx.Module):
         try:
             return self.names.index(name)
         except ValueError:
-            known = ", ".join(self.names) or "none"
-            raise KeyError(f"no input {name!r}; the model's inputs are {known}") from None
+            names = ", ".join(self.names) or "none"
+            raise KeyError(f"no input {name!r}; the model's inputs are {names}") from None

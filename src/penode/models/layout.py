@@ -187,13 +187,13 @@ class Layout(Generic[AnyModule]):
         InputError
             If a value is not admissible.
         """
-        found, first = raw.copy(), 0
+        updated, first = raw.copy(), 0
         for name, (setting, at, shape, _) in zip(self.names, self._entries(), strict=True):
             if setting.physical:
                 part = values[first : first + math.prod(shape)].reshape(shape)
-                found[at] = _inverse(name, setting.transform, part)
+                updated[at] = _inverse(name, setting.transform, part)
                 first += part.size
-        return found
+        return updated
 
     @property
     def physical_members(self) -> BoolArray:
@@ -218,12 +218,12 @@ class Layout(Generic[AnyModule]):
         return self._members(groups, self._values)
 
     def _members(self, groups: Sequence[str] | None, places: Sequence[slice]) -> BoolArray:
-        known = {setting.group for setting in self.settings}
-        missing = sorted(set(groups or ()) - known)
+        available = {setting.group for setting in self.settings}
+        missing = sorted(set(groups or ()) - available)
         if missing:
             raise InputError(
                 f"group {', '.join(missing)} came; the model's groups are "
-                f"{', '.join(sorted(known))}."
+                f"{', '.join(sorted(available))}."
             )
         chosen = np.zeros(places[-1].stop if places else 0, dtype=np.bool_)
         for setting, at in zip(self.settings, places, strict=True):

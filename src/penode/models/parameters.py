@@ -68,7 +68,7 @@ AnyModule = TypeVar("AnyModule", bound=eqx.Module)
 Tree = TypeVar("Tree")
 
 
-#: Stands for a field that has to be given.
+#: Marks a field that has to be given.
 _REQUIRED: Any = object()
 
 
@@ -176,14 +176,14 @@ def _declare(setting: Setting, default: Any = _REQUIRED) -> Any:
 def setting_at(model: eqx.Module, path: Sequence[Any]) -> Setting:
     """Return what is known of the leaf at a path of tree keys."""
     node: Any = model
-    found = _DEFAULT
+    setting = _DEFAULT
     for key in path:
         if isinstance(key, jax.tree_util.GetAttrKey):
-            found = type(node).__dataclass_fields__[key.name].metadata.get("setting", _DEFAULT)
+            setting = type(node).__dataclass_fields__[key.name].metadata.get("setting", _DEFAULT)
             node = getattr(node, key.name)
         else:
             node = node[key.idx if hasattr(key, "idx") else key.key]
-    return found
+    return setting
 
 
 def settings(model: eqx.Module) -> Any:

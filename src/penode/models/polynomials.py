@@ -77,16 +77,16 @@ class Polynomial(eqx.Module):
         """Return the value (m, batch) and its Jacobian (m, n, batch) at x (n, batch)."""
         columns = dict(zip(range(self.inputs), x, strict=True))
         terms = exponents(self.inputs, self.degree)
-        known = {terms[0]: jnp.ones_like(x[0])}
+        by_exponents = {terms[0]: jnp.ones_like(x[0])}
         for term in terms[1:]:
             i = next(i for i, power in enumerate(term) if power)
-            known[term] = known[_lowered(term, i)] * columns[i]
+            by_exponents[term] = by_exponents[_lowered(term, i)] * columns[i]
         nothing = jnp.zeros_like(x[0])
         slopes = [
-            [p * known[_lowered(term, i)] if p else nothing for i, p in enumerate(term)]
+            [p * by_exponents[_lowered(term, i)] if p else nothing for i, p in enumerate(term)]
             for term in terms
         ]
-        monomials = jnp.stack(list(known.values()))
+        monomials = jnp.stack(list(by_exponents.values()))
         return dense(self.coefficients, monomials), dense(self.coefficients, jnp.array(slopes))
 
 

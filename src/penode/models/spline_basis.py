@@ -113,8 +113,8 @@ def _derivatives(knots: FloatArray, weights: FloatArray, x: Any, count: int, num
     powers = numerics.stack([square * square, square * above, square, above])
     factors = np.array([1.0, -4.0, 12.0, -24.0])[:, None, None, None] * weights
     pieces = [factors[..., k, None] * powers[:, :, k : k + splines] for k in range(DEGREE + 2)]
-    found = numerics.where(reached, sum(pieces[1:], pieces[0]), 0.0)
-    value, slope, curvature, third = found
+    differences = numerics.where(reached, sum(pieces[1:], pieces[0]), 0.0)
+    value, slope, curvature, third = differences
     beyond = x - inside
     continued = [
         value + beyond * (slope + beyond * curvature / 2),

@@ -74,7 +74,7 @@ def run_demo(folder: Path, observer: Observer = ignore_events) -> Demo:
     folder : Path
         Gets the recordings.
     observer : callable
-        Told of each evaluation and rung.
+        Called with each evaluation and rung.
     """
     train, validation = record(folder)
     machine = TRACTION_300A

@@ -97,9 +97,9 @@ def sweep(
     for horizon, seed in grid:
         one = replace(study, horizon=horizon, seed=seed)
         place, given = folder / f"seed{seed}" / f"H{horizon}", _given(recordings, one)
-        known = _read(place / "swept.json", given) if resume else None
-        if known is not None:
-            yield known
+        kept = _read(place / "swept.json", given) if resume else None
+        if kept is not None:
+            yield kept
         else:
             waiting.add(executor.submit(_train, recordings, one, place, given))
     while waiting:
@@ -109,20 +109,20 @@ def sweep(
             yield future.result()
 
 
-def write_sweep(found: Sequence[Swept], folder: Path) -> None:
+def write_sweep(swept: Sequence[Swept], folder: Path) -> None:
     """Write ``sweep.csv`` and ``sweep.png`` into a folder.
 
     Parameters
     ----------
-    found : sequence of Swept
+    swept : sequence of Swept
         At least one.
     folder : Path
     """
-    write_atomically(folder / "sweep.csv", _table(found))
+    write_atomically(folder / "sweep.csv", _table(swept))
     # Imported here: the plotting library takes a third of a second, and every command would pay it.
     from penode.pmsm.studies.study_figure import study_figure
 
-    write_atomically(folder / "sweep.png", study_figure(_panels(found)))
+    write_atomically(folder / "sweep.png", study_figure(_panels(swept)))
 
 
 def grid_of(horizons: Sequence[int], seeds: int) -> list[tuple[int, int]]:
@@ -181,8 +181,8 @@ def _given(experiments: Sequence[Experiment], study: Study) -> dict[str, Any]:
         digest.update(repr(experiment.time_step).encode())
         for name in sorted(experiment.channels):
             digest.update(name.encode() + experiment.channels[name].tobytes())
-    known = {"recordings": digest.hexdigest(), "study": str(study)}
-    return {"penode": penode_version(), **known}
+    inputs = {"recordings": digest.hexdigest(), "study": str(study)}
+    return {"penode": penode_version(), **inputs}
 
 
 def _read(path: Path, given: Mapping[str, Any]) -> Swept | None:

@@ -7,7 +7,7 @@ from penode.models.base import Model
 from penode.models.inputs import Inputs
 from penode.predictors.holds import Drive, Hold
 
-#: Part of a solver's step that a stage stands for: its beginning and end as fractions of the step.
+#: Part of a solver's step that a stage represents: its beginning and end as fractions of the step.
 Part = tuple[float, float]
 
 
@@ -54,7 +54,7 @@ class Field:
         fraction : float
             Place within the solver's step, 0 to 1.
         part : tuple of float, optional
-            Part of the solver's step that this derivative stands for, in fractions of the step;
+            Part of the solver's step that this derivative represents, in fractions of the step;
             without it, a model that asks for the part is refused (`Inputs.part_for`).
         """
         place = self.first + self.length * fraction

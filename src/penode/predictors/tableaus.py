@@ -49,13 +49,13 @@ class ButcherTableau:
 
     @property
     def parts(self) -> tuple[tuple[float, float] | None, ...]:
-        """Part of the step that each stage stands for, as its beginning and end.
+        """Part of the step that each stage represents, as its beginning and end.
 
         Stages follow each other in the order of their nodes, each as long as its weight; those of
         one node share one part. Together they cover the step once, so that a quantity that jumps
-        within it is weighed by how long it holds. A stage without weight stands for its moment; so
+        within it is weighed by how long it holds. A stage without weight represents its moment; so
         does that of Euler's method, of which the part lies wholly after it. Where a weight is
-        negative no stage stands for any part, and all are None.
+        negative no stage represents any part, and all are None.
         """
         lengths: dict[float, float] = {}
         for node, weight in sorted(zip(self.nodes, self.b, strict=True)):

@@ -102,12 +102,12 @@ def _draw_curve(figure: go.Figure, values: MapValues, axis: FloatArray, panel: i
         "yaxis": panels.axis_id("y", panel),
         "showlegend": panel == 0,
     }
-    known = np.isfinite(half) & values.inside
-    if known.any():
-        ends = np.concatenate([curve[known] - half[known], (curve[known] + half[known])[::-1]])
+    finite = np.isfinite(half) & values.inside
+    if finite.any():
+        ends = np.concatenate([curve[finite] - half[finite], (curve[finite] + half[finite])[::-1]])
         figure.add_trace(
             go.Scatter(
-                x=panels.compact(np.concatenate([axis[known], axis[known][::-1]])),
+                x=panels.compact(np.concatenate([axis[finite], axis[finite][::-1]])),
                 y=panels.compact(ends),
                 mode="lines",
                 line={"width": 0},

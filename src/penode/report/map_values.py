@@ -151,7 +151,7 @@ def _deviation(fit: Fit, states: FloatArray, values: FloatArray) -> FloatArray:
         return deviation
     of_learned = fit.learned_deviation(states).T
     for row, value in enumerate(values):
-        for output, known in zip(outputs, of_learned, strict=True):
+        for output, output_deviation in zip(outputs, of_learned, strict=True):
             if np.allclose(value, output, rtol=1e-6, atol=1e-9 * float(np.abs(output).max())):
-                deviation[row] = known
+                deviation[row] = output_deviation
     return np.where(np.isfinite(deviation), deviation, np.nan)

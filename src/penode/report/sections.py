@@ -99,10 +99,10 @@ def predictions(fit: Fit) -> Section | None:
         )
         for one in ordered[:_DRAWN]
     ]
-    known = f"{listed(fit.model.inputs)} and " if fit.model.inputs else ""
+    inputs = f"{listed(fit.model.inputs)} and " if fit.model.inputs else ""
     return Section(
         "Prediction against measurement",
-        f"In a free run the model sees {known}the first sample of {listed(ordered[0].states)}, "
+        f"In a free run the model sees {inputs}the first sample of {listed(ordered[0].states)}, "
         "nothing else. Recordings not used for training count most, and those with the largest "
         "errors come first.",
         [validation_table(ordered), *figures],

@@ -14,7 +14,7 @@ from penode.models.layout import Layout
 from penode.training.gauss_newton_terms import GaussNewtonTerms
 
 #: Directions of the normal matrix below this fraction of the largest (after scaling) are flat:
-#: rounding makes what is said of them noise, which may swamp what the others say.
+#: their estimates are rounding noise, which may swamp those of the others.
 FLAT = 1e-10
 
 #: Length of the recordings, in HAC bandwidths, below which no deviation is given.
@@ -61,7 +61,7 @@ def bartlett(series: FloatArray, bandwidth: int) -> FloatArray:
     sums = np.concatenate([np.zeros((size, 1)), np.cumsum(series, axis=1)], axis=1)
     first = np.arange(1 - bandwidth, length)
     blocks = sums[:, np.minimum(first + bandwidth, length)] - sums[:, np.maximum(first, 0)]
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is unknown, and said so
+    with np.errstate(over="ignore", invalid="ignore"):  # overflow is reported as unknown
         return np.asarray(blocks @ blocks.T / bandwidth)
 
 

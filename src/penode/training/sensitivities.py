@@ -128,8 +128,8 @@ class _Recursion:
 
     def ahead(self, history: JaxArray, pull_back: Any, sensitivity: JaxArray) -> JaxArray:
         """Return S_(k+1) = (dg/dx) S_k + dg/dtheta in front of its past."""
-        pulled = [pull_back(_unit(history, (0, i))) for i in range(history.shape[1])]
-        rows = [self._row(direct, before, sensitivity) for direct, before in pulled]
+        products = [pull_back(_unit(history, (0, i))) for i in range(history.shape[1])]
+        rows = [self._row(direct, before, sensitivity) for direct, before in products]
         ahead = jnp.stack(rows)[None]
         return jnp.concatenate([ahead, sensitivity[:-1]]) if len(sensitivity) > 1 else ahead
 
@@ -141,13 +141,13 @@ class _Recursion:
         residual, pull_back = jax.vjp(
             lambda p, x: error.residual(p, x, step, self.horizon, batch), self.parts, predicted
         )
-        pulled = [pull_back(_unit(residual, (i,))) for i in range(len(residual))]
+        products = [pull_back(_unit(residual, (i,))) for i in range(len(residual))]
         if not error.plain:
-            rows = [self._row(direct, before, sensitivity) for direct, before in pulled]
+            rows = [self._row(direct, before, sensitivity) for direct, before in products]
             return residual, -jnp.stack(rows)
         # -dr/dx is the weight: a product with its zeros would cost a fifth.
         weight = error.weight(step, self.horizon)[error.compared][:, None, None]
-        direct = jnp.stack([_joined(own)[: self.shared] for own, _ in pulled])
+        direct = jnp.stack([_joined(own)[: self.shared] for own, _ in products])
         return residual, _less(weight * sensitivity[error.compared], direct)
 
     def _row(self, direct: Parts, before: JaxArray, sensitivity: JaxArray) -> JaxArray:

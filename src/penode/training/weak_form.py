@@ -139,8 +139,8 @@ def weak_regression(
     slope = np.pi / length * np.sin(2 * np.pi * phase)
     area = (phase / 2 - np.sin(2 * np.pi * phase) / (4 * np.pi)) * length * time_step
     balance = _integrate(supplied, weight, stride) + _integrate(stored, slope, stride)
-    known = _integrate(held[:-1], np.diff(area), stride)
-    return WeakRegression(balance.reshape(-1, balance.shape[-1]), -known.reshape(-1))
+    held_integral = _integrate(held[:-1], np.diff(area), stride)
+    return WeakRegression(balance.reshape(-1, balance.shape[-1]), -held_integral.reshape(-1))
 
 
 def _integrate(values: FloatArray, weight: FloatArray, stride: int) -> FloatArray:

@@ -129,8 +129,8 @@ def free_run_errors(
         squares += _free_run_squares(predictor, models, experiment)[:, rows]
         count += len(experiment) - predictor.past
     with np.errstate(invalid="ignore"):
-        found = np.sqrt(squares / count)
-    return np.asarray(np.where(np.isfinite(found), found, np.inf))
+        rms = np.sqrt(squares / count)
+    return np.asarray(np.where(np.isfinite(rms), rms, np.inf))
 
 
 def _measured_rows(model: Model) -> list[int]:
@@ -261,12 +261,12 @@ def _estimated_start(
         return gap
 
     slope = jax.jit(jax.jacfwd(residual))
-    found = least_squares(
+    solution = least_squares(
         lambda free: np.nan_to_num(np.asarray(residual(free)), nan=1e150, posinf=1e150),
         np.asarray(first)[freed],
         jac=lambda free: np.asarray(slope(free)),
         x_scale="jac",
         max_nfev=50,
     )
-    start: JaxArray = first.at[np.array(freed)].set(found.x)[None]
+    start: JaxArray = first.at[np.array(freed)].set(solution.x)[None]
     return start

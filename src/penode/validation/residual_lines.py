@@ -114,6 +114,6 @@ def _significant(power: FloatArray, frequency: FloatArray) -> BoolArray:
 
 def _runs(frequency: FloatArray, chosen: BoolArray, reach: float) -> list[IntArray]:
     """Return the indices of each run of chosen frequencies, gaps up to `reach` Hz closed."""
-    found = np.flatnonzero(chosen)
-    ends = np.flatnonzero(np.diff(frequency[found]) > reach) + 1
-    return [np.arange(part[0], part[-1] + 1) for part in np.split(found, ends) if len(part)]
+    indices = np.flatnonzero(chosen)
+    ends = np.flatnonzero(np.diff(frequency[indices]) > reach) + 1
+    return [np.arange(part[0], part[-1] + 1) for part in np.split(indices, ends) if len(part)]

@@ -40,7 +40,7 @@ def small(monkeypatch):
             )
             for n in degrees
         ]
-        errors = [error_percent(run.found) for run in found]
+        errors = [error_percent(run.result) for run in found]
         better = abs(errors[1]) < abs(errors[0])
         panel = Panel("R", "degree", "error (%)", (Series("flux", degrees, errors, "ours"),), 0.0)
         claims = (Claim("Three degrees are better than one.", better, f"{errors} %"),)

@@ -53,7 +53,7 @@ def test_a_method_is_trained_once_and_measured_against_the_truth(runs, case):
     again = Runs(runs.folder, QUICK, runs.said.append).by_method("simulation", "flux", method)
     assert calls == [1]
     assert again == first
-    found = first.found
+    found = first.result
     assert found.true_resistance == TRACTION_300A.resistance
     fit = runs.fit(Place("simulation", "flux"))
     assert found.resistance == fit.parameters["R"].value
@@ -98,7 +98,7 @@ def test_a_refusal_is_kept_as_a_sentence(runs):
     assert run.refusal == "it never dwells."
     assert Runs(runs.folder, QUICK, print).by_method("simulation", "picky", None) == run
     with pytest.raises(InputError, match="picky on simulation: it never dwells"):
-        _ = run.found
+        _ = run.result
 
 
 def test_an_interrupted_run_leaves_those_before(runs):

@@ -110,7 +110,7 @@ def _decode(file: str, raw: bytes) -> str:
 
 
 def _dialect(header: str, second: str, body: str) -> _Dialect:
-    """Tell how cells are written from the header, the line below it and all data."""
+    """Return how cells are written, from the header, the line below it and all data."""
     lines = [line for line in (header, second) if line.strip()]
     rare = (mark for mark in _RARE_SEPARATORS if all(mark in line for line in lines))
     separator = next(rare, ",")
@@ -141,9 +141,9 @@ def _units(names: list[str], second: str, dialect: _Dialect) -> dict[str, str]:
         cells = dialect.split(second)
     except csv.Error:
         return {}
-    known = {unit_name(cell) for cell in cells} - {None, "1"}
+    units = {unit_name(cell) for cell in cells} - {None, "1"}
     numbers = [cell for cell in cells if dialect.number(cell) is not None and cell.strip() != "1"]
-    if len(cells) != len(names) or numbers or not known:
+    if len(cells) != len(names) or numbers or not units:
         return {}
     return {name: cell.strip() for name, cell in zip(names, cells, strict=True) if cell.strip()}
 

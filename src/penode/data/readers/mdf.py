@@ -77,7 +77,7 @@ def _quiet_finalisers() -> Iterator[None]:
 
 def _signals(content: Any) -> list[Signal]:
     """Return the numeric channels of all groups, without the times themselves."""
-    found = []
+    signals = []
     for number, group in enumerate(content.groups):
         master = content.masters_db.get(number)
         for index in range(len(group.channels)):
@@ -87,5 +87,5 @@ def _signals(content: Any) -> list[Signal]:
             if signal.samples.ndim == 1 and signal.samples.dtype.kind in "biuf":
                 values, times = (a.astype(np.float64) for a in (signal.samples, signal.timestamps))
                 name, unit = signal.name, signal.unit or ""
-                found.append(Signal(f"group {number + 1}", name, unit, values, times))
-    return found
+                signals.append(Signal(f"group {number + 1}", name, unit, values, times))
+    return signals

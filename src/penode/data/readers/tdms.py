@@ -73,8 +73,8 @@ def _signals(content: Any) -> list[Signal]:
 
 
 def _unit(channel: Any) -> str:
-    told = (channel.properties[name] for name in _UNIT_PROPERTIES if name in channel.properties)
-    return str(next(told, ""))
+    units = (channel.properties[name] for name in _UNIT_PROPERTIES if name in channel.properties)
+    return str(next(units, ""))
 
 
 def _times(channel: Any, begin: Any) -> FloatArray | None:

@@ -47,7 +47,7 @@ class Held:
 def held_definite(
     equations: WeakRegression,
     penalties: Sequence[Roughness],
-    found: Smoothed,
+    smoothed: Smoothed,
     parts: Sequence[CoenergyPart],
     currents: FloatArray,
 ) -> Held:
@@ -55,19 +55,19 @@ def held_definite(
 
     Parameters
     ----------
-    equations, penalties, found
+    equations, penalties, smoothed
         What was solved, and the solution.
     parts : sequence of CoenergyPart
         Of the mean map; their coefficients are the last of the solution.
     currents : ndarray, shape (time, 2)
         Recorded ones, dimensionless.
     """
-    first = len(found.solution) - sum(part.coefficients.size for part in parts)
+    first = len(smoothed.solution) - sum(part.coefficients.size for part in parts)
     low, high = currents.min(axis=0), currents.max(axis=0)
     axes = [np.linspace(a, b, _GRID) for a, b in zip(low, high, strict=True)]
     everywhere = _hessians(parts, np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2))
     visited = _hessians(parts, currents[:: max(len(currents) // _POINTS, 1)])
-    solution = found.solution
+    solution = smoothed.solution
     rows, target = np.zeros((0, len(solution))), np.zeros(0)
     least, _ = _smallest(visited, solution[first:])
     positive = least[least > 0]
@@ -85,7 +85,7 @@ def held_definite(
         new[:, first:] = np.einsum("pk,pkc->pc", along, everywhere[bad])
         rows = np.concatenate([rows, new / (floor / _CERTAIN)])
         target = np.concatenate([target, np.full(len(new), _CERTAIN)])
-        solution = penalised(equations, penalties, found, (rows, target))
+        solution = penalised(equations, penalties, smoothed, (rows, target))
     return Held(solution, rows, target)
 
 

@@ -51,12 +51,12 @@ def balance_equations(
     WeakRegression
         Columns: further ones, the terms' physical parameters in their order, the map.
     """
-    known, by_parameter, by_map = term_columns(experiment, terms, basis)
+    known_drop, by_parameter, by_map = term_columns(experiment, terms, basis)
     stored = [*(s[..., None] for s, _ in further), np.zeros_like(by_parameter), basis]
     supplied = [*(s[..., None] for _, s in further), -by_parameter, -by_map]
-    if known.any():
+    if known_drop.any():
         stored.append(np.zeros((len(experiment), 2, 1)))
-        supplied.append(-known[..., None])
+        supplied.append(-known_drop[..., None])
     whole = weak_regression(
         np.concatenate(stored, axis=2),
         np.concatenate(supplied, axis=2),
@@ -64,7 +64,7 @@ def balance_equations(
         experiment.time_step,
         length,
     )
-    if not known.any():
+    if not known_drop.any():
         return whole
     return WeakRegression(whole.matrix[:, :-1], whole.target - whole.matrix[:, -1])
 
@@ -85,7 +85,7 @@ def term_columns(
 
     Returns
     -------
-    known : ndarray, shape (time, 2)
+    known_drop : ndarray, shape (time, 2)
         What drops with all physical parameters and the flux linkage at zero, in V.
     by_parameter : ndarray, shape (time, 2, parameter)
         Derivative by each physical parameter, in V over its unit.
@@ -101,10 +101,10 @@ def term_columns(
             x, u, psi = (jnp.asarray(np.moveaxis(part, 0, -1)) for part in padded)
             parts.append([np.asarray(part) for part in _linearised(tuple(terms), x, u, names, psi)])
     whole = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
-    known, by_parameter, by_map = (
+    known_drop, by_parameter, by_map = (
         np.ascontiguousarray(np.moveaxis(part, -1, 0)[: len(experiment)]) for part in whole
     )
-    return known, by_parameter, by_map
+    return known_drop, by_parameter, by_map
 
 
 #: Samples worked on together: every recording runs through the same program.
@@ -138,5 +138,5 @@ def _linearised(
 
     values = jnp.concatenate([jnp.zeros(0), *physical(terms)])
     by_parameter = jnp.moveaxis(jax.jacfwd(drop)(values, no_flux), -1, 1)
-    known = drop(values, no_flux) - jnp.sum(by_parameter * values[:, None], axis=1)
-    return known, by_parameter, jax.vmap(of_flux, in_axes=1, out_axes=1)(basis)
+    known_drop = drop(values, no_flux) - jnp.sum(by_parameter * values[:, None], axis=1)
+    return known_drop, by_parameter, jax.vmap(of_flux, in_axes=1, out_axes=1)(basis)

@@ -60,5 +60,5 @@ class PolynomialMap:
         """
         step = 1e-4 * self.current_scale
         shifts = step * np.eye(2)
-        found = [self.basis(currents + d) - self.basis(currents - d) for d in shifts]
-        return np.stack(found, axis=2) / (2 * step)
+        differences = [self.basis(currents + d) - self.basis(currents - d) for d in shifts]
+        return np.stack(differences, axis=2) / (2 * step)

@@ -90,7 +90,7 @@ def smoothed(equations: WeakRegression, penalties: Sequence[Roughness]) -> Smoot
     penalties : sequence of Roughness
     """
     problem = _Normal.of(equations, penalties)
-    found = minimize(
+    optimum = minimize(
         lambda logs: (
             problem.evidence(np.clip(logs, _LOWEST, _HIGHEST))[0]
             + float(np.sum((logs - np.clip(logs, _LOWEST, _HIGHEST)) ** 2))
@@ -104,7 +104,7 @@ def smoothed(equations: WeakRegression, penalties: Sequence[Roughness]) -> Smoot
         },
     )
     # Rounded, so that the last digits of a recording do not move the answer.
-    logs = np.round(np.clip(found.x, _LOWEST, _HIGHEST) / _ROUNDED) * _ROUNDED
+    logs = np.round(np.clip(optimum.x, _LOWEST, _HIGHEST) / _ROUNDED) * _ROUNDED
     evidence, solution, variance = problem.evidence(logs)
     strength = problem.balance * 10.0**logs
     return Smoothed(solution, strength, variance, variance / strength, evidence)
@@ -113,7 +113,7 @@ def smoothed(equations: WeakRegression, penalties: Sequence[Roughness]) -> Smoot
 def penalised(
     equations: WeakRegression,
     penalties: Sequence[Roughness],
-    found: Smoothed,
+    smoothed: Smoothed,
     observed: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
     """Solve once more at strengths found before, with further observations.
@@ -122,19 +122,19 @@ def penalised(
     ----------
     equations : WeakRegression
     penalties : sequence of Roughness
-    found : Smoothed
+    smoothed : Smoothed
     observed : tuple of ndarray
         Rows (observation, coefficient) and values (observation,) of deviation 1.
     """
     matrix, target = equations.matrix, equations.target
     rows, values = observed
-    normal = matrix.T @ matrix + found.noise * rows.T @ rows
-    right = matrix.T @ target + found.noise * rows.T @ values
-    return _solved(_with_penalties(normal, penalties, found.strength), right)[0]
+    normal = matrix.T @ matrix + smoothed.noise * rows.T @ rows
+    right = matrix.T @ target + smoothed.noise * rows.T @ values
+    return _solved(_with_penalties(normal, penalties, smoothed.strength), right)[0]
 
 
 def deviations(
-    equations: WeakRegression, penalties: Sequence[Roughness], found: Smoothed
+    equations: WeakRegression, penalties: Sequence[Roughness], smoothed: Smoothed
 ) -> FloatArray:
     """Return the deviation of each coefficient, shape (coefficient,), at strengths found before.
 
@@ -142,11 +142,11 @@ def deviations(
     ----------
     equations : WeakRegression
     penalties : sequence of Roughness
-    found : Smoothed
+    smoothed : Smoothed
     """
     normal = equations.matrix.T @ equations.matrix
-    inverse = inverse_normal(_with_penalties(normal, penalties, found.strength))
-    return np.asarray(np.sqrt(found.noise * np.maximum(np.diag(inverse), 0.0)))
+    inverse = inverse_normal(_with_penalties(normal, penalties, smoothed.strength))
+    return np.asarray(np.sqrt(smoothed.noise * np.maximum(np.diag(inverse), 0.0)))
 
 
 def _with_penalties(

@@ -88,21 +88,21 @@ def spline_start(
     symmetric = both.smoothed.evidence > even.smoothed.evidence - _ASYMMETRIC
     parts, mean_map = (every[:1], even) if symmetric else (every, both)
     held = setting.held(mean_map, parts)
-    found = replace(mean_map.smoothed, solution=held.solution)
+    constrained = replace(mean_map.smoothed, solution=held.solution)
     count = len(physical_values(terms))
     mean, first = [], count
     for part in parts:
         size = part.coefficients.size
-        mean.append(_filled(part, found.solution[first : first + size]))
+        mean.append(_filled(part, constrained.solution[first : first + size]))
         first += size
     network = CoenergySplines(tuple(mean))
-    blocks = _blocks(mean_map.penalties, found)
-    observed = (held.rows[:, count:], held.target, found.noise)
+    blocks = _blocks(mean_map.penalties, constrained)
+    observed = (held.rows[:, count:], held.target, constrained.noise)
     if angle_orders:
-        network, amplitudes = _with_harmonics(setting, network, found, angle_orders)
+        network, amplitudes = _with_harmonics(setting, network, constrained, angle_orders)
         blocks += amplitudes
     machine = Machine(
-        FluxMap(network, *scales, angle_orders), with_physical(terms, found.solution[:count])
+        FluxMap(network, *scales, angle_orders), with_physical(terms, constrained.solution[:count])
     )
     return SplineStart(machine, _prior(setting, machine, blocks, observed))
 
@@ -166,13 +166,13 @@ class _Block:
     variance: float
 
 
-def _blocks(penalties: Sequence[Roughness], found: Smoothed) -> list[_Block]:
-    entries = zip(penalties, found.strength, found.prior_variance, strict=True)
+def _blocks(penalties: Sequence[Roughness], smoothed: Smoothed) -> list[_Block]:
+    entries = zip(penalties, smoothed.strength, smoothed.prior_variance, strict=True)
     return [_Block(p.matrix, float(strength), float(v)) for p, strength, v in entries]
 
 
 def _with_harmonics(
-    setting: _Setting, network: CoenergySplines, found: Smoothed, orders: tuple[int, ...]
+    setting: _Setting, network: CoenergySplines, mean_solution: Smoothed, orders: tuple[int, ...]
 ) -> tuple[CoenergySplines, list[_Block]]:
     """Return the map with amplitudes fitted to the residual of the mean in short windows."""
     count = len(orders)
@@ -180,16 +180,16 @@ def _with_harmonics(
     regressions = []
     for e in setting.experiments:
         length = short_window(e, max(orders))
-        known = balance_equations(e, setting.terms, setting.basis(e, network.mean), length)
+        mean = balance_equations(e, setting.terms, setting.basis(e, network.mean), length)
         turning = waves(e.channels["theta_el"], orders)  # cos and sin of each order by turns
         tables = []
         for part, first in ((cosine, 0), (sine, 1)):
             basis = setting.basis(e, (part,))
             tables += [turning[:, first + 2 * k, None, None] * basis for k in range(count)]
-        unknown = balance_equations(e, setting.terms, np.concatenate(tables, axis=2), length)
+        harmonics = balance_equations(e, setting.terms, np.concatenate(tables, axis=2), length)
         physical = len(physical_values(setting.terms))
-        left = known.target - known.matrix @ found.solution
-        regressions.append(WeakRegression(unknown.matrix[:, physical:], left))
+        left = mean.target - mean.matrix @ mean_solution.solution
+        regressions.append(WeakRegression(harmonics.matrix[:, physical:], left))
     matrix = block_diag(*[roughness(part) for part in (cosine, sine) for _ in orders])
     penalties = [Roughness.of(0, matrix)]
     solved = smoothed(join(regressions), penalties)
@@ -237,9 +237,9 @@ def _prior(
         rows.append((vectors[:, kept] * scaled).T)
         variances.append(np.full(kept.sum(), weight * block.strength * block.variance))
     factor = np.asarray(block_diag(*rows))
-    known, values, _ = observed
+    observed_rows, values, _ = observed
     scale = np.sqrt(weight * noise)
-    further = np.pad(scale * known, ((0, 0), (0, factor.shape[1] - known.shape[1])))
+    further = np.pad(scale * observed_rows, ((0, 0), (0, factor.shape[1] - observed_rows.shape[1])))
     variances.append(np.full(len(values), scale**2))
     mean = np.concatenate([np.zeros(len(factor)), scale * values])
     return GaussianPrior(np.concatenate([factor, further]), np.concatenate(variances), mean)

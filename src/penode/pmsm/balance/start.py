@@ -161,11 +161,11 @@ def _fit_networks(
 
     def residual(raw: JaxArray, *wanted: JaxArray) -> JaxArray:
         at, theta_el, flux, slopes, turning = wanted
-        found = layout.model(layout.values(raw)[:, None]).at_angle(at, theta_el)
+        predicted = layout.model(layout.values(raw)[:, None]).at_angle(at, theta_el)
         errors = (
-            found.linkage - flux,
-            _SLOPE_WEIGHT * scale * (found.inductance - slopes),
-            _ANGLE_WEIGHT * (found.angle_slope - turning),
+            predicted.linkage - flux,
+            _SLOPE_WEIGHT * scale * (predicted.inductance - slopes),
+            _ANGLE_WEIGHT * (predicted.angle_slope - turning),
         )
         return jnp.concatenate([error.ravel() for error in errors]) / draws[0].flux_scale
 

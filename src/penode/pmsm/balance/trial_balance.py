@@ -151,13 +151,13 @@ def lag_of_voltage(experiment: Experiment, in_phases: bool) -> tuple[float, floa
         ]
     window = trial_window(experiment)
     longest = len(experiment) // _FEWEST
-    found = []
+    estimates = []
     for length in (n * window for n in _TIMING_WINDOWS if n * window <= longest):
         for columns, ambiguity in tried:
             equations = balance_equations(experiment, terms, basis, length, columns)
             deviation, lag = _first_coefficient(equations)
-            found.append((float(np.hypot(deviation, ambiguity)), lag))
-    deviation, lag = min(found)
+            estimates.append((float(np.hypot(deviation, ambiguity)), lag))
+    deviation, lag = min(estimates)
     return lag, deviation
 
 

@@ -169,13 +169,13 @@ class BalanceForm:
     def _harmonic_equations(self, experiment: Experiment, solution: FloatArray) -> WeakRegression:
         """Return the balance that a solution for the mean leaves, in short windows."""
         length = short_window(experiment, max(self.angle_orders))
-        known = self._mean_equations(experiment, length)
+        mean = self._mean_equations(experiment, length)
         basis = self.polynomial.basis(experiment.stack(CURRENTS))
         turning = waves(experiment.channels["theta_el"], self.angle_orders)
         full = (turning[:, None, :, None] * basis[:, :, None]).reshape(*basis.shape[:2], -1)
-        unknown = balance_equations(experiment, self.terms, full, length)
-        physical = unknown.matrix.shape[1] - full.shape[2]
-        return WeakRegression(unknown.matrix[:, physical:], known.target - known.matrix @ solution)
+        harmonics = balance_equations(experiment, self.terms, full, length)
+        physical = harmonics.matrix.shape[1] - full.shape[2]
+        return WeakRegression(harmonics.matrix[:, physical:], mean.target - mean.matrix @ solution)
 
 
 def waves(theta_el: FloatArray, orders: Sequence[int], derivative: int = 0) -> FloatArray:

@@ -56,7 +56,7 @@ class VoltageTiming:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The sentence, or nothing where nothing is to be said."""
+        """The reason as a tuple, empty where there is none."""
         return (self.reason,) if self.reason else ()
 
     def applied(self, experiment: Experiment) -> Experiment:

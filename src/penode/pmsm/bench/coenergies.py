@@ -178,7 +178,7 @@ class HarmonicCoenergy:
 
 def _powers(base: JaxArray, highest: int) -> list[JaxArray]:
     """Return the powers 0 to highest, each from the one before: quicker to compile than ``**``."""
-    found = [jnp.ones_like(base)]
+    powers = [jnp.ones_like(base)]
     for _ in range(highest):
-        found.append(found[-1] * base)
-    return found
+        powers.append(powers[-1] * base)
+    return powers

@@ -122,11 +122,11 @@ def _without_skew(
 
 
 def _resolved(table: FluxTable, orders: tuple[int, ...] | None) -> tuple[int, ...]:
-    """Return the orders to fit; refuse those that the angles cannot tell apart."""
+    """Return the orders to fit; refuse those that the angles cannot resolve."""
     if orders is None:
         tried = (_DEFAULT_ORDERS[:count] for count in (3, 2, 1))
-        return next((some for some in tried if _tell_apart(table.theta_el, some)), ())
-    if not all(order > 0 for order in orders) or not _tell_apart(table.theta_el, orders):
+        return next((some for some in tried if _are_resolved(table.theta_el, some)), ())
+    if not all(order > 0 for order in orders) or not _are_resolved(table.theta_el, orders):
         raise InputError(
             f"{table.name}: {len(table.theta_el)} angles cannot resolve the orders "
             f"{', '.join(map(str, orders))}; give more angles or fewer orders."
@@ -134,8 +134,8 @@ def _resolved(table: FluxTable, orders: tuple[int, ...] | None) -> tuple[int, ..
     return tuple(orders)
 
 
-def _tell_apart(theta: FloatArray, orders: tuple[int, ...]) -> bool:
-    """Return whether the mean and all harmonics can be told apart at these angles."""
+def _are_resolved(theta: FloatArray, orders: tuple[int, ...]) -> bool:
+    """Return whether these angles resolve the mean and all harmonics."""
     values = np.linalg.svd(_waves(theta, orders), compute_uv=False)
     return len(theta) >= 1 + 2 * len(orders) and bool(values[-1] > 0.1 * values[0])
 
@@ -148,7 +148,7 @@ def _waves(theta: FloatArray, orders: tuple[int, ...]) -> FloatArray:
 
 def _points(table: FluxTable, reach: float) -> tuple[FloatArray, FloatArray]:
     """Return the currents (point, 2) and fluxes (2, point, angle) within a square."""
-    inside = table.known & (np.maximum(np.abs(table.i_d), np.abs(table.i_q)) <= reach)
+    inside = table.covered & (np.maximum(np.abs(table.i_d), np.abs(table.i_q)) <= reach)
     currents = np.stack([table.i_d[inside], table.i_q[inside]], axis=1)
     return currents, np.stack([table.psi_d[inside], table.psi_q[inside]])
 
@@ -186,7 +186,7 @@ def _flux_rows(currents: FloatArray, spacing: float, cells: int) -> csr_array:
 def _solve(rows: csr_array, flux: FloatArray, cells: int, spacing: float) -> FloatArray:
     """Return the coefficients (coefficient, wave) of the smoothest coenergy closest to psi.
 
-    The coenergy without current, which psi does not tell, is 0 in every wave: there is no cogging.
+    The coenergy without current, not determined by psi, is 0 in every wave: there is no cogging.
     """
     count = rows.shape[0]
     matrix = (rows.T @ rows).toarray() / count + _smoothness(cells) / spacing**2

@@ -148,7 +148,7 @@ def _read_machine(path: Path, entry: Any) -> dict[str, Any]:
         )
     make, source = _SOURCES[named[0]], path.parent / entry[named[0]]
     rest = {key: value for key, value in entry.items() if key != named[0]}
-    arguments = _arguments(make, rest, f"{path}: machine", known=1)
+    arguments = _arguments(make, rest, f"{path}: machine", supplied=1)
     if not source.exists():
         raise InputError(f"{path}: machine.{named[0]}: {source} is not there; mend the path.")
     imported = make(source, **arguments)
@@ -193,10 +193,10 @@ def _make(target: Callable[..., Any], entry: Mapping[str, Any], where: str) -> A
 
 
 def _arguments(
-    target: Callable[..., Any], entry: Mapping[str, Any], where: str, known: int = 0
+    target: Callable[..., Any], entry: Mapping[str, Any], where: str, supplied: int = 0
 ) -> dict[str, Any]:
     """Return a table's entries as arguments, each read as the kind that the target wants."""
-    wanted = dict(list(inspect.signature(target).parameters.items())[known:])
+    wanted = dict(list(inspect.signature(target).parameters.items())[supplied:])
     hints = typing.get_type_hints(target.__init__ if inspect.isclass(target) else target)
     if hasattr(target, "__dataclass_fields__"):
         hints = typing.get_type_hints(target)

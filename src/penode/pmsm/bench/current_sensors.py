@@ -14,7 +14,7 @@ class Quantisation(eqx.Module):
     Attributes
     ----------
     full_scale : float
-        Largest current it can tell, of either sign, in A.
+        Largest current it can measure, of either sign, in A.
     bits : int
         Resolution; one step is ``2 full_scale / 2^bits``.
     """

@@ -29,8 +29,8 @@ class FluxTable:
     psi_q: FloatArray
 
     @property
-    def known(self) -> BoolArray:
+    def covered(self) -> BoolArray:
         """Where psi is given at every angle, shape (row, column)."""
         psi = self.psi_d + self.psi_q
-        known: BoolArray = (psi == psi).all(axis=2)
-        return known
+        covered: BoolArray = (psi == psi).all(axis=2)
+        return covered

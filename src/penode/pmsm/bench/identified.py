@@ -31,7 +31,7 @@ def identified_machine(
     resistance : float, optional
         In ohm; by default the one identified.
     pole_pairs : int, optional
-        By default those the identification was told.
+        By default those given to the identification.
     current_limit : float, optional
         Largest permitted current, peak value, in A; by default the largest that the map covers
         along the axis it covers less.
@@ -47,8 +47,8 @@ def identified_machine(
     Raises
     ------
     InputError
-        If a file is missing or not what an identification of a machine writes, if nobody says how
-        many pole pairs there are, or the map is unusable (see `import_machine`).
+        If a file is missing or not what an identification of a machine writes, if the pole
+        pairs are not given, or the map is unusable (see `import_machine`).
     """
     folder = Path(folder)
     source = folder / "flux_map.csv"
@@ -59,7 +59,7 @@ def identified_machine(
         pole_pairs = result.get("provenance", {}).get("pole_pairs")
     if pole_pairs is None:
         raise InputError(
-            f"{folder}: the identification was not told the pole pairs; add pole_pairs = N beside "
+            f"{folder}: the identification was not given the pole pairs; add pole_pairs = N beside "
             "result."
         )
     for name, value in (("inductance_d", inductance_d), ("inductance_q", inductance_q)):

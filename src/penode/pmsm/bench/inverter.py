@@ -106,7 +106,7 @@ class DeviceDrop(eqx.Module):
     threshold : float
         u_0 in V, the mean of switch and diode.
     on_resistance : float
-        r in ohm; no recording tells it from the winding's resistance.
+        r in ohm; no recording separates it from the winding's resistance.
     current_scale : float
         i_0 in A.
     """

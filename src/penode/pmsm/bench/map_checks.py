@@ -55,17 +55,17 @@ def check_map(table: FluxTable) -> MapChecks:
         If there is a hole inside the covered region, or a cell in which the differential
         inductance is not positive definite; the message says where.
     """
-    known = table.known
-    _refuse_holes(table, known)
+    covered = table.covered
+    _refuse_holes(table, covered)
     inductance, cells = cell_inductance(table)
     _refuse_singular(table, inductance, cells)
     residual = (inductance[..., 0, 1] - inductance[..., 1, 0])[cells]
     return MapChecks(
         reciprocity_residual=float(np.sqrt(np.mean(residual**2))),
-        asymmetry=_asymmetry(table, known),
-        covered_share=float(known.mean()),
-        i_d_range=(float(table.i_d[known].min()), float(table.i_d[known].max())),
-        i_q_range=(float(table.i_q[known].min()), float(table.i_q[known].max())),
+        asymmetry=_asymmetry(table, covered),
+        covered_share=float(covered.mean()),
+        i_d_range=(float(table.i_d[covered].min()), float(table.i_d[covered].max())),
+        i_q_range=(float(table.i_q[covered].min()), float(table.i_q[covered].max())),
     )
 
 
@@ -88,8 +88,8 @@ def cell_inductance(table: FluxTable) -> tuple[FloatArray, BoolArray]:
     flux = np.stack([table.psi_d, table.psi_q], axis=-1)
     by_current, by_flux = _cell_slopes(current), _cell_slopes(flux)
     area = np.abs(np.linalg.det(by_current[:, :, 0]))
-    known = table.known
-    corners = known[1:, 1:] & known[1:, :-1] & known[:-1, 1:] & known[:-1, :-1]
+    covered = table.covered
+    corners = covered[1:, 1:] & covered[1:, :-1] & covered[:-1, 1:] & covered[:-1, :-1]
     cells: BoolArray = corners & (area > 1e-9 * area.max())
     inductance = np.full(by_flux.shape, np.nan)
     inductance[cells] = by_flux[cells] @ np.linalg.inv(by_current[cells])
@@ -102,16 +102,16 @@ def _cell_slopes(values: FloatArray) -> FloatArray:
     return np.stack([(down[:, 1:] + down[:, :-1]) / 2, (right[1:] + right[:-1]) / 2], axis=-1)
 
 
-def _refuse_holes(table: FluxTable, known: BoolArray) -> None:
+def _refuse_holes(table: FluxTable, covered: BoolArray) -> None:
     """Raise if a point without values lies between points with values in its row and column."""
-    if not known.any():
+    if not covered.any():
         raise InputError(f"{table.name}: no point of the map has values at every angle.")
-    between = known == known
+    between = covered == covered
     for axis in (0, 1):
-        before = np.logical_or.accumulate(known, axis=axis)
-        after = np.flip(np.logical_or.accumulate(np.flip(known, axis), axis=axis), axis)
+        before = np.logical_or.accumulate(covered, axis=axis)
+        after = np.flip(np.logical_or.accumulate(np.flip(covered, axis), axis=axis), axis)
         between &= before & after
-    holes = between & ~known
+    holes = between & ~covered
     if holes.any():
         row, column = np.argwhere(holes)[0]
         raise InputError(
@@ -140,10 +140,10 @@ def _refuse_singular(table: FluxTable, inductance: FloatArray, cells: BoolArray)
         )
 
 
-def _asymmetry(table: FluxTable, known: BoolArray) -> float | None:
+def _asymmetry(table: FluxTable, covered: BoolArray) -> float | None:
     """Return the rms of the mean map's difference to its mirror image in i_q in Vs."""
-    points = np.stack([table.i_d[known], table.i_q[known]], axis=1)
-    flux = np.stack([table.psi_d[known].mean(axis=1), table.psi_q[known].mean(axis=1)], axis=1)
+    points = np.stack([table.i_d[covered], table.i_q[covered]], axis=1)
+    flux = np.stack([table.psi_d[covered].mean(axis=1), table.psi_q[covered].mean(axis=1)], axis=1)
     scale = np.abs(points).max()
     loaded = np.abs(points[:, 1]) > 1e-6 * scale
     distance, partner = cKDTree(points).query(points * [1.0, -1.0])

@@ -28,8 +28,8 @@ MAP_READERS: dict[str, Callable[[Path], dict[str, NDArray[Any]]]] = {
 }
 
 # A reciprocity residual above this share of the mean inductance, and an asymmetry or a part of psi
-# left out above this share of the largest psi, are said.
-_SAID_SHARE = 0.01
+# left out above this share of the largest psi, are reported.
+_WARNED_SHARE = 0.01
 
 # Disc, over the current limit, on which the machine has to be invertible.
 _INVERTIBLE_REACH = 1.2
@@ -186,8 +186,8 @@ def import_machine(
 
 def _covered_current(table: FluxTable) -> float:
     """Return the smaller of the largest covered |i_d| and |i_q| in A."""
-    known = table.known
-    return float(min(np.abs(axis[known]).max() for axis in (table.i_d, table.i_q)))
+    covered = table.covered
+    return float(min(np.abs(axis[covered]).max() for axis in (table.i_d, table.i_q)))
 
 
 def _inductance_at(table: CoenergyTable, currents: FloatArray) -> FloatArray:
@@ -216,8 +216,8 @@ def _smallest_inductance(table: CoenergyTable, limit: float) -> float:
 
 def _refuse_not_invertible(table: FluxTable, fit: SplineFit) -> None:
     """Raise if L of the fitted coenergy is not positive definite at a point of the map."""
-    known = table.known
-    points = np.stack([table.i_d[known], table.i_q[known]], axis=1)
+    covered = table.covered
+    points = np.stack([table.i_d[covered], table.i_q[covered]], axis=1)
     points = points[np.abs(points).max(axis=1) <= fit.table.reach]
     smallest = _inductance_at(fit.table, points).min(axis=(1, 2))
     if smallest.min() <= 0:
@@ -252,30 +252,30 @@ def _warnings(
     table: FluxTable, checks: MapChecks, fit: SplineFit, smallest: float, mirror: bool
 ) -> list[str]:
     """Return a sentence for each finding worth one."""
-    known = table.known
-    largest = float(np.hypot(table.psi_d[known], table.psi_q[known]).max())
-    said = []
-    if checks.reciprocity_residual > _SAID_SHARE * fit.mean_inductance:
-        said.append(
+    covered = table.covered
+    largest = float(np.hypot(table.psi_d[covered], table.psi_q[covered]).max())
+    warnings = []
+    if checks.reciprocity_residual > _WARNED_SHARE * fit.mean_inductance:
+        warnings.append(
             f"the map is not reciprocal by {1e6 * checks.reciprocity_residual:.3g} uH rms; "
             "the machine is, and so differs from it"
         )
-    if checks.asymmetry is not None and checks.asymmetry > _SAID_SHARE * largest:
-        said.append(
+    if checks.asymmetry is not None and checks.asymmetry > _WARNED_SHARE * largest:
+        warnings.append(
             f"the map differs from its mirror image in i_q by {1e3 * checks.asymmetry:.3g} mVs "
             "rms; its frame may be turned, or the d axis not lie on the magnet"
         )
     if checks.i_q_range[0] * checks.i_q_range[1] >= 0 and not mirror:
-        said.append("the map covers one sign of i_q; the other is extrapolated, not mirrored")
-    if fit.error > _SAID_SHARE * largest:
-        said.append(f"the machine differs from the map by {1e3 * fit.error:.3g} mVs rms")
-    if fit.left_out > _SAID_SHARE * largest:
-        said.append(
+        warnings.append("the map covers one sign of i_q; the other is extrapolated, not mirrored")
+    if fit.error > _WARNED_SHARE * largest:
+        warnings.append(f"the machine differs from the map by {1e3 * fit.error:.3g} mVs rms")
+    if fit.left_out > _WARNED_SHARE * largest:
+        warnings.append(
             f"{1e3 * fit.left_out:.3g} mVs rms of psi lie in orders of the angle that were left out"
         )
     if smallest <= 0:
-        said.append(
+        warnings.append(
             f"L is not positive definite everywhere within {_INVERTIBLE_REACH} times the current "
             "limit; stay inside the map, or lower the current limit"
         )
-    return said
+    return warnings

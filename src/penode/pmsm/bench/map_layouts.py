@@ -73,11 +73,11 @@ def flux_table(file: str, arrays: Arrays, pole_pairs: int) -> FluxTable:
 
 def _split_complex(named: Arrays) -> dict[str, NDArray[Any]]:
     """Return i_d, i_q, psi_d and psi_q of complex currents and fluxes (motulator)."""
-    found: dict[str, NDArray[Any]] = {}
+    channels: dict[str, NDArray[Any]] = {}
     for stem, key in (("i", "isdq"), ("psi", "psisdq")):
         if key in named:
-            found |= {stem + "d": named[key].real, stem + "q": named[key].imag}
-    return found
+            channels |= {stem + "d": named[key].real, stem + "q": named[key].imag}
+    return channels
 
 
 def _currents(file: str, named: Arrays) -> tuple[FloatArray, FloatArray]:

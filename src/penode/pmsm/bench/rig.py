@@ -54,9 +54,9 @@ class Sampled(NamedTuple):
     voltage : array, shape (..., 2)
         u_d and u_q that the controller asks for in V.
     reading : Reading
-        What the sensors tell.
+        Outputs of the sensors.
     truth : Terminals
-        What they should tell.
+        True values of the same.
     temperature : array, shape (...)
         Winding temperature in degrees Celsius.
     limit_used : array, shape (...)

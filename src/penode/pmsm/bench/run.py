@@ -49,7 +49,7 @@ class Recording:
     experiment : Experiment
         What the drive recorded.
     truth : Truth
-        How it was made, and what the sensors should have told.
+        How it was made, and the true values of the sensors' signals.
     """
 
     experiment: Experiment

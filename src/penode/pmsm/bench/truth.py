@@ -19,7 +19,7 @@ SCHEMA = 1
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """What the sensors should have told at the sampling instants.
+    """True values of the sensors' signals at the sampling instants.
 
     Attributes
     ----------

@@ -44,7 +44,7 @@ class ControlledMachine:
 
     @classmethod
     def of(cls, fit: Fit, pole_pairs: int | None = None) -> "ControlledMachine":
-        """Return the machine of a fit; without R where the recordings could not tell it.
+        """Return the machine of a fit; without R where the recordings do not identify it.
 
         Raises
         ------

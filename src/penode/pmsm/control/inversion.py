@@ -36,16 +36,16 @@ def inverse(
     ndarray, shape (2, point)
         NaN where the steps did not die out.
     """
-    found = start.copy()
-    settled: BoolArray = np.zeros(found.shape[1], dtype=np.bool_)
+    solution = start.copy()
+    settled: BoolArray = np.zeros(solution.shape[1], dtype=np.bool_)
     for _ in range(_ITERATIONS):
-        step = solved(slope(found), targets - function(found))
-        found = found + step
-        settled = np.all(np.abs(step) <= _TOLERANCE * (1 + np.abs(found)), axis=0)
+        step = solved(slope(solution), targets - function(solution))
+        solution = solution + step
+        settled = np.all(np.abs(step) <= _TOLERANCE * (1 + np.abs(solution)), axis=0)
         if (settled | np.isnan(step).any(axis=0)).all():
             break
-    found[:, ~settled] = np.nan
-    return found
+    solution[:, ~settled] = np.nan
+    return solution
 
 
 def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:

@@ -264,10 +264,10 @@ def _at_both_limits(
 
 def _locus(machine: ControlledMachine, current: FloatArray) -> Locus:
     """Return the locus of currents (2, point)."""
-    known: BoolArray = np.all(np.isfinite(current), axis=0)
-    supported: BoolArray = np.zeros(len(known), dtype=np.bool_)
-    if known.any():
-        supported[known] = machine.supported(current[:, known].T)
+    finite: BoolArray = np.all(np.isfinite(current), axis=0)
+    supported: BoolArray = np.zeros(len(finite), dtype=np.bool_)
+    if finite.any():
+        supported[finite] = machine.supported(current[:, finite].T)
     return Locus(current, machine.flux_map(*current), machine.torque(current), supported)
 
 

@@ -127,5 +127,5 @@ def _falling_zero(angle: FloatArray, slope: FloatArray, otherwise: FloatArray) -
     before, after = slope[rows, cell], slope[rows, cell + 1]
     with np.errstate(all="ignore"):
         share = before / (before - after)
-    found = angle[rows, cell] + share * (angle[:, 1] - angle[:, 0])
-    return np.where(falls.any(axis=1), found, otherwise)
+    crossing = angle[rows, cell] + share * (angle[:, 1] - angle[:, 0])
+    return np.where(falls.any(axis=1), crossing, otherwise)

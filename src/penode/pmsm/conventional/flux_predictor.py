@@ -78,12 +78,12 @@ class FluxPredictor:
                 f"{runs[0].name}: {rows} equations came for {unknowns} unknowns; record for "
                 f"longer, or use a smaller basis than this {self.basis.name}."
             )
-        found = equations.solve()
+        solution = equations.solve()
         return LinearFit(
             method=f"flux predictor, {self.basis.name}",
-            network=self.basis.weighted(found[1:]),
+            network=self.basis.weighted(solution[1:]),
             current_scale=scale,
-            resistance=float(found[0]),
+            resistance=float(solution[0]),
             deviation=equations.deviation(0),
             identifiability=equations.independence(0),
             reason=_REASON,

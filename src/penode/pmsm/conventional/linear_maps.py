@@ -166,19 +166,19 @@ def polynomial(degree: int = 6, reciprocal: bool = False) -> LinearMap:
         If the degree is below 1.
     """
     _at_least(degree, 1, "degree")
-    known = exponents(2, degree)
+    monomials = exponents(2, degree)
     network = partial(Monomials, degree)
     if not reciprocal:
-        return LinearMap("polynomial", len(known), network)
+        return LinearMap("polynomial", len(monomials), network)
     coenergy = exponents(2, degree + 1)[1:]  # its constant has no slope
-    slopes = np.zeros((2, len(known), len(coenergy)))
+    slopes = np.zeros((2, len(monomials), len(coenergy)))
     for column, powers in enumerate(coenergy):
         for axis, power in enumerate(powers):
             if power:
                 lowered = tuple(p - (k == axis) for k, p in enumerate(powers))
-                slopes[axis, known.index(lowered), column] = power
-    constraint = slopes.reshape(2 * len(known), -1)
-    return LinearMap("reciprocal polynomial", len(known), network, constraint)
+                slopes[axis, monomials.index(lowered), column] = power
+    constraint = slopes.reshape(2 * len(monomials), -1)
+    return LinearMap("reciprocal polynomial", len(monomials), network, constraint)
 
 
 def radial(points: int = 6) -> LinearMap:

@@ -24,6 +24,6 @@ class Method(Protocol):
         experiments, validation : sequence of Experiment
             With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s); the latter are predicted only.
         observer : callable
-            Told of each evaluation and rung, where the method has any.
+            Called with each evaluation and rung, where the method has any.
         """
         ...

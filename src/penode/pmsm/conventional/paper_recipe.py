@@ -1,4 +1,4 @@
-"""The paper's training, as it is told there: Adam, contiguous windows, a horizon that grows."""
+"""The paper's training, as described there: Adam, contiguous windows, a horizon that grows."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -109,7 +109,7 @@ class PaperRecipe:
         experiments, validation : sequence of Experiment
             With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
         observer : callable
-            Told of each epoch and stage.
+            Called with each epoch and stage.
         """
         return identify(
             Start(nominal_start(experiments, self.seed)),

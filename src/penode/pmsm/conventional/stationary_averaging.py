@@ -83,7 +83,7 @@ class StationaryAveraging:
         ------
         InputError
             If a recording cannot be used or never dwells, there are too few points for the map, or
-            nothing tells R.
+            R is not identifiable.
         """
         if not experiments:
             raise InputError("no recording came; give at least one.")
@@ -134,15 +134,15 @@ class StationaryAveraging:
         share = weight / sum(float(group.current @ group.current) for group in groups)
         if share < THRESHOLD:
             raise InputError(
-                f"{run.name}: R cannot be told from the flux linkages, as no operating point has "
-                "its mirror image or the other direction of rotation; record motor and generator "
-                "points, or both directions, or give the resistance."
+                f"{run.name}: R cannot be separated from the flux linkages, as no operating point "
+                "has its mirror image or the other direction of rotation; record motor and "
+                "generator points, or both directions, or give the resistance."
             )
         parts = list(zip(own, left, strict=True))
-        found = sum(float(part @ rest) for part, rest in parts) / weight
-        # Each group's pull on R; groups are independent of each other.
-        pulls = [float(part @ (rest - found * part)) for part, rest in parts]
-        return found, float(np.linalg.norm(pulls)) / weight, share
+        resistance = sum(float(part @ rest) for part, rest in parts) / weight
+        # Each group's score in R; groups are independent of each other.
+        scores = [float(part @ (rest - resistance * part)) for part, rest in parts]
+        return resistance, float(np.linalg.norm(scores)) / weight, share
 
     def _coefficients(
         self, groups: Sequence["_Group"], resistance: float, scale: float
@@ -191,8 +191,8 @@ class _Group:
 
     def without_flux(self, rows: FloatArray) -> FloatArray:
         """Return what the flux linkages cannot explain of rows (2 point,)."""
-        found = np.linalg.lstsq(self.turning, rows, rcond=None)[0]
-        return np.asarray(rows - self.turning @ found)
+        coefficients = np.linalg.lstsq(self.turning, rows, rcond=None)[0]
+        return np.asarray(rows - self.turning @ coefficients)
 
     def flux(self, resistance: float) -> FloatArray:
         """Return psi_d and psi_q, shape (2,), in Vs on the first point's side of the d axis."""

@@ -33,7 +33,7 @@ _SIGN_DEGREE = 6
 _CLEARER = 0.7
 _MOST_POLE_PAIRS = 12
 #: Lag in samples that is one, and its deviation up to which it is reported.
-_LATE, _TOLD = 0.6, 0.2
+_LATE, _DETERMINED = 0.6, 0.2
 #: Angle in deg and deviations from which the magnet lies beside the d axis.
 _ASIDE, _SIGNIFICANT = 5.0, 5.0
 #: Least current, as a share of the largest, up to which the map at no current is determined.
@@ -63,21 +63,23 @@ def judge_signs(experiment: Experiment) -> Judged:
     if trials[best].misfit > _CLEARER * standing.misfit:
         if angle >= 0:
             return None, experiment
-        found = BrokenConvention(
+        finding = BrokenConvention(
             "reversed angle",
             experiment.name,
             ("theta_el",),
             "the angle turns against the speed, which the voltage balance confirms",
             "give theta_el sign = -1",
         )
-        return found, with_channels(experiment, {"theta_el": -experiment.channels["theta_el"]})
+        return finding, with_channels(experiment, {"theta_el": -experiment.channels["theta_el"]})
     name, mend = _REVERSALS[best], f"give {' and '.join(best)} sign = -1"
     if best == ("omega_el",) and angle > 0:
         mend = "give omega_el and theta_el sign = -1, or i_q and u_q if it is the q axis"
     elif best == ("omega_el",) and angle == 0:
         mend += ", or i_q and u_q if it is the q axis that points backwards"
-    found = BrokenConvention(name, experiment.name, best, _why(standing, trials[best], angle), mend)
-    return found, _reversed(experiment, best)
+    finding = BrokenConvention(
+        name, experiment.name, best, _why(standing, trials[best], angle), mend
+    )
+    return finding, _reversed(experiment, best)
 
 
 def _reversed(experiment: Experiment, names: tuple[str, ...]) -> Experiment:
@@ -135,8 +137,8 @@ def judge_speed_factor(experiment: Experiment, pole_pairs: int | None) -> Judged
         name, mend = "pole pairs counted twice", "leave out mechanical = true of omega_el"
     elif pole_pairs is None:
         mend += f", and pole_pairs (about {best:.0f})"
-    found = BrokenConvention(name, experiment.name, ("omega_el",), evidence, mend)
-    return found, scaled
+    finding = BrokenConvention(name, experiment.name, ("omega_el",), evidence, mend)
+    return finding, scaled
 
 
 def _at_factor(experiment: Experiment, factor: float) -> tuple[TrialBalance, TrialBalance]:
@@ -170,7 +172,7 @@ def judge_delay(
         Why nothing can be determined, empty where it can.
     """
     lag, deviation = lag_of_voltage(experiment, in_phases)
-    if not deviation < _TOLD:
+    if not deviation < _DETERMINED:
         return (
             None,
             experiment,
@@ -184,14 +186,14 @@ def judge_delay(
     samples = round(lag) or (1 if lag > 0 else -1)
     names = ("u_a", "u_b", "u_c") if in_phases else ("u_d", "u_q")
     word = "lag behind" if lag > 0 else "lead"
-    found = BrokenConvention(
+    finding = BrokenConvention(
         "one-sample delay" if abs(samples) == 1 else f"delay of {abs(samples)} samples",
         experiment.name,
         names,
         f"the voltages {word} the currents by {abs(lag):.2f} ± {deviation:.2g} samples",
         f"give {', '.join(names)} delay = {samples}",
     )
-    return found, _in_place(experiment, samples, in_phases), ""
+    return finding, _in_place(experiment, samples, in_phases), ""
 
 
 def _in_place(experiment: Experiment, samples: int, in_phases: bool) -> Experiment:
@@ -242,11 +244,11 @@ def judge_magnet(experiment: Experiment, in_phases: bool) -> tuple[BrokenConvent
             ", or turn the recorded dq channels by as much; a voltage that the inverter holds or "
             f"delays without correction of the turn looks alike ({samples:.2g} samples)"
         )
-    found = BrokenConvention(
+    finding = BrokenConvention(
         "offset angle",
         experiment.name,
         ("theta_el",),
         f"the flux linkage at no current lies {aside:.3g} ± {deviation:.2g} deg beside the d axis",
         mend,
     )
-    return found, ""
+    return finding, ""

@@ -72,11 +72,11 @@ def check_conventions(
     if "theta_el" not in drive.channels:
         steps.append(lambda run: judge_speed_factor(run, pole_pairs))
     for judge in steps:
-        found, drive = judge(drive)
-        broken += (found,) if found else ()
+        finding, drive = judge(drive)
+        broken += (finding,) if finding else ()
     late, drive, why = judge_delay(drive, "u" in kinds)
     aside, why_not = judge_magnet(drive, kinds == "ui")
-    broken += tuple(found for found in (late, aside) if found)
+    broken += tuple(finding for finding in (late, aside) if finding)
     untold = tuple(reason for reason in (why, why_not) if reason)
     trial = try_balance(drive)
     broken += judge_units(drive, trial)
@@ -140,13 +140,13 @@ def _judge_motion(
         steps.append(lambda run: judge_phases(run, kinds))
     broken: tuple[BrokenConvention, ...] = ()
     for judge in steps:
-        found, experiment = judge(experiment)
-        broken += (found,) if found else ()
+        finding, experiment = judge(experiment)
+        broken += (finding,) if finding else ()
     return broken, experiment
 
 
 def _in_phases(experiment: Experiment, kind: str) -> bool:
-    """Tell whether a kind is to be had from phases alone."""
+    """Return whether a kind was recorded in phases only."""
     return f"{kind}_d" not in experiment.channels and f"{kind}_a" in experiment.channels
 
 

@@ -34,14 +34,14 @@ def judge_angle_unit(experiment: Experiment) -> Judged:
     turn, shown = _turn_of(experiment)
     for unit, size in _TURNS.items():
         if turn is not None and abs(turn / size - 1.0) < _TURN_TOLERANCE:
-            found = BrokenConvention(
+            finding = BrokenConvention(
                 "degrees for radians" if unit == "deg" else "turns for radians",
                 experiment.name,
                 ("theta_el",),
                 shown,
                 f'give theta_el unit = "{unit}"',
             )
-            return found, with_channels(experiment, {"theta_el": angle * (2 * np.pi / size)})
+            return finding, with_channels(experiment, {"theta_el": angle * (2 * np.pi / size)})
     return None, experiment
 
 
@@ -81,7 +81,7 @@ def judge_speed_and_angle(experiment: Experiment) -> Judged:
     evidence = f"the angle turns {ratio:.4g} times as fast as the speed says"
     for pairs in range(2, MOST_POLE_PAIRS + 1):
         if abs(size / pairs - 1.0) < _RATIO_TOLERANCE:
-            found = BrokenConvention(
+            finding = BrokenConvention(
                 "mechanical speed for electrical",
                 experiment.name,
                 ("omega_el",),
@@ -89,19 +89,19 @@ def judge_speed_and_angle(experiment: Experiment) -> Judged:
                 f"give omega_el mechanical = true, and pole_pairs = {pairs}",
             )
             speed = experiment.channels["omega_el"] * pairs
-            return found, with_channels(experiment, {"omega_el": speed})
+            return finding, with_channels(experiment, {"omega_el": speed})
         if abs(size * pairs - 1.0) < _RATIO_TOLERANCE:
             return of_shaft(experiment, pairs, evidence)
     if abs(size - 1.0) < _RATIO_TOLERANCE:
         return None, experiment
-    found = BrokenConvention(
+    finding = BrokenConvention(
         "angle against speed",
         experiment.name,
         ("omega_el", "theta_el"),
         evidence,
         "give both their units, and mechanical = true where one is of the shaft",
     )
-    return found, experiment
+    return finding, experiment
 
 
 def angle_over_speed(experiment: Experiment) -> float:
@@ -128,7 +128,7 @@ def of_shaft(experiment: Experiment, pairs: int, evidence: str) -> Judged:
     evidence : str
         What shows it.
     """
-    found = BrokenConvention(
+    finding = BrokenConvention(
         "mechanical angle for electrical",
         experiment.name,
         ("theta_el",),
@@ -136,4 +136,4 @@ def of_shaft(experiment: Experiment, pairs: int, evidence: str) -> Judged:
         f"give theta_el mechanical = true, and pole_pairs = {pairs}",
     )
     angle = np.unwrap(experiment.channels["theta_el"]) * pairs
-    return found, with_channels(experiment, {"theta_el": angle})
+    return finding, with_channels(experiment, {"theta_el": angle})

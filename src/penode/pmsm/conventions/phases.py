@@ -77,8 +77,8 @@ def judge_phases(experiment: Experiment, kinds: str) -> Judged:
     if len(swapped) == 2:
         mend += ", or give theta_el and omega_el sign = -1 if it is they that count backwards"
     channels = tuple(f"{kind}_{phase}" for kind in swapped for phase in pair)
-    found = BrokenConvention("swapped phases", experiment.name, channels, evidence, mend)
-    return found, orders[pair]
+    finding = BrokenConvention("swapped phases", experiment.name, channels, evidence, mend)
+    return finding, orders[pair]
 
 
 def _exchanged(experiment: Experiment, kinds: str, pair: str) -> Experiment:

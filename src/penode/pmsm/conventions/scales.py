@@ -18,10 +18,10 @@ _SMALL_CURRENT, _LARGE_MACHINE = 2.0, 6e-3
 #: Voltages below which they may be shares of the link (up to 2 / sqrt(3) of half of it), where the
 #: largest current drops less than this in R, both in V.
 _LARGEST_SHARE, _SMALL_DROP = 1.16, 0.1
-#: sqrt(2) and 1 are told apart at the geometric mean, and taken for themselves this far around.
+#: Ratios this close to sqrt(2), or to 1, are taken as that; their geometric mean separates them.
 _TOLERANCE, _TOLERANCE_OF_R = 0.13, 0.115
-#: Deviation of R, as a share of it, up to which it is held against the name plate.
-_TOLD = 0.1
+#: Deviation of R, as a share of it, up to which it is compared with the name plate.
+_DETERMINED = 0.1
 
 _ROOT = 2.0**0.5
 _NAMES = {"u": ("u_d", "u_q"), "i": ("i_d", "i_q")}
@@ -42,9 +42,9 @@ def judge_units(experiment: Experiment, trial: TrialBalance) -> tuple[BrokenConv
     voltage = float(np.hypot(*experiment.stack(_NAMES["u"]).T).max())
     drop = abs(trial.resistance) * current
     constant = float(trial.inductance.mean()) / max(abs(trial.resistance), 1e-300)
-    found = []
+    findings = []
     if voltage <= _LARGEST_SHARE and drop < _SMALL_DROP and voltage < current:
-        found.append(
+        findings.append(
             BrokenConvention(
                 "duty for volts",
                 experiment.name,
@@ -56,7 +56,7 @@ def judge_units(experiment: Experiment, trial: TrialBalance) -> tuple[BrokenConv
             )
         )
     elif current < _SMALL_CURRENT and constant > _LARGE_MACHINE:
-        found.append(
+        findings.append(
             BrokenConvention(
                 "kA for A",
                 experiment.name,
@@ -67,7 +67,7 @@ def judge_units(experiment: Experiment, trial: TrialBalance) -> tuple[BrokenConv
                 'give i_d and i_q (or the phases) unit = "kA"',
             )
         )
-    return tuple(found)
+    return tuple(findings)
 
 
 def judge_rms_by_phases(experiment: Experiment) -> tuple[BrokenConvention, ...]:
@@ -78,7 +78,7 @@ def judge_rms_by_phases(experiment: Experiment) -> tuple[BrokenConvention, ...]:
     experiment : Experiment
         With dq channels, and phase channels of some kinds.
     """
-    found = []
+    findings = []
     for kind in "ui":
         phases = [f"{kind}_{phase}" for phase in "abc"]
         if not all(name in experiment.channels for name in (*phases, *_NAMES[kind])):
@@ -89,8 +89,8 @@ def judge_rms_by_phases(experiment: Experiment) -> tuple[BrokenConvention, ...]:
         ratio = float(np.sqrt(np.sum(dq**2) / max(2.0 / 3.0 * np.sum(three**2), 1e-300)))
         if abs(ratio * _ROOT - 1.0) < _TOLERANCE:
             evidence = f"the dq {_WORDS[kind]} are {ratio:.3f} times as long as those of the phases"
-            found.append(_rms(experiment, kind, evidence))
-    return tuple(found)
+            findings.append(_rms(experiment, kind, evidence))
+    return tuple(findings)
 
 
 def judge_rms_by_plate(experiment: Experiment, plate: NamePlate) -> tuple[BrokenConvention, ...]:
@@ -107,20 +107,20 @@ def judge_rms_by_plate(experiment: Experiment, plate: NamePlate) -> tuple[Broken
     """
     if plate.magnet_flux_linkage is None:
         return ()
-    found = []
+    findings = []
     trial, fine = try_balance(experiment), try_balance(experiment, degree=FINE_DEGREE)
     flux = float(np.hypot(*trial.magnet)) / plate.magnet_flux_linkage
     volts_in_rms = abs(flux * _ROOT - 1.0) < _TOLERANCE
     if volts_in_rms:
         evidence = f"the magnet's flux linkage is {flux:.2f} times that of the name plate"
-        found.append(_rms(experiment, "u", evidence))
-    if plate.resistance is not None and fine.deviation < _TOLD * fine.resistance:
+        findings.append(_rms(experiment, "u", evidence))
+    if plate.resistance is not None and fine.deviation < _DETERMINED * fine.resistance:
         ratio = fine.resistance / plate.resistance
         expected = 1.0 if volts_in_rms else _ROOT
         if abs(ratio / expected - 1.0) < _TOLERANCE_OF_R:
             evidence = f"R is {ratio:.2f} times that of the name plate"
-            found.append(_rms(experiment, "i", evidence))
-    return tuple(found)
+            findings.append(_rms(experiment, "i", evidence))
+    return tuple(findings)
 
 
 def _rms(experiment: Experiment, kind: str, evidence: str) -> BrokenConvention:

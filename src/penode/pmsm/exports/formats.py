@@ -78,11 +78,11 @@ def export(
     path = Path(path)
     if to not in FORMATS:
         raise InputError(f"format {to!r} came; choose one of {', '.join(FORMATS)}.")
-    known = FORMATS[to]
-    if path.suffix.lower() != known.suffix:
+    target = FORMATS[to]
+    if path.suffix.lower() != target.suffix:
         raise InputError(
-            f"{path}: suffix {path.suffix!r} came for the format {to}; use {known.suffix}."
+            f"{path}: suffix {path.suffix!r} came for the format {to}; use {target.suffix}."
         )
-    grid = tabulate(fit, known.points if points is None else points, pole_pairs)
-    write_atomically(path, known.encode(fit, grid, path.stem))
+    grid = tabulate(fit, target.points if points is None else points, pole_pairs)
+    write_atomically(path, target.encode(fit, grid, path.stem))
     return grid

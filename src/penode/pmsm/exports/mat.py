@@ -64,18 +64,18 @@ def _inverse_tables(fit: Fit, grid: FluxGrid) -> dict[str, FloatArray]:
     axes = [np.linspace(one.min(), one.max(), count) for one in inside]
     targets = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(2, -1)
     nearest = current[:, cKDTree(flux.T).query(targets.T)[1]]
-    found = inverse(
+    currents = inverse(
         lambda i: fit.flux_map(*i), lambda i: fit.differential_inductance(*i), targets, nearest
     )
     reach = np.array([np.ptp(grid.i_d), np.ptp(grid.i_q)])[:, None]
-    lost = ~(np.abs(found - nearest) <= reach).all(axis=0)
-    found = np.where(lost, nearest, found)
-    supported = fit.supported(found.T) & ~lost
-    i_d, i_q, known = (one.reshape(count, count) for one in (*found, supported.astype(float)))
+    lost = ~(np.abs(currents - nearest) <= reach).all(axis=0)
+    currents = np.where(lost, nearest, currents)
+    supported = fit.supported(currents.T) & ~lost
+    i_d, i_q, flags = (one.reshape(count, count) for one in (*currents, supported.astype(float)))
     return {
         "fluxDVec": axes[0],
         "fluxQVec": axes[1],
         "idOfFlux": i_d,
         "iqOfFlux": i_q,
-        "supportedOfFlux": known,
+        "supportedOfFlux": flags,
     }

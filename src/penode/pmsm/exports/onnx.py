@@ -103,8 +103,8 @@ def _add_flux(graph: _Graph, flux: FluxMap) -> None:
         hidden = graph.node(
             "Tanh", graph.affine("currents", network.directions / into, network.bias)
         )
-        pull = out * (network.gain[:, None] * network.directions).T
-        curved = graph.affine(hidden, pull, out * network.offset)
+        output_weights = out * (network.gain[:, None] * network.directions).T
+        curved = graph.affine(hidden, output_weights, out * network.offset)
         linear = graph.node("MatMul", "currents", graph.constant(out / into * network.stiffness))
         graph.node("Add", curved, linear, output="flux_linkage")
     elif isinstance(network, TanhLayers):
@@ -162,11 +162,11 @@ def _add_axis(graph: _Graph, part: CoenergyPart, x: str, axis: int) -> tuple[str
         weights[k : k + basis.weights.shape[1], k] = basis.weights[k]
     if axis == 1:
         weights = folded(weights[None].transpose(0, 2, 1), part.even)[0].T
-    found = []
+    outputs = []
     for power, factor in ((4.0, 1.0), (3.0, -4.0), (2.0, 12.0)):
         powers = graph.node("Pow", above, constant(np.array(power)))
-        found.append(graph.node("MatMul", powers, constant(factor * weights)))
-    value, slope, curvature = found
+        outputs.append(graph.node("MatMul", powers, constant(factor * weights)))
+    value, slope, curvature = outputs
     bend = graph.node("Mul", curvature, beyond)
     half = graph.node("Mul", bend, constant(np.array(0.5)))
     rise = graph.node("Mul", graph.node("Add", slope, half), beyond)

@@ -117,16 +117,14 @@ class CoenergySplines(FeatureNetwork):
     ) -> tuple[JaxArray, JaxArray]:
         """Return the gradient (2, batch) and the Hessian (2, 2, batch)."""
         every = _tables(self.weighted(features))
-        found = [_jets((_GRADIENT, _HESSIAN), table, x) for table in every]
-        gradient, hessian = (
-            functools.reduce(operator.add, one) for one in zip(*found, strict=True)
-        )
+        jets = [_jets((_GRADIENT, _HESSIAN), table, x) for table in every]
+        gradient, hessian = (functools.reduce(operator.add, one) for one in zip(*jets, strict=True))
         return gradient, hessian.reshape(2, 2, -1)
 
     def slope(self, x: JaxArray, rates: JaxArray) -> JaxArray:
         """Return how fast the gradient (2, batch) changes while the features do."""
-        found = (_jets((_GRADIENT,), table, x)[0] for table in _tables(self._turning(rates)))
-        return sum(found, jnp.zeros_like(x))
+        slopes = (_jets((_GRADIENT,), table, x)[0] for table in _tables(self._turning(rates)))
+        return sum(slopes, jnp.zeros_like(x))
 
 
 def folded(splines: Array, even: bool) -> Array:
@@ -163,12 +161,12 @@ def _tables(parts: list[tuple[CoenergyPart, JaxArray | None]]) -> list[_Table]:
             table = jnp.sum(part.coefficients * waves[:, None, None], axis=0)
         same = tables.setdefault(part.count, {})
         same[part.even] = same[part.even] + table if part.even in same else table
-    found = []
+    merged = []
     for of_parity in tables.values():
         batch = jnp.broadcast_shapes(*(t.shape[-1:] for t in of_parity.values()))
         wide = [jnp.broadcast_to(t, (*t.shape[:-1], *batch)) for t in of_parity.values()]
-        found.append(_Table(tuple(of_parity), jnp.concatenate(wide, axis=1)))
-    return found
+        merged.append(_Table(tuple(of_parity), jnp.concatenate(wide, axis=1)))
+    return merged
 
 
 def _jets(wanted: tuple[Orders, ...], table: _Table, x: JaxArray) -> tuple[JaxArray, ...]:

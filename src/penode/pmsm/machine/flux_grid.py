@@ -33,7 +33,7 @@ class FluxGrid:
     resistance : float or None
         In ohm; None where it is not known.
     pole_pairs : int or None
-        None where nobody said.
+        None if not given.
     """
 
     i_d: FloatArray
@@ -110,7 +110,7 @@ def tabulate(fit: Fit, points: int, pole_pairs: int | None = None) -> FluxGrid:
     Returns
     -------
     FluxGrid
-        The resistance is left out where the recordings could not tell it.
+        Without the resistance where the recordings do not identify it.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def tabulate(fit: Fit, points: int, pole_pairs: int | None = None) -> FluxGrid:
         )
     i_d, i_q = (even_axis(a, b, points) for a, b in zip(low, high, strict=True))
     mesh = np.stack(np.meshgrid(i_d, i_q, indexing="ij"))
-    known = fit.provenance.get("pole_pairs")
+    stored_pole_pairs = fit.provenance.get("pole_pairs")
     return FluxGrid(
         i_d,
         i_q,
@@ -138,7 +138,7 @@ def tabulate(fit: Fit, points: int, pole_pairs: int | None = None) -> FluxGrid:
         fit.differential_inductance(*mesh),
         fit.supported(mesh.reshape(2, -1).T).reshape(points, points),
         fit.parameters["R"].value if fit.horizon.answered and "R" in fit.parameters else None,
-        known if pole_pairs is None else pole_pairs,
+        stored_pole_pairs if pole_pairs is None else pole_pairs,
     )
 
 

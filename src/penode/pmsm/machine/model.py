@@ -43,10 +43,10 @@ class Machine(Model):
     @property
     def channels(self) -> dict[str, Channel]:
         """Channels that the terms and the map need beside voltages and currents, by name."""
-        found = {SPEED.name: SPEED}
+        channels = {SPEED.name: SPEED}
         if self.flux.angle_orders:
-            found[ANGLE.name] = ANGLE
-        return {**found, **channels_of(self.terms)}
+            channels[ANGLE.name] = ANGLE
+        return {**channels, **channels_of(self.terms)}
 
     @property
     def inputs(self) -> tuple[str, ...]:

@@ -175,7 +175,7 @@ class DeadTime(Term):
     A phase current crosses zero within a fraction of a sample. The four stages of the classic
     Runge-Kutta method would see its sign at three moments, by chance and not without a bias: at
     1500 rpm and 10 kHz it made R of a 16 mohm machine 0.4 % too small. So each stage takes the
-    mean over the part of the sample that it stands for (`Inputs.part_for`).
+    mean over its part of the sample (`Inputs.part_for`).
 
     Attributes
     ----------

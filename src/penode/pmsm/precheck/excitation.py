@@ -53,21 +53,23 @@ class Excitation:
     @property
     def advice(self) -> tuple[str, ...]:
         """What would widen the excitation, a sentence each."""
-        found = []
+        suggestions = []
         empty = [q for q, part in zip(_QUARTERS, self.quarters, strict=True) if part < _VISITED]
         if self.fraction < ENOUGH:
-            found.append(
+            suggestions.append(
                 f"The currents visit {100 * self.fraction:.2g} % of the disc of "
                 f"{self.largest_current:.3g} A; sweep i_d and i_q over a Lissajous figure or a "
                 "spiral."
             )
         if empty:
-            found.append(
+            suggestions.append(
                 f"No current was visited with {' or '.join(empty)}, so the map says nothing there."
             )
         if np.ptp(self.speed_range) < _OTHER_SPEED * np.max(np.abs(self.speed_range)):
-            found.append("There is one speed only; a second one, or the reverse, makes R surer.")
-        return tuple(found)
+            suggestions.append(
+                "There is one speed only; a second one, or the reverse, makes R surer."
+            )
+        return tuple(suggestions)
 
 
 _QUARTERS = (

@@ -36,12 +36,12 @@ def machine_checks(
         Of the machine.
     """
     broken = [b for one in check_all(experiments, timing, pole_pairs) for b in one.broken]
-    found = [
+    objections = [
         Objection(b.name, f"{b.recording}: {b.evidence}.", f"To mend it, {b.mend}.") for b in broken
     ]
 
     def broken_conventions(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
-        yield from found
+        yield from objections
 
     return broken_conventions, per_unit, voltage_limit, standstill
 

@@ -1,4 +1,4 @@
-"""Everything that can be said of recordings before any training."""
+"""All checks of recordings before any training."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ class RecordingCheck:
     def verdict(self) -> str:
         """What the recordings are good for, in a sentence."""
         if self.broken:
-            names = ", ".join(dict.fromkeys(found.name for found in self.broken))
+            names = ", ".join(dict.fromkeys(finding.name for finding in self.broken))
             return (
                 f"Mend the conventions first ({names}), then check again; the entries count from "
                 "the channels as they are mapped now."
@@ -80,7 +80,7 @@ class RecordingCheck:
 
     def as_json(self) -> dict[str, Any]:
         """Return the findings as what JSON knows, in SI units."""
-        found: dict[str, Any] = {
+        document: dict[str, Any] = {
             "good": self.good,
             "verdict": self.verdict,
             "recordings": [
@@ -104,7 +104,7 @@ class RecordingCheck:
             "untold": list(self.untold),
         }
         if self.excitation is not None and self.identifiability is not None:
-            found["excitation"] = {
+            document["excitation"] = {
                 "largest_current": self.excitation.largest_current,
                 "share_of_disc": self.excitation.fraction,
                 "quarters": list(self.excitation.quarters),
@@ -112,15 +112,15 @@ class RecordingCheck:
                 "current_rate": self.excitation.current_rate,
                 "advice": list(self.excitation.advice),
             }
-            found["identifiability"] = {
+            document["identifiability"] = {
                 "flux_map": self.identifiability.flux_map,
                 "independence": dict(self.identifiability.independence),
                 "indistinguishable": list(self.identifiability.indistinguishable),
                 "alarm": self.identifiability.alarm,
                 "repair": self.identifiability.repair,
             }
-            found["structure"] = list(self.structure)
-        return found
+            document["structure"] = list(self.structure)
+        return document
 
 
 @one_blas_thread

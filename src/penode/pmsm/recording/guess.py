@@ -123,13 +123,13 @@ class _Pick:
 
 def _picks(table: Table) -> dict[str, _Pick]:
     """Return the column whose name suits each channel best."""
-    found: dict[str, list[_Pick]] = {}
+    by_channel: dict[str, list[_Pick]] = {}
     for column in table.columns:
         hint = read_name(column)
         if hint is not None and _may_be(table, column, hint):
-            found.setdefault(hint.channel, []).append(_Pick(column, hint))
+            by_channel.setdefault(hint.channel, []).append(_Pick(column, hint))
     picks = {}
-    for channel, candidates in found.items():
+    for channel, candidates in by_channel.items():
         best, *rest = sorted(candidates, key=_unlikeliness)
         picks[channel] = replace(best, others=tuple(pick.column for pick in rest))
     return picks
@@ -224,8 +224,8 @@ def _decide_motion(
 
 def _decided(guess: ChannelGuess, unit: str, side: str, sign: int, why: str) -> ChannelGuess:
     backwards = ", counted backwards" if sign < 0 else ""
-    found = f"{unit}, {side}" if len(guess.reasons) == 1 else side
-    reasons = (*guess.reasons, f"{found}{backwards}, {why}")
+    summary = f"{unit}, {side}" if len(guess.reasons) == 1 else side
+    reasons = (*guess.reasons, f"{summary}{backwards}, {why}")
     return replace(guess, unit=unit, sign=sign, mechanical=side == "mechanical", reasons=reasons)
 
 

@@ -32,7 +32,7 @@ class Turning:
     Attributes
     ----------
     values, times : ndarray, shape (time,)
-        In the unit of the file, and in s; empty where nothing can be told from them.
+        In the unit of the file, and in s; empty where nothing can be determined from them.
     units : tuple of str
         Units that it may have, keys of `UNITS`, the likeliest first.
     side : {"mechanical", "electrical", ""}
@@ -103,7 +103,7 @@ def motion_of(speed: Turning | None, angle: Turning | None, turns: int | None) -
             shaft,
             angle_sign=direction or 1,
         )
-    # Which of the two counts backwards only the phases can tell; without them, the angle does.
+    # Only the phases show which of the two counts backwards; without them, the angle is taken to.
     angle_sign = direction or motion.angle_sign
     return replace(
         motion,
@@ -120,7 +120,7 @@ def usual_side(unit: str) -> str:
 
 def _agreement(speed: Turning, angle: Turning, turns: int | None) -> Motion | None:
     """Return the simplest motion in which the slope of the angle is the speed, if there is one."""
-    found: list[tuple[float, Motion]] = []
+    motions: list[tuple[float, Motion]] = []
     for rank, units in enumerate(product(speed.units, angle.units)):
         ratio = _ratio(speed, angle, *units)
         for speed_side, angle_side, pole_pairs in _sides(abs(ratio)):
@@ -128,8 +128,8 @@ def _agreement(speed: Turning, angle: Turning, turns: int | None) -> Motion | No
             motion = Motion(*units, speed_side, angle_side, pole_pairs, 1, sign, agrees=True)
             if _allowed(motion, speed, angle, turns):
                 unusual = speed_side != usual_side(units[0])
-                found.append((rank + 0.5 * unusual + (pole_pairs or 0) / 100, motion))
-    return min(found, key=lambda pair: pair[0])[1] if found else None
+                motions.append((rank + 0.5 * unusual + (pole_pairs or 0) / 100, motion))
+    return min(motions, key=lambda pair: pair[0])[1] if motions else None
 
 
 def electrical_turns(kinds: Sequence[FloatArray], angle: FloatArray) -> int | None:
@@ -146,7 +146,7 @@ def electrical_turns(kinds: Sequence[FloatArray], angle: FloatArray) -> int | No
     -------
     int or None
         1 for an electrical angle, the pole pairs for that of the shaft, negative where the angle
-        turns against the phases; None where the phases do not tell.
+        turns against the phases; None where the phases do not determine it.
     """
     counts = [k * sign for k in range(1, _MOST_POLE_PAIRS + 1) for sign in (1, -1)]
     constant = {k: sum(_constant_share(phases, k * angle) for phases in kinds) for k in counts}
@@ -188,7 +188,7 @@ def _sides(ratio: float) -> Iterator[tuple[str, str, int | None]]:
 
 
 def _allowed(motion: Motion, speed: Turning, angle: Turning, turns: int | None) -> bool:
-    """Tell whether the sides are those of the names and of the phase currents."""
+    """Return whether the sides are those of the names and of the phase currents."""
     if speed.side not in ("", motion.speed_side) or angle.side not in ("", motion.angle_side):
         return False
     if turns is None:

@@ -77,7 +77,7 @@ def read_name(column: str) -> NameHint | None:
         None where the name is that of no channel.
     """
     bare, unit = _split_unit(column)
-    # A last letter may be an axis, not a unit: in i_A and u_V nothing but it tells the phase.
+    # A last letter may be an axis, not a unit: in i_A and u_V it alone names the phase.
     for name, its_unit in ((bare, unit), (column, "")):
         tokens = [token.lower() for token in _TOKEN.findall(re.split(r"[./]", name)[-1])]
         channel = _channel(tokens)

@@ -1,4 +1,4 @@
-"""Values of a data sheet, for what no recording can tell."""
+"""Values of a data sheet, for what no recording identifies."""
 
 from dataclasses import dataclass
 

@@ -21,7 +21,7 @@ _HEAD = """\
 _SETTINGS = """\
 flux_map = "coenergy"  # default; or convex, mlp, polynomial, spline
 horizon = "auto"  # default; or a number of steps
-# Left to the data unless given here; inverter and angle_orders need theta_el:
+# Decided from the data unless given here; inverter and angle_orders need theta_el:
 # hold = "dq"  # frame in which a voltage is held for a sample, or "stationary"; as recorded then
 # inverter = true  # identify the dead-time voltage
 # terms = ["temperature_resistance"]  # R over a recorded winding temperature

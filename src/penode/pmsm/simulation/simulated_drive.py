@@ -119,5 +119,5 @@ def share_beyond(recording: Recording, result: Path) -> float:
     first, step = axes[:, 0], (axes[:, -1] - axes[:, 0]) / (axes.shape[1] - 1)
     nearest = np.rint((recording.truth.trace.current - first) / step).astype(int)
     inside = np.all((nearest >= 0) & (nearest < axes.shape[1]), axis=1)
-    known = grid.supported[tuple(nearest[inside].T)]
-    return 1.0 - float(np.count_nonzero(known)) / len(nearest)
+    supported = grid.supported[tuple(nearest[inside].T)]
+    return 1.0 - float(np.count_nonzero(supported)) / len(nearest)

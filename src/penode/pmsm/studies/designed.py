@@ -9,12 +9,12 @@ from penode.pmsm.studies.summaries import (
     at,
     error_percent,
     flux_percent,
+    in_numbers,
     listed,
     mean_at,
     milliohm,
     rows,
     star,
-    told,
 )
 from penode.pmsm.studies.variants import COENERGY, INVERTER, PAPER, SECOND_ORDER, Variant
 
@@ -57,15 +57,15 @@ def well_designed(runs: Runs) -> StudyResult:
         rows(groups),
         tuple(panels),
         tuple(claims),
-        "Where the trajectory is as fast as the machine turns, the term (ΔR/ω) J di/dt that tells "
-        "the gauge apart is as large as the resistive drop itself. What then remains is what looks "
-        "like resistance at any horizon: on the bench the dead time, 2 V against 2 V of resistive "
-        "drop at 200 A, which only its own term can take away.",
+        "Where the trajectory is as fast as the machine turns, the term (ΔR/ω) J di/dt that "
+        "resolves the gauge is as large as the resistive drop itself. What then remains is what "
+        "looks like resistance at any horizon: on the bench the dead time, 2 V against 2 V of "
+        "resistive drop at 200 A, which only its own term can take away.",
     )
 
 
-def _flat(label: str, variant: Variant, found: list[Run], runs: Runs) -> Claim:
-    errors = {h: mean_at(found, h, error_percent) for h in runs.extent.few_horizons}
+def _flat(label: str, variant: Variant, variant_runs: list[Run], runs: Runs) -> Claim:
+    errors = {h: mean_at(variant_runs, h, error_percent) for h in runs.extent.few_horizons}
     return Claim(
         f"{label}, {variant.label}: R within 2 % at every horizon.",
         all(abs(error) <= 2.0 for error in errors.values()),
@@ -74,20 +74,20 @@ def _flat(label: str, variant: Variant, found: list[Run], runs: Runs) -> Claim:
 
 
 def _chosen(label: str, run: Run) -> Claim:
-    found = run.found
+    measures = run.result
     return Claim(
         f"{label}, our defaults: R within 2 %.",
-        abs(found.error) <= 0.02,
-        f"{told(found)}.",
+        abs(measures.error) <= 0.02,
+        f"{in_numbers(measures)}.",
     )
 
 
 def subdomain(runs: Runs) -> StudyResult:
-    """Return what motor operation alone tells (paper, section 5.1)."""
+    """Return what motor operation alone identifies (paper, section 5.1)."""
     case = "motor_operation"
     by = _few(runs, case, _MOTOR)
     ours = runs.ours(case)
-    truth = 1e3 * ours.found.true_resistance
+    truth = 1e3 * ours.result.true_resistance
     resistance = over_horizons(by, milliohm, _MOTOR)
     flux = over_horizons(by, flux_percent, _MOTOR)
     paper, last = by[PAPER.name], runs.extent.few_horizons[-1]
@@ -126,6 +126,6 @@ def subdomain(runs: Runs) -> StudyResult:
         rows([*by.values(), [ours]]),
         panels,
         claims,
-        "A quarter of the disc has less to tell R by, and the map may bend as it likes outside of "
+        "A quarter of the disc has less leverage on R, and the map may bend as it likes outside of "
         "it. The gauge is the same.",
     )

@@ -17,7 +17,7 @@ def generalisation_vs_horizon(runs: Runs) -> StudyResult:
     by = axes_runs(runs, "simulation", chosen)
     ours = runs.ours("simulation")
     paper, last = by[PAPER.name], runs.extent.longest
-    names = list(ours.found.one_step)
+    names = list(ours.result.one_step)
     levels = [v for run in good([r for group in by.values() for r in group]) for v in _errors(run)]
     limits = (0.7 * min(levels), 1.4 * max(levels))
     panels = tuple(_generalisation(v, by[v.name], limits) for v in chosen if v.name in by)
@@ -42,9 +42,9 @@ def generalisation_vs_horizon(runs: Runs) -> StudyResult:
         ),
         Claim(
             "Ours generalises better than the paper's recipe at any horizon.",
-            ours.found.unseen_one_step
+            ours.result.unseen_one_step
             < min(mean_at(paper, h, lambda m: m.unseen_one_step) for h in runs.extent.horizons),
-            f"Our defaults: {ours.found.unseen_one_step:.3g} A² on the same recordings.",
+            f"Our defaults: {ours.result.unseen_one_step:.3g} A² on the same recordings.",
         ),
     )
     return StudyResult(
@@ -63,19 +63,19 @@ def generalisation_vs_horizon(runs: Runs) -> StudyResult:
 
 def _errors(run: Run) -> list[float]:
     """Return all finite one-step errors of a run."""
-    errors = [run.found.one_step_train, *run.found.one_step.values()]
+    errors = [run.result.one_step_train, *run.result.one_step.values()]
     return [error for error in errors if np.isfinite(error)]
 
 
 def _generalisation(variant: Variant, runs: Sequence[Run], limits: tuple[float, float]) -> Panel:
     kept = good(runs)
     x = [float(run.horizon) for run in kept]
-    names = kept[0].found.one_step if kept else {}
+    names = kept[0].result.one_step if kept else {}
     others = [
-        Series(name, x, [run.found.one_step[name] for run in kept], colour, marker)
+        Series(name, x, [run.result.one_step[name] for run in kept], colour, marker)
         for name, (colour, marker) in zip(names, _MARKS, strict=False)
     ]
-    trained = Series("trained on", x, [r.found.one_step_train for r in kept], "paper", "x")
+    trained = Series("trained on", x, [r.result.one_step_train for r in kept], "paper", "x")
     return Panel(
         variant.label,
         HORIZON,
@@ -96,13 +96,13 @@ _MARKS = tuple(
 
 
 def _unseen(name: str) -> Value:
-    return lambda found: found.one_step[name]
+    return lambda measures: measures.one_step[name]
 
 
 def _generalisation_rows(groups: Sequence[Sequence[Run]]) -> list[dict[str, object]]:
     table = []
     for run in (run for group in groups for run in good(group)):
-        head = {"method": run.method, "seed": run.seed, "horizon": run.found.horizon}
-        errors = {"trained on": run.found.one_step_train, **run.found.one_step}
+        head = {"method": run.method, "seed": run.seed, "horizon": run.result.horizon}
+        errors = {"trained on": run.result.one_step_train, **run.result.one_step}
         table += [{**head, "on": name, "one_step_mse_A2": e} for name, e in errors.items()]
     return table

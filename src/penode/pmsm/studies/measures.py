@@ -80,8 +80,8 @@ class Measures:
     @classmethod
     def restored(cls, record: Mapping[str, Any]) -> "Measures":
         """Return measures from what `plain` gave; a number that was not finite is infinite."""
-        known = {name: _finite(value) for name, value in record.items()}
-        return cls(**known)
+        values = {name: _finite(value) for name, value in record.items()}
+        return cls(**values)
 
 
 def _finite(value: Any) -> Any:

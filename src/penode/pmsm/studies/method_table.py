@@ -38,26 +38,26 @@ LABELS = {
 def method_table(runs: Runs) -> StudyResult:
     """Return R, map, one-step and free-run errors of every method on every recording."""
     extent = runs.extent
-    found: dict[tuple[str, str], Run] = {}
+    by_method: dict[tuple[str, str], Run] = {}
     for case in extent.recordings:
         for name in LABELS:
-            found[name, case] = _run(runs, case, name)
+            by_method[name, case] = _run(runs, case, name)
     table = []
-    for (name, case), run in found.items():
+    for (name, case), run in by_method.items():
         shown = {**row(run), "method": LABELS[name], "recording": runs.case(case).label}
         table.append(shown)
-    best = [_best(found, case) for case in extent.recordings]
+    best = [_best(by_method, case) for case in extent.recordings]
     mine = sum(name == "ours" for name in best)
     claims = (
         Claim(
             "Our defaults find R closest, or within 2 %, on every recording.",
             all(
-                name == "ours" or abs(found["ours", case].found.error) <= 0.02
+                name == "ours" or abs(by_method["ours", case].result.error) <= 0.02
                 for name, case in zip(best, extent.recordings, strict=True)
             ),
             f"Closest of all on {mine} of {len(best)} recordings; error of R: "
             + ", ".join(
-                f"{case} {error_percent(found['ours', case].found):+.2f} %"
+                f"{case} {error_percent(by_method['ours', case].result):+.2f} %"
                 for case in extent.recordings
             )
             + ".",
@@ -67,11 +67,11 @@ def method_table(runs: Runs) -> StudyResult:
         "table",
         "Every method on every recording",
         "Conventional methods, the paper's recipe and our defaults. Errors against the bench's "
-        "truth; one-step and free-run errors on recordings that nobody trained on.",
+        "truth; one-step and free-run errors on recordings not used for training.",
         table,
         (
-            _matrix(runs, found, "|error of R| (%)", lambda m: abs(error_percent(m))),
-            _matrix(runs, found, "error of the map (% of ψ_PM)", flux_percent),
+            _matrix(runs, by_method, "|error of R| (%)", lambda m: abs(error_percent(m))),
+            _matrix(runs, by_method, "error of the map (% of ψ_PM)", flux_percent),
         ),
         claims,
         "Stationary averaging needs recordings that dwell, and refuses the others. One-step "
@@ -99,22 +99,22 @@ def _run(runs: Runs, case: str, name: str) -> Run:
     return runs.ours(case) if name == "ours" else runs.by_method(case, name, METHODS[name])
 
 
-def _best(found: dict[tuple[str, str], Run], case: str) -> str:
+def _best(by_method: dict[tuple[str, str], Run], case: str) -> str:
     errors = {
-        name: abs(run.found.error)
-        for (name, at), run in found.items()
+        name: abs(run.result.error)
+        for (name, at), run in by_method.items()
         if at == case and run.measures is not None
     }
     return min(errors, key=lambda name: errors[name])
 
 
-def _matrix(runs: Runs, found: dict[tuple[str, str], Run], title: str, value: Value) -> Matrix:
+def _matrix(runs: Runs, by_method: dict[tuple[str, str], Run], title: str, value: Value) -> Matrix:
     cases = runs.extent.recordings
     named = tuple(
         runs.case(case).label.replace(", ", "\n").replace("operating ", "operating\n")
         for case in cases
     )
-    values = [[_shown(found[name, case], value) for case in cases] for name in LABELS]
+    values = [[_shown(by_method[name, case], value) for case in cases] for name in LABELS]
     return Matrix(title, "", "", tuple(LABELS.values()), named, values)
 
 

@@ -1,4 +1,4 @@
-"""Our defaults as a method among others: nothing is told."""
+"""Our defaults as a method among others: no setting is given."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

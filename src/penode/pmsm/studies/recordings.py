@@ -105,7 +105,7 @@ CASES: dict[str, tuple[str, Callable[[], Simulation]]] = {
 
 
 def fingerprint(name: str) -> str:
-    """Return text that tells a case from one that would be recorded otherwise.
+    """Return a hash that differs between cases recorded differently.
 
     Parameters
     ----------
@@ -113,8 +113,8 @@ def fingerprint(name: str) -> str:
         A key of `CASES`.
     """
     whole = CASES[name][1]()
-    told = json.dumps(plain([whole, _others(name, whole)]), sort_keys=True)
-    return hashlib.sha256(told.encode()).hexdigest()[:16]
+    text = json.dumps(plain([whole, _others(name, whole)]), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def record_case(name: str, extent: Extent) -> Case:
@@ -143,7 +143,7 @@ def record_case(name: str, extent: Extent) -> Case:
             seed=whole.seed + 1 + number,
         )
         run = other.record()
-        unseen.append(replace(run, experiment=replace(run.experiment, name=_told(rpm, reference))))
+        unseen.append(replace(run, experiment=replace(run.experiment, name=_label(rpm, reference))))
     return Case(name, label, trained, tuple(unseen))
 
 
@@ -169,5 +169,5 @@ def _others(name: str, whole: Simulation) -> list[tuple[float, Reference]]:
     ]
 
 
-def _told(rpm: float, reference: Reference) -> str:
+def _label(rpm: float, reference: Reference) -> str:
     return f"{rpm:g} rpm, {type(reference).__name__.lower()}"

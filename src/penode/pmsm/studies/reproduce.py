@@ -87,9 +87,9 @@ def reproduce(
         ``figures/studies_NAME.png``, and ``results.md``.
     extent : Extent
     say : callable
-        Told a line of progress at a time.
+        Called with a line of progress at a time.
     observer : callable
-        Told of each evaluation.
+        Called with each evaluation.
     """
     runs, results = Runs(folder / "runs", extent, say, observer), list[StudyResult]()
     page = folder / "results.md"

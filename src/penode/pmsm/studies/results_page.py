@@ -23,7 +23,7 @@ _READING = """
 ## How to read it
 
 - The **true R** is the dashed line. A method that is far from it and whose seeds agree is not sure
-  but biased: repeating the training tells nothing.
+  but biased: repeating the training does not reveal a bias.
 - **H** is how many samples ahead the training looks. If R moves with H, neither end is the answer;
   something in the recording is not in the model. Look for a range where it stands still.
 - For your own drive the cheapest remedies come first: a map with a coenergy, a recording at a
@@ -76,7 +76,7 @@ def _section(result: StudyResult) -> str:
 
 
 def _table(rows: Sequence[Mapping[str, object]], columns: Sequence[str]) -> list[str]:
-    """Return rows as a Markdown table, a refusal told as a dash."""
+    """Return rows as a Markdown table, a refusal shown as a dash."""
     shown = [name for name in columns if name != "refusal"]
     lines = ["| " + " | ".join(_heading(name) for name in shown) + " |"]
     lines.append("|" + "---|" * len(shown))

@@ -24,7 +24,7 @@ from penode.pmsm.studies.recordings import Case, fingerprint, record_case
 from penode.pmsm.studies.trainer import Branches, Trainer
 from penode.pmsm.studies.variants import Variant
 
-#: Told a line of progress.
+#: Called with a line of progress.
 Say = Callable[[str], None]
 
 
@@ -56,7 +56,7 @@ class Run:
     processor_time: float
 
     @property
-    def found(self) -> Measures:
+    def result(self) -> Measures:
         """The measures of a run that was not refused."""
         if self.measures is None:
             raise InputError(f"{self.method} on {self.recording}: {self.refusal}")
@@ -73,9 +73,9 @@ class Runs:
         Gets ``RECORDING/METHOD/seedN/HN/run.json`` and the fit beside it.
     extent : Extent
     say : callable
-        Told a line a finished run.
+        Called with a line for each finished run.
     observer : callable
-        Told of each evaluation.
+        Called with each evaluation.
     """
 
     folder: Path
@@ -84,12 +84,12 @@ class Runs:
     observer: Observer = ignore_events
     _cases: dict[str, Case] = field(default_factory=dict)
     _trainers: dict[tuple[str, Variant], Trainer] = field(default_factory=dict)
-    _known: dict["Place", Run] = field(default_factory=dict)
+    _runs: dict["Place", Run] = field(default_factory=dict)
 
     @property
     def spent(self) -> float:
         """Wall time in s of all runs asked for, those of earlier calls included."""
-        return sum(run.wall_time for run in self._known.values())
+        return sum(run.wall_time for run in self._runs.values())
 
     def case(self, name: str) -> Case:
         """Return a recording, made at the first call."""
@@ -104,7 +104,7 @@ class Runs:
         """Return the runs of a variant, seed by seed and horizon by horizon."""
         return [run for seed in seeds for run in self._climbed(case, variant, horizons, seed)]
 
-    def by_method(self, case: str, name: str, method: Method, told: str = "") -> Run:
+    def by_method(self, case: str, name: str, method: Method, settings: str = "") -> Run:
         """Return the run of a method that chooses its horizon itself, or has none.
 
         Parameters
@@ -114,7 +114,7 @@ class Runs:
         name : str
             Folder of its runs.
         method : Method
-        told : str
+        settings : str
             What its settings are, where they differ from call to call.
         """
 
@@ -122,7 +122,7 @@ class Runs:
             made = self.case(case)
             return method.identify([made.experiment], made.validation, self.observer)
 
-        return self._kept(Place(case, name), train, {"settings": told})
+        return self._kept(Place(case, name), train, {"settings": settings})
 
     def fit(self, place: "Place") -> Fit:
         """Return the fit kept at a place, without its comparisons."""
@@ -136,17 +136,17 @@ class Runs:
     def _climbed(
         self, case: str, variant: Variant, horizons: Sequence[int], seed: int
     ) -> list[Run]:
-        told = {"variant": str(replace(variant, label=""))}
+        settings = {"variant": str(replace(variant, label=""))}
         if variant.adam:
             size = self.extent
-            told["steps"] = f"{size.growth} {size.growth_steps} {size.steps}"
+            settings["steps"] = f"{size.growth} {size.growth_steps} {size.steps}"
 
         @cache
         def begun() -> tuple[Model, Branches]:
             folder = self.folder / Path(case, variant.name, f"seed{seed}")
-            given = self._given(case, told)
-            known = Branches.at(folder / "branches.json", given)
-            return variant.start(self.case(case).experiment, seed).model, known
+            given = self._given(case, settings)
+            branches = Branches.at(folder / "branches.json", given)
+            return variant.start(self.case(case).experiment, seed).model, branches
 
         def train(horizon: int) -> Fit:
             made, (start, branches) = self.case(case), begun()
@@ -159,7 +159,7 @@ class Runs:
             self._kept(
                 Place(case, variant.name, seed, h),
                 partial(train, h),
-                {**told, "horizons": str(below[h])},
+                {**settings, "horizons": str(below[h])},
             )
             for h in horizons
         ]
@@ -169,7 +169,7 @@ class Runs:
         structure = replace(variant, name="", label="", jittered=False, climbing=True)
         key = (case, structure)
         if key not in self._trainers:
-            if any(known != case for known, _ in self._trainers):
+            if any(other != case for other, _ in self._trainers):
                 # Compiled programs hold hundreds of megabytes, and are of one recording's use.
                 self._trainers.clear()
                 forget: Callable[[], None] = jax.clear_caches
@@ -182,18 +182,18 @@ class Runs:
         return self._trainers[key]
 
     def _kept(
-        self, place: "Place", train: Callable[[], Fit], told: Mapping[str, str] | None = None
+        self, place: "Place", train: Callable[[], Fit], settings: Mapping[str, str] | None = None
     ) -> Run:
         """Return the run kept at a place, or train and keep it.
 
         A run that was made in another way or on other recordings is made anew.
         """
         folder = self.folder / place.folder
-        path, given = folder / "run.json", self._given(place.recording, told or {})
-        known = _read(path, given)
-        if known is not None:
-            self._known[place] = known
-            return known
+        path, given = folder / "run.json", self._given(place.recording, settings or {})
+        kept = _read(path, given)
+        if kept is not None:
+            self._runs[place] = kept
+            return kept
         recording = self.case(place.recording).recording
         wall, processor = time.monotonic(), time.process_time()
         measures, refusal = None, ""
@@ -213,17 +213,17 @@ class Runs:
         )
         write_atomically(path, to_json({"given": given, **_plain(run)}))
         self.say(_line(run))
-        self._known[place] = run
+        self._runs[place] = run
         return run
 
-    def _given(self, case: str, told: Mapping[str, str]) -> dict[str, Any]:
+    def _given(self, case: str, settings: Mapping[str, str]) -> dict[str, Any]:
         """Return what a kept run must have been made with."""
         size = self.extent
         return {
             "penode": penode_version(),
             "recordings": [size.share, size.unseen, size.unseen_duration],
             "simulation": fingerprint(case),
-            **told,
+            **settings,
         }
 
 
@@ -262,8 +262,9 @@ def _line(run: Run) -> str:
     head = f"{run.recording}, {run.method}, seed {run.seed}{at}"
     if run.measures is None:
         return f"{head}: {run.refusal}"
-    found = run.measures
+    measures = run.measures
     return (
-        f"{head}: R {1e3 * found.resistance:.2f} mohm (true {1e3 * found.true_resistance:.2f}), "
-        f"map {100 * found.flux_share:.2f} %, {run.wall_time:.0f} s"
+        f"{head}: R {1e3 * measures.resistance:.2f} mohm "
+        f"(true {1e3 * measures.true_resistance:.2f}), "
+        f"map {100 * measures.flux_share:.2f} %, {run.wall_time:.0f} s"
     )

@@ -14,6 +14,7 @@ from penode.pmsm.studies.summaries import (
     at,
     error_percent,
     flux_percent,
+    in_numbers,
     limits,
     listed,
     mean_at,
@@ -22,7 +23,6 @@ from penode.pmsm.studies.summaries import (
     rows,
     spread,
     star,
-    told,
 )
 from penode.pmsm.studies.variants import AXES, PAPER, SECOND_ORDER, Variant
 
@@ -43,15 +43,15 @@ def axes_runs(runs: Runs, case: str, variants: Sequence[Variant] = AXES) -> dict
     variants : sequence of Variant
     """
     extent = runs.extent
-    found = {}
+    by_variant = {}
     for variant in variants:
         if variant.name in extent.variants:
             # A map with angle orders takes several times as long.
             whole = not variant.angle_orders
             horizons = extent.horizons if whole else extent.few_horizons
             seeds = extent.seeds if whole else extent.seeds[:1]
-            found[variant.name] = runs.at_horizons(case, variant, horizons, seeds)
-    return found
+            by_variant[variant.name] = runs.at_horizons(case, variant, horizons, seeds)
+    return by_variant
 
 
 def over_horizons(
@@ -69,7 +69,7 @@ def resistance_vs_horizon(runs: Runs) -> StudyResult:
     any_map = over_horizons(by, milliohm, AXES[:_UNCONSTRAINED])
     coenergy = over_horizons(by, milliohm, AXES[_UNCONSTRAINED:])
     best = star(ours, milliohm)
-    truth = 1e3 * ours.found.true_resistance
+    truth = 1e3 * ours.result.true_resistance
     left = Panel(
         "Any map: the horizon decides",
         HORIZON,
@@ -126,13 +126,13 @@ def resistance_vs_horizon(runs: Runs) -> StudyResult:
         "At one speed and on a slow trajectory R and a skew part of the map stand in for each "
         "other (the gauge: docs/theory/horizon.md). Whatever the model cannot describe decides "
         "where between them the answer falls, so that every seed agrees on a wrong R: their "
-        "agreement says nothing. Long horizons listen to slow errors, where R is. But the loss "
+        "agreement is no evidence. Long horizons weight slow errors, where R acts. But the loss "
         "counts currents, the voltage that is left divided by L: a large skew part of the map, of "
         "either sign, makes L large and every error small. Trained to the end, an unconstrained "
         "map therefore goes to R far below zero at short horizons and far above at middle ones, "
         "and the recipe's R in between depends on how long it trains and how fast its horizon "
         "grows. A coenergy map has no skew part; what is left for the horizon to repair is the "
-        "pull of the ripple. An inverter term, which nothing in this recording calls for, takes "
+        "bias by the ripple. An inverter term, which nothing in this recording calls for, takes "
         "the ripple for dead time at short horizons and R with it; our defaults leave it out.",
     )
 
@@ -146,14 +146,14 @@ def _converged(runs: Runs, by: dict[str, list[Run]]) -> list[Claim]:
         for h in runs.extent.horizons
         if at(by[SECOND_ORDER.name], h, milliohm)
     }
-    told = "; ".join(f"H = {h}: {a:.3g} and {b:.3g} A" for h, (a, b) in left.items())
+    errors = "; ".join(f"H = {h}: {a:.3g} and {b:.3g} A" for h, (a, b) in left.items())
     minima = [mean_at(by[SECOND_ORDER.name], h, milliohm) for h in left]
     claim = Claim(
         "The paper's recipe ends in the minimum of its loss: a second-order method, from another "
         "start, does not get 10 % below it.",
         all(a <= 1.1 * b for a, b in left.values()),
-        f"Error over the horizon, Adam and Levenberg-Marquardt: {told}; R at the latter's minima: "
-        f"{listed(minima)} mΩ.",
+        f"Error over the horizon, Adam and Levenberg-Marquardt: {errors}; R at the latter's "
+        f"minima: {listed(minima)} mΩ.",
     )
     return [claim]
 
@@ -196,10 +196,10 @@ def flux_error_vs_horizon(runs: Runs) -> StudyResult:
 
 
 def _ours(run: Run, resistance: float, flux: float) -> Claim:
-    found = run.found
+    measures = run.result
     return Claim(
         f"Ours: R within {resistance:g} % and the map within {flux:g} % of ψ_PM at the horizon it "
         "chose.",
-        abs(error_percent(found)) <= resistance and flux_percent(found) <= flux,
-        f"{told(found)}.",
+        abs(error_percent(measures)) <= resistance and flux_percent(measures) <= flux,
+        f"{in_numbers(measures)}.",
     )

@@ -50,7 +50,7 @@ def solver_dependence(runs: Runs) -> StudyResult:
         {
             "trained_with": one.trained,
             "run_with": one.run_with,
-            "R_mohm": milliohm(trained[one.trained].found),
+            "R_mohm": milliohm(trained[one.trained].result),
             "one_step_rmse_A": one.one_step,
             "free_run_rmse_A": one.free_run,
         }
@@ -60,9 +60,9 @@ def solver_dependence(runs: Runs) -> StudyResult:
     runs_free = np.reshape([one.free_run for one in crossed], (len(SOLVERS), -1))
     own = [name for k, name in enumerate(SOLVERS) if errors[:, k].argmin() == k]
     apart = [100 * (e.max(axis=0) / e.min(axis=0) - 1).max() for e in (errors, runs_free)]
-    found = {name: milliohm(run.found) for name, run in trained.items()}
-    told = ", ".join(f"{name} {value:.2f}" for name, value in found.items())
-    truth = 1e3 * trained["Euler"].found.true_resistance
+    resistances = {name: milliohm(run.result) for name, run in trained.items()}
+    shown = ", ".join(f"{name} {value:.2f}" for name, value in resistances.items())
+    truth = 1e3 * trained["Euler"].result.true_resistance
     claims = (
         Claim(
             "Paper: the model is optimised for its solver: whatever it is run with, the model "
@@ -74,8 +74,8 @@ def solver_dependence(runs: Runs) -> StudyResult:
         ),
         Claim(
             "The resistance depends on the solver by less than 2 %.",
-            bool(np.ptp(list(found.values())) < 0.02 * truth),
-            f"R at H = {horizon} in mΩ: {told} (true {truth:.4g}).",
+            bool(np.ptp(list(resistances.values())) < 0.02 * truth),
+            f"R at H = {horizon} in mΩ: {shown} (true {truth:.4g}).",
         ),
     )
     return StudyResult(
@@ -89,7 +89,7 @@ def solver_dependence(runs: Runs) -> StudyResult:
             _matrix("Free-run error, median (A)", [one.free_run for one in crossed]),
         ),
         claims,
-        "All solvers agree on where the machine comes to rest, u = R i + ωJψ, which is what tells "
+        "All solvers agree on where the machine comes to rest, u = R i + ωJψ, which identifies "
         "R on a slow trajectory. They differ in what a sample makes of a change: forward Euler "
         "moves the current along a straight line where it turns on an arc, a step too long by "
         "(ωT)²/2 of the change. Training puts that into the map. Beside the ripple over the rotor "

@@ -13,19 +13,19 @@ from penode.pmsm.studies.variants import Variant
 Value = Callable[[Measures], float]
 
 
-def milliohm(found: Measures) -> float:
+def milliohm(measures: Measures) -> float:
     """Return R in mohm."""
-    return 1e3 * found.resistance
+    return 1e3 * measures.resistance
 
 
-def error_percent(found: Measures) -> float:
+def error_percent(measures: Measures) -> float:
     """Return the error of R in per cent."""
-    return 100 * found.error
+    return 100 * measures.error
 
 
-def flux_percent(found: Measures) -> float:
+def flux_percent(measures: Measures) -> float:
     """Return the mean absolute error of the map in per cent of psi_PM."""
-    return 100 * found.flux_share
+    return 100 * measures.flux_share
 
 
 def row(run: Run) -> dict[str, object]:
@@ -37,22 +37,22 @@ def row(run: Run) -> dict[str, object]:
         "horizon": run.horizon or None,
     }
     if run.measures is not None:
-        found = run.measures
+        measures = run.measures
         head |= {
-            "horizon": run.horizon or found.horizon,
-            "R_mohm": milliohm(found),
-            "R_std_mohm": 1e3 * found.deviation,
-            "R_true_mohm": 1e3 * found.true_resistance,
-            "R_error_percent": error_percent(found),
-            "flux_mae_mVs": 1e3 * found.flux_mae,
-            "flux_mae_percent_of_psi_PM": flux_percent(found),
-            "rmse_over_the_horizon_A": found.trained,
-            "one_step_mse_train_A2": found.one_step_train,
-            "one_step_mse_unseen_A2": found.unseen_one_step,
-            "free_run_rmse_unseen_A": found.unseen_free_run,
-            "verdict": found.verdict,
+            "horizon": run.horizon or measures.horizon,
+            "R_mohm": milliohm(measures),
+            "R_std_mohm": 1e3 * measures.deviation,
+            "R_true_mohm": 1e3 * measures.true_resistance,
+            "R_error_percent": error_percent(measures),
+            "flux_mae_mVs": 1e3 * measures.flux_mae,
+            "flux_mae_percent_of_psi_PM": flux_percent(measures),
+            "rmse_over_the_horizon_A": measures.trained,
+            "one_step_mse_train_A2": measures.one_step_train,
+            "one_step_mse_unseen_A2": measures.unseen_one_step,
+            "free_run_rmse_unseen_A": measures.unseen_free_run,
+            "verdict": measures.verdict,
         }
-        head |= dict(found.others)
+        head |= dict(measures.others)
     times = {"wall_time_s": run.wall_time, "processor_time_s": run.processor_time}
     return {**head, **times, "refusal": run.refusal}
 
@@ -69,43 +69,43 @@ def good(runs: Sequence[Run]) -> list[Run]:
 
 def at(runs: Sequence[Run], horizon: int, value: Value) -> list[float]:
     """Return a value of every seed at a horizon."""
-    return [value(run.found) for run in good(runs) if run.horizon == horizon]
+    return [value(run.result) for run in good(runs) if run.horizon == horizon]
 
 
 def mean_at(runs: Sequence[Run], horizon: int, value: Value) -> float:
     """Return the mean of a value over the seeds at a horizon; nan without any."""
-    found = at(runs, horizon, value)
-    return float(np.mean(found)) if found else float("nan")
+    values = at(runs, horizon, value)
+    return float(np.mean(values)) if values else float("nan")
 
 
 def over_horizon(variant: Variant, runs: Sequence[Run], value: Value) -> Series:
     """Return a marker a seed over the horizon."""
     kept = good(runs)
     x = [float(run.horizon) for run in kept]
-    return Series(variant.label, x, [value(run.found) for run in kept], variant.name)
+    return Series(variant.label, x, [value(run.result) for run in kept], variant.name)
 
 
 def star(run: Run, value: Value) -> Series:
     """Return our defaults as one point at the horizon they chose."""
     if run.measures is None:
         return Series("", (), (), "ours", "*", joined=False)
-    label = f"our defaults (chose H = {run.found.horizon})"
-    x, y = [float(run.found.horizon)], [value(run.found)]
+    label = f"our defaults (chose H = {run.result.horizon})"
+    x, y = [float(run.result.horizon)], [value(run.result)]
     return Series(label, x, y, "ours", "*", joined=False)
 
 
 def limits(paper: Series, truth: float) -> tuple[float, float]:
     """Return limits of an axis that show the paper's recipe and the truth, whatever else is far."""
-    found = [value for value in paper.y if np.isfinite(value)] or [truth]
-    return min(1.7 * min(found), -truth), max(1.3 * max(found), 5 * truth)
+    finite = [value for value in paper.y if np.isfinite(value)] or [truth]
+    return min(1.7 * min(finite), -truth), max(1.3 * max(finite), 5 * truth)
 
 
-def told(found: Measures) -> str:
+def in_numbers(measures: Measures) -> str:
     """Return R, map and horizon in words."""
     return (
-        f"R {milliohm(found):.3f} ± {1e3 * found.deviation:.3f} mΩ "
-        f"({error_percent(found):+.2f} %), map {flux_percent(found):.2f} % of ψ_PM, "
-        f"H = {found.horizon}, verdict: {found.verdict}"
+        f"R {milliohm(measures):.3f} ± {1e3 * measures.deviation:.3f} mΩ "
+        f"({error_percent(measures):+.2f} %), map {flux_percent(measures):.2f} % of ψ_PM, "
+        f"H = {measures.horizon}, verdict: {measures.verdict}"
     )
 
 

@@ -1,4 +1,4 @@
-"""R over the horizon on the test bench, and what each horizon listens to there."""
+"""R over the horizon on the test bench, and how each horizon weights the errors there."""
 
 from collections.abc import Sequence
 from math import gcd
@@ -12,6 +12,7 @@ from penode.pmsm.studies.runs import Place, Run, Runs
 from penode.pmsm.studies.simulated import HORIZON, axes_runs, over_horizons
 from penode.pmsm.studies.summaries import (
     at,
+    in_numbers,
     limits,
     listed,
     mean_at,
@@ -19,7 +20,6 @@ from penode.pmsm.studies.summaries import (
     rows,
     spread,
     star,
-    told,
 )
 from penode.pmsm.studies.variants import JITTERED, PAPER, SECOND_ORDER
 from penode.predictors.base import Predictor
@@ -32,7 +32,7 @@ def testbench_resistance(runs: Runs) -> StudyResult:
     """Return R over the horizon with every imperfection on (paper, figure of R on the bench)."""
     by = axes_runs(runs, "testbench")
     ours = runs.ours("testbench")
-    truth = 1e3 * ours.found.true_resistance
+    truth = 1e3 * ours.result.true_resistance
     series = over_horizons(by, milliohm)
     left = Panel(
         "Every imperfection on",
@@ -42,9 +42,9 @@ def testbench_resistance(runs: Runs) -> StudyResult:
         truth,
         y_limits=limits(series[0], truth),
     )
-    view, labels = _listening(runs)
+    view, labels = _weighting(runs)
     right = Panel(
-        "What the paper's recipe listens to",
+        "Weight of each error in the paper's loss",
         HORIZON,
         "share of the loss (%)",
         tuple(
@@ -73,7 +73,7 @@ def testbench_resistance(runs: Runs) -> StudyResult:
 _COLOURS = ("paper", "second_order", "coenergy", "inverter", "harmonics")
 
 
-def _listening(runs: Runs) -> tuple[LossWeighting, list[str]]:
+def _weighting(runs: Runs) -> tuple[LossWeighting, list[str]]:
     """Return how the paper's fit at H = 1 leaves lines, and their names, strongest first."""
     fit = runs.fit(Place("testbench", PAPER.name, runs.extent.seeds[0], 1))
     run = runs.case("testbench").experiment
@@ -143,11 +143,11 @@ def _aliasing(runs: Runs, by: dict[str, list[Run]]) -> list[Claim]:
 
 
 def _ours(run: Run) -> Claim:
-    found = run.found
-    lost = found.others.get("dead_time_voltage")
+    measures = run.result
+    lost = measures.others.get("dead_time_voltage")
     dead_time = f", dead time {lost:.2f} V" if lost is not None else ""
     return Claim(
         "Ours: R within 5 % and the map within 1 % of ψ_PM with every imperfection on.",
-        abs(found.error) <= 0.05 and found.flux_share <= 0.01,
-        f"{told(found)}{dead_time}.",
+        abs(measures.error) <= 0.05 and measures.flux_share <= 0.01,
+        f"{in_numbers(measures)}{dead_time}.",
     )

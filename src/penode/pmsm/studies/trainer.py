@@ -55,10 +55,10 @@ class Branches:
             What is trained with now.
         """
         try:
-            known = json.loads(path.read_text())
-            if known["given"] != given:
+            document = json.loads(path.read_text())
+            if document["given"] != given:
                 return cls(path, given)
-            ends = {key: np.array(raw, dtype=float) for key, raw in known["ends"].items()}
+            ends = {key: np.array(raw, dtype=float) for key, raw in document["ends"].items()}
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             return cls(path, given)
         return cls(path, given, ends)
@@ -134,8 +134,8 @@ class Trainer:
         if key not in branches.ends:
             raw = self._end(start, plan, stages[:-1], branches)
             problem = self.problem.problem(stages[-1], plan)
-            found = stages[-1].optimiser.minimise(problem, raw)
-            branches.keep(key, found.raw)
+            solution = stages[-1].optimiser.minimise(problem, raw)
+            branches.keep(key, solution.raw)
         return branches.ends[key]
 
 
@@ -145,5 +145,5 @@ def _key(stages: tuple[Stage, ...]) -> str:
 
 
 def _efforts(optimiser: Any) -> str:
-    known: Mapping[str, Any] = vars(optimiser)
-    return ",".join(f"{k}={v}" for k, v in known.items() if isinstance(v, (int, float)))
+    settings: Mapping[str, Any] = vars(optimiser)
+    return ",".join(f"{k}={v}" for k, v in settings.items() if isinstance(v, (int, float)))

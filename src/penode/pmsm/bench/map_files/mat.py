@@ -34,9 +34,9 @@ def read(path: Path) -> dict[str, NDArray[Any]]:
         If the file cannot be opened.
     """
     with path.open("rb") as file:
-        known = file.read(6) == b"MATLAB"
+        has_header = file.read(6) == b"MATLAB"
     try:
-        if not known:
+        if not has_header:
             raise ValueError("no MATLAB header")
         variables = loadmat(path, struct_as_record=False, squeeze_me=True)
     except NotImplementedError as error:
