@@ -17,9 +17,10 @@ from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HORIZONS, Observer, fitting_plan, ignore_events, ladder_plan
 from penode.horizon.selection import Longest, Plateau, Selector
 from penode.identify import identify as identify_model
+from penode.pmsm.balance.calibration import Calibration
+from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.start import weak_start
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
-from penode.pmsm.balance.voltage_timing import VoltageTiming, voltage_timing
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
 from penode.pmsm.machine.term_registry import completed, term_name
@@ -133,11 +134,11 @@ class Study:
             reasons += structure.angle_reasons
         return study, reasons
 
-    def timing(self, experiments: Sequence[Experiment]) -> VoltageTiming:
-        """Return when and in which frame the voltages of recordings act."""
+    def calibration(self, experiments: Sequence[Experiment]) -> Calibration:
+        """Return what the channels of recordings have to be corrected by."""
         if self.hold is not None:
-            return VoltageTiming(hold=self.hold)
-        return voltage_timing(experiments, self.terms)
+            return Calibration(hold=self.hold)
+        return calibration_of(experiments, self.terms)
 
     def selector(self, experiments: Sequence[Experiment]) -> Selector:
         """Return the rule that picks the horizon, given what it may predict."""
@@ -195,19 +196,22 @@ def identify(
     unseen = [drive_recording(e) for e in validation]
     study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
     study.check([*recordings, *unseen])
-    timing = study.timing(recordings)
-    recordings, unseen = ([timing.applied(e) for e in runs] for runs in (recordings, unseen))
-    acting = [timing.acting(e) for e in recordings]
-    study, reasons = replace(study, hold=timing.hold).decided(acting)
+    calibration = study.calibration(recordings)
+    recordings, unseen = ([calibration.applied(e) for e in runs] for runs in (recordings, unseen))
+    acting = [calibration.acting(e) for e in recordings]
+    study, reasons = replace(study, hold=calibration.hold).decided(acting)
     study.check([*recordings, *unseen])
     observer({"event": "start", "recordings": [e.name for e in recordings]})
     plan = study.plan(recordings)
     if checkpoint is not None:
         plan = checkpoint.over(plan, observer)
     start = replace(
-        _start(acting, study, (*timing.reasons, *reasons)),
-        checks=machine_checks(experiments, timing, study.pole_pairs),
-        imperfections=study.accuracy.imperfections(recordings),
+        _start(acting, study, (*calibration.reasons, *reasons)),
+        checks=machine_checks(experiments, calibration, study.pole_pairs),
+        imperfections=(
+            *calibration.accuracy(study.accuracy).imperfections(recordings),
+            *calibration.imperfections,
+        ),
     )
     return identify_model(
         start,

@@ -9,7 +9,7 @@ from penode import Experiment
 from penode.fit.fit import Estimate, HorizonChoice, HorizonSummary
 from penode.fit.outcome import Objection, horizon_of
 from penode.horizon.objections import CHECKS, objections, with_objections
-from penode.pmsm.balance.voltage_timing import VoltageTiming
+from penode.pmsm.balance.calibration import Calibration
 from penode.pmsm.conventions.check import check_all
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.machine.holds import turned_voltage
@@ -138,8 +138,8 @@ def test_conventions_are_tested_where_the_voltage_acts(fit, slow_run):
     """At 6000 rpm half a sample's turn looks like an angle with an offset of more than 5 deg."""
     fast = turned_voltage(slow_run, 2.0)  # as half a sample does at four times the speed
     assert names(fit, fast, machine_checks([fast])[:1]) == ["offset angle"]
-    timing = VoltageTiming(turn=-2.0)
-    assert names(fit, fast, machine_checks([fast], timing)[:1]) == []
+    calibration = Calibration(turn=-2.0)
+    assert names(fit, fast, machine_checks([fast], calibration)[:1]) == []
 
 
 def in_phases(run, kinds):
@@ -163,7 +163,7 @@ def test_a_recording_that_cannot_be_mapped_has_its_convention_named(slow_run):
 
 
 def test_phases_that_dq_was_made_from_are_no_second_measurement(slow_run):
-    (found,) = check_all([in_phases(slow_run, "u")], VoltageTiming(hold="stationary"))
+    (found,) = check_all([in_phases(slow_run, "u")], Calibration(hold="stationary"))
     assert any("Rms values cannot be distinguished" in sentence for sentence in found.untold)
 
 

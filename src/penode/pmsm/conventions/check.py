@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from penode.data.experiment import Experiment
+from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.trial_balance import try_balance
-from penode.pmsm.balance.voltage_timing import AS_RECORDED, VoltageTiming
 from penode.pmsm.conventions.balance import (
     judge_delay,
     judge_magnet,
@@ -91,36 +91,36 @@ def check_conventions(
 
 def check_all(
     experiments: Sequence[Experiment],
-    timing: VoltageTiming,
+    calibration: Calibration,
     pole_pairs: int | None = None,
     plate: NamePlate = NO_PLATE,
 ) -> list[Conventions]:
-    """Test the conventions of recordings, with the voltage where it acts.
+    """Test the conventions of recordings, corrected as far as they need it.
 
     Parameters
     ----------
     experiments : sequence of Experiment
         As in `check_conventions`.
-    timing : VoltageTiming
-        Of their voltages.
+    calibration : Calibration
+        Of their channels.
     pole_pairs : int, optional
         Of the machine.
     plate : NamePlate
         Of the machine.
     """
-    acting = (_where_it_acts(e, timing) for e in experiments)
-    return [check_conventions(e, pole_pairs, plate) for e in acting]
+    corrected = (_corrected(e, calibration) for e in experiments)
+    return [check_conventions(e, pole_pairs, plate) for e in corrected]
 
 
-def _where_it_acts(experiment: Experiment, timing: VoltageTiming) -> Experiment:
-    """Return a recording as it came, or in dq with its mean voltages where another timing is known.
+def _corrected(experiment: Experiment, calibration: Calibration) -> Experiment:
+    """Return a recording as it came, or corrected in dq with its mean voltages.
 
     Phases that dq was made from are left out: they are no second measurement.
     """
-    if timing == AS_RECORDED:
+    if calibration == AS_RECORDED:
         return experiment
     made = [kind for kind in "ui" if _in_phases(experiment, kind)]
-    drive = timing.acting(timing.applied(drive_recording(experiment)))
+    drive = calibration.acting(calibration.applied(drive_recording(experiment)))
     left_out = {f"{kind}_{phase}" for kind in made for phase in "abc"}
     kept = {name: values for name, values in drive.channels.items() if name not in left_out}
     return replace(drive, channels=kept)

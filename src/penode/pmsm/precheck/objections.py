@@ -8,7 +8,7 @@ from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.fit.outcome import Objection
 from penode.horizon.objections import Check, trained_on
-from penode.pmsm.balance.voltage_timing import AS_RECORDED, VoltageTiming
+from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.conventions.check import check_all
 
 #: Fraction of the samples with the largest voltages, and how much larger their errors may be.
@@ -21,7 +21,7 @@ _TURN = 1.0
 
 def machine_checks(
     experiments: Sequence[Experiment],
-    timing: VoltageTiming = AS_RECORDED,
+    calibration: Calibration = AS_RECORDED,
     pole_pairs: int | None = None,
 ) -> tuple[Check, ...]:
     """Return what the fit of a machine is examined for.
@@ -30,12 +30,12 @@ def machine_checks(
     ----------
     experiments : sequence of Experiment
         As a study file maps them; their conventions are tested here, once.
-    timing : VoltageTiming
-        Of their voltages.
+    calibration : Calibration
+        Of their channels.
     pole_pairs : int, optional
         Of the machine.
     """
-    broken = [b for one in check_all(experiments, timing, pole_pairs) for b in one.broken]
+    broken = [b for one in check_all(experiments, calibration, pole_pairs) for b in one.broken]
     objections = [
         Objection(b.name, f"{b.recording}: {b.evidence}.", f"To mend it, {b.mend}.") for b in broken
     ]

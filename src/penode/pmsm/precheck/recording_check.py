@@ -8,8 +8,9 @@ from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
 from penode.data.quality import Finding, inspect
 from penode.errors import InputError
+from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
+from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
-from penode.pmsm.balance.voltage_timing import AS_RECORDED, VoltageTiming, voltage_timing
 from penode.pmsm.conventions.broken_convention import BrokenConvention
 from penode.pmsm.conventions.check import check_all
 from penode.pmsm.machine.terms import Term
@@ -154,13 +155,13 @@ def check_recordings(
         If a recording cannot be used at all.
     """
     quality = tuple(f for e in recordings for f in inspect(e, _electrical(e)))
-    timing = _timing(recordings, terms)
-    judged = check_all(recordings, timing, pole_pairs, plate)
+    calibration = _calibration(recordings, terms)
+    judged = check_all(recordings, calibration, pole_pairs, plate)
     broken = tuple(b for one in judged for b in one.broken)
     untold = tuple(dict.fromkeys(sentence for one in judged for sentence in one.untold))
     if broken:
         return RecordingCheck(tuple(recordings), quality, broken, untold)
-    drives = tuple(timing.acting(timing.applied(e)) for e in _drives(recordings, terms))
+    drives = tuple(calibration.acting(calibration.applied(e)) for e in _drives(recordings, terms))
     structure = structure_of(drives, flux_map, terms, candidates)
     return RecordingCheck(
         tuple(recordings),
@@ -170,7 +171,7 @@ def check_recordings(
         drives,
         excitation_of(drives),
         identifiability_of(drives, flux_map, structure.terms),
-        (*timing.reasons, *structure.term_reasons, *structure.angle_reasons),
+        (*calibration.reasons, *structure.term_reasons, *structure.angle_reasons),
     )
 
 
@@ -180,10 +181,10 @@ def _drives(recordings: Sequence[Experiment], terms: Sequence[Term]) -> list[Exp
     return drives
 
 
-def _timing(recordings: Sequence[Experiment], terms: Sequence[Term]) -> VoltageTiming:
+def _calibration(recordings: Sequence[Experiment], terms: Sequence[Term]) -> Calibration:
     """Return when the voltage acts; of what cannot be mapped yet a convention is named first."""
     try:
-        return voltage_timing(_drives(recordings, terms), terms)
+        return calibration_of(_drives(recordings, terms), terms)
     except InputError:
         return AS_RECORDED
 

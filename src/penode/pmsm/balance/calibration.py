@@ -1,0 +1,201 @@
+"""Calibration of a drive's recording: what its channels have to be corrected by.
+
+When and in which frame the voltage acts, the angle of the d axis, and the current that the iron
+takes are properties of the drive, not of the flux map; `penode.pmsm.balance.calibration_fit`
+estimates them with the map.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from penode.arrays import FloatArray
+from penode.data.experiment import Experiment
+from penode.horizon.uncertainty_budget import Imperfection
+from penode.pmsm.balance.equations import CURRENTS, VOLTAGES
+from penode.pmsm.machine.holds import mean_over_samples, turned_voltage
+from penode.pmsm.machine.terms import ANGLE, SPEED
+from penode.pmsm.recording.accuracy import Accuracy
+
+#: Samples, and degree of the polynomial, over which an angle is differentiated.
+SLOPE, _DEGREE = 51, 3
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What the channels of a drive's recordings have to be corrected by.
+
+    Attributes
+    ----------
+    delay : float
+        Samples by which the voltage acts later than it is recorded.
+    hold : str
+        Frame in which it then stands still for a sample, a key of
+        `penode.pmsm.machine.holds.HOLDS`.
+    turn : float
+        Samples of rotation by which it is turned beside that.
+    angle : float
+        By which the d axis of the machine lies before that of the recording, rad.
+    iron : float
+        Conductance of the iron, parallel to the induced voltage, S: of the recorded current it
+        takes this share, and the rest magnetises.
+    resistance : float
+        By which the induced voltage is known, ohm; needed with `iron` alone.
+    speed_from_angle : bool
+        Whether the speed is the slope of the angle, as the recorded one lags.
+    deviation : mapping of str to float
+        Of what was estimated, by the names above; of what was left alone, what it may be off by.
+    reasons : tuple of str
+        What was estimated, a sentence each.
+    """
+
+    delay: float = 0.0
+    hold: str = "dq"
+    turn: float = 0.0
+    angle: float = 0.0
+    iron: float = 0.0
+    resistance: float = 0.0
+    speed_from_angle: bool = False
+    deviation: Mapping[str, float] = field(default_factory=dict, compare=False)
+    reasons: tuple[str, ...] = ()
+
+    def applied(self, experiment: Experiment) -> Experiment:
+        """Return the recording corrected, cut at its ends where no voltage was recorded."""
+        if self.speed_from_angle:
+            experiment = with_speed_from_angle(experiment)
+        if self.angle:
+            experiment = turned(experiment, self.angle)
+        if self.turn:
+            experiment = turned_voltage(experiment, self.turn)
+        if self.delay:
+            experiment = _delayed(experiment, self.delay)
+        if self.iron:
+            voltage = induced_voltage(self.acting(experiment), self.resistance)
+            experiment = without_iron(experiment, self.iron, self.resistance, voltage)
+        return experiment
+
+    def acting(self, experiment: Experiment) -> Experiment:
+        """Return an applied recording with each sample's mean voltage in the turning frame."""
+        return mean_over_samples(experiment) if self.hold == "stationary" else experiment
+
+    def accuracy(self, declared: Accuracy) -> Accuracy:
+        """Return a declared accuracy, narrowed by what the recording shows of angle and delay."""
+        angle = float(np.rad2deg(self.deviation.get("angle", np.inf)))
+        delay = self.deviation.get("delay", np.inf)
+        return replace(
+            declared,
+            angle=angle if self.angle else min(declared.angle, angle),
+            delay=delay if self.delay % 1.0 else min(declared.delay, delay),
+        )
+
+    @property
+    def imperfections(self) -> tuple[Imperfection, ...]:
+        """What is left of the corrections that no declared accuracy speaks of."""
+        remedy = "Record another speed, or larger currents."
+        left: list[Imperfection] = []
+        if "turn" in self.deviation:
+            turn = self.deviation["turn"]
+            left.append(
+                Imperfection(
+                    "turn of the voltage",
+                    f"{turn:.2g} samples",
+                    remedy,
+                    lambda experiment, deviations: turned_voltage(experiment, deviations * turn),
+                )
+            )
+        if "iron" in self.deviation:
+            iron = self.deviation["iron"]
+            left.append(
+                Imperfection(
+                    "iron loss",
+                    f"{100 * iron / self.iron:.2g} % of it",
+                    remedy,
+                    self._with_iron(iron),
+                )
+            )
+        return tuple(left)
+
+    def _with_iron(self, iron: float) -> Callable[[Experiment, float], Experiment]:
+        def applied(experiment: Experiment, deviations: float) -> Experiment:
+            voltage = induced_voltage(self.acting(experiment), self.resistance)
+            return without_iron(experiment, deviations * iron, self.resistance, voltage)
+
+        return applied
+
+
+AS_RECORDED = Calibration()
+
+
+def turned(experiment: Experiment, angle: float) -> Experiment:
+    """Return a recording with its d axis an angle further ahead, rad.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With i_d, i_q, u_d, u_q, and theta_el where it was recorded.
+    angle : float
+    """
+    channels = dict(experiment.channels)
+    for d, q in (CURRENTS, VOLTAGES):
+        vector = (channels[d] + 1j * channels[q]) * np.exp(-1j * angle)
+        channels |= {d: vector.real, q: vector.imag}
+    if ANGLE.name in channels:
+        channels[ANGLE.name] = channels[ANGLE.name] + angle
+    return replace(experiment, channels=channels)
+
+
+def induced_voltage(experiment: Experiment, resistance: float) -> FloatArray:
+    """Return the voltage behind the resistance at the samples, shape (time, 2), V.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With the mean voltage of each sample: at the sample itself acts that of its neighbours.
+    resistance : float
+        ohm.
+    """
+    voltage = experiment.stack(VOLTAGES)
+    before = np.concatenate([voltage[:1], voltage[:-1]])
+    return np.asarray(0.5 * (voltage + before) - resistance * experiment.stack(CURRENTS))
+
+
+def without_iron(
+    experiment: Experiment, conductance: float, resistance: float, induced: FloatArray
+) -> Experiment:
+    """Return a recording with the current that magnetises, the voltage behind R kept.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    conductance : float
+        Of the iron, S.
+    resistance : float
+        ohm.
+    induced : ndarray, shape (time, 2)
+        Voltage behind the resistance, V.
+    """
+    channels = dict(experiment.channels)
+    for names, factor in ((CURRENTS, conductance), (VOLTAGES, resistance * conductance)):
+        for name, column in zip(names, induced.T, strict=True):
+            channels[name] = channels[name] - factor * column
+    return replace(experiment, channels=channels)
+
+
+def with_speed_from_angle(experiment: Experiment) -> Experiment:
+    """Return a recording whose speed is the slope of its angle."""
+    angle = np.unwrap(experiment.channels[ANGLE.name])
+    slope = savgol_filter(angle, SLOPE, _DEGREE, deriv=1, delta=experiment.time_step)
+    return replace(experiment, channels={**experiment.channels, SPEED.name: slope})
+
+
+def _delayed(experiment: Experiment, delay: float) -> Experiment:
+    count = len(experiment)
+    first, last = math.ceil(max(delay, 0.0)), count + math.floor(min(delay, 0.0))
+    channels = {name: values[first:last] for name, values in experiment.channels.items()}
+    at = np.arange(first, last) - delay
+    for name in VOLTAGES:  # of two voltages held one after the other the mean acts
+        channels[name] = np.interp(at, np.arange(count), experiment.channels[name])
+    return replace(experiment, channels=channels)

@@ -1,0 +1,295 @@
+"""Calibration of a drive from its own recording, estimated with the map by the weak form.
+
+A voltage that acts tau samples later than it is recorded, and turned by kappa omega T, is to first
+order u - tau T du/dt + kappa omega T J u, linear in both. With the d axis at delta before that of
+the recording the map is psi + delta (J psi - L J i), and with iron that takes g v of the current,
+v the induced voltage, it is psi - g L v: linear too, where psi and L are those of the round before.
+A mirror symmetric map of splines cannot stand in for any of these, as a free one would.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import FloatArray, float64
+from penode.data.experiment import Experiment
+from penode.models.parameters import with_batch_axis
+from penode.pmsm.balance.calibration import AS_RECORDED, SLOPE, Calibration, with_speed_from_angle
+from penode.pmsm.balance.equations import CURRENTS, VOLTAGES, balance_equations
+from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
+from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.machine.coenergy_map import (
+    MEAN,
+    CoenergyPart,
+    CoenergySplines,
+    columns,
+    roughness,
+)
+from penode.pmsm.machine.frames import quarter_turned
+from penode.pmsm.machine.term_registry import completed, physical_places, physical_values
+from penode.pmsm.machine.terms import ANGLE, SPEED, DeadTime, Term
+from penode.training.weak_form import WeakRegression, join
+
+#: -2 log likelihood by which another timing has to be better, and samples that it has to differ by.
+_CLEAR, _DIFFERENT = 25.0, 0.2
+#: Samples from a whole number, and from half a turn back, that are taken for these.
+_NEAR = 0.1
+#: Samples beyond which, and deviation above which, an estimate is not believed.
+_MOST, _SURE = 3.0, 0.05
+#: Radians a sample below which the rotor stands still.
+_STANDSTILL = 1e-4
+#: Deviations from which an angle or iron loss is taken into account.
+_SIGNIFICANT = 8.0
+#: Angle in rad, and share of the current, below which none is, and above which none is believed.
+_ANGLES, _SHARES = (np.deg2rad(0.2), np.deg2rad(12.0)), (1e-3, 0.2)
+#: Rounds in which map and errors follow each other.
+_ROUNDS = 2
+#: Share of the speed from which the slope of the angle is tried, and up to which it is one speed.
+_LAGS, _SAME = 1e-3, 0.2
+
+_TIMING = ("delay", "turn")
+_ERRORS = ("angle", "iron")
+
+
+@dataclass(frozen=True, eq=False)
+class _Estimate:
+    """Errors of recordings as the weak form gives them, and the map beside."""
+
+    values: Mapping[str, float]
+    deviation: Mapping[str, float]
+    evidence: float
+    resistance: float
+    maps: tuple[tuple[FloatArray, FloatArray], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Balance:
+    """The weak form of recordings with a mirror symmetric map."""
+
+    experiments: Sequence[Experiment]
+    terms: tuple[Term, ...]
+    part: CoenergyPart
+    reach: float
+
+    @classmethod
+    def of(cls, experiments: Sequence[Experiment], terms: Sequence[Term]) -> "_Balance":
+        angle = all(ANGLE.name in e.channels for e in experiments)
+        roles = {term.role for term in terms}
+        extra = (DeadTime(),) if angle and DeadTime.role not in roles else ()
+        reach = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
+        every = tuple(term.prepared(reach) for term in completed((*terms, *extra)))
+        return cls(experiments, every, CoenergyPart.zero(MEAN, True), reach)
+
+    def solved(self, names: Sequence[str], before: _Estimate | None = None) -> _Estimate:
+        """Estimate the named errors; the map's own need the estimate of the round before."""
+        known = before.maps if before else [None] * len(self.experiments)
+        resistance = before.resistance if before else 0.0
+        rows = [
+            self._equations(e, names, psi_and_slope, resistance)
+            for e, psi_and_slope in zip(self.experiments, known, strict=True)
+        ]
+        whole, physical = join(rows), physical_values(self.terms)
+        first = len(names) + len(physical)
+        penalty = [Roughness.of(first, roughness(self.part))]
+        free = smoothed(whole, penalty)
+        own = deviations(whole, penalty, free)
+        places = [name for _, name in physical_places(self.terms)]
+        return _Estimate(
+            dict(zip(names, free.solution.tolist(), strict=False)),
+            dict(zip(names, own.tolist(), strict=False)),
+            free.evidence,
+            float(free.solution[len(names) + places.index("R")]) if "R" in places else 0.0,
+            self._maps(free.solution[first:]),
+        )
+
+    def rounds(self, names: Sequence[str], before: _Estimate) -> _Estimate:
+        """Estimate errors that bend the map, which the map follows."""
+        for _ in range(_ROUNDS if set(names) & set(_ERRORS) else 1):
+            before = self.solved(names, before)
+        return before
+
+    def _maps(self, coefficients: FloatArray) -> tuple[tuple[FloatArray, FloatArray], ...]:
+        """Return psi (time, 2) in Vs and L (time, 2, 2) in H at the currents of each recording."""
+        table = coefficients.reshape(self.part.coefficients.shape)
+        splines = with_batch_axis(CoenergySplines((replace(self.part, coefficients=table),)))
+        maps = []
+        with float64():
+            for experiment in self.experiments:
+                at = jnp.asarray(experiment.stack(CURRENTS).T / self.reach)
+                psi, slope = (np.asarray(part) for part in splines.value_and_jacobian(at))
+                maps.append((psi.T, np.moveaxis(slope, -1, 0) / self.reach))
+        return tuple(maps)
+
+    def _equations(
+        self,
+        experiment: Experiment,
+        names: Sequence[str],
+        psi_and_slope: tuple[FloatArray, FloatArray] | None,
+        resistance: float,
+    ) -> WeakRegression:
+        current, voltage = experiment.stack(CURRENTS), experiment.stack(VOLTAGES)
+        nothing, step = np.zeros_like(voltage), experiment.time_step
+        speed = experiment.channels[SPEED.name][:, None]
+        further = {
+            "delay": (step * voltage, nothing),
+            "turn": (nothing, step * speed * _j(voltage)),
+        }
+        if psi_and_slope is not None:
+            psi, slope = psi_and_slope
+            bent = {
+                "angle": _j(psi) - _along(slope, _j(current)),
+                "iron": -_along(slope, voltage - resistance * current),
+            }
+            further |= {name: (psi, -speed * _j(psi)) for name, psi in bent.items()}
+        basis = columns(self.part, current / self.reach)[0]
+        length = harmonic_window(experiment)
+        chosen = [further[name] for name in names]
+        return balance_equations(experiment, self.terms, basis, length, chosen)
+
+
+def _j(vectors: FloatArray) -> FloatArray:
+    return quarter_turned(vectors.T).T
+
+
+def _along(slope: FloatArray, vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("tij,tj->ti", slope, vectors))
+
+
+def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> Calibration:
+    """Estimate what the channels of recordings have to be corrected by.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Recordings with i_d, i_q (A), u_d, u_q (V), omega_el (rad/s) and the channels of the terms.
+    terms : sequence of Term
+        Of the voltage equation; a dead time is allowed for where the angle was recorded.
+    """
+    balance = _Balance.of(experiments, terms)
+    turning = max(float(np.abs(e.channels[SPEED.name]).max()) * e.time_step for e in experiments)
+    if turning <= _STANDSTILL:
+        return _timing(balance.solved(("delay",)), ("delay",), balance.solved(()).evidence)
+    lagging = _lagging_speed(balance)
+    if lagging is not None:
+        balance = replace(balance, experiments=lagging)
+    first = balance.solved(_TIMING)
+    whole = balance.rounds((*_TIMING, *_ERRORS), first)
+    errors = tuple(name for name in _ERRORS if _credible(whole, name, balance.experiments))
+    result = None
+    if errors and whole.evidence < first.evidence - _CLEAR:
+        result = _with_errors(balance, errors, first)
+    result = result or _timing(first, _TIMING, balance.solved(()).evidence)
+    left = {
+        name: float(np.hypot(whole.values[name] - getattr(result, name), whole.deviation[name]))
+        for name in ("angle", "delay")
+    }
+    result = replace(result, deviation={**left, **result.deviation})
+    if lagging is None:
+        return result
+    sentence = "The recorded speed lags behind the angle: its slope is taken for the speed."
+    return replace(result, speed_from_angle=True, reasons=(sentence, *result.reasons))
+
+
+def _with_errors(
+    balance: _Balance, errors: tuple[str, ...], first: _Estimate
+) -> Calibration | None:
+    """Return the calibration by some errors, and by a timing where that is clear beside them.
+
+    None where the errors are not credible by themselves.
+    """
+    free, plain = balance.rounds((*_TIMING, *errors), first), balance.rounds(errors, first)
+    timed = _timing(free, _TIMING, plain.evidence)
+    chosen = plain if timed is AS_RECORDED else free
+    if not all(_credible(chosen, name, balance.experiments) for name in errors):
+        return None
+    reasons = list(timed.reasons)
+    if "angle" in errors:
+        angle, own = (np.rad2deg(part["angle"]) for part in (chosen.values, chosen.deviation))
+        reasons.append(
+            f"The d axis lies {angle:.3f} ± {own:.3f}° before that of the recording: currents, "
+            "voltages and angle are turned by it."
+        )
+    if "iron" in errors:
+        iron, own = (1e3 * part["iron"] for part in (chosen.values, chosen.deviation))
+        reasons.append(
+            f"The iron takes {iron:.3g} ± {own:.2g} mS times the induced voltage "
+            f"({1e3 / iron:.3g} ohm in parallel): the current that is left magnetises."
+        )
+    return replace(
+        timed,
+        angle=chosen.values.get("angle", 0.0),
+        iron=chosen.values.get("iron", 0.0),
+        resistance=chosen.resistance,
+        deviation={**timed.deviation, **{name: chosen.deviation[name] for name in errors}},
+        reasons=tuple(reasons),
+    )
+
+
+def _credible(estimate: _Estimate, name: str, experiments: Sequence[Experiment]) -> bool:
+    """Return whether an error is significant, large enough to matter, and not absurd."""
+    size = estimate.values[name]
+    if not abs(size) > _SIGNIFICANT * estimate.deviation[name]:
+        return False
+    if name == "angle":
+        return bool(_ANGLES[0] < abs(size) < _ANGLES[1])
+    taken, whole = (
+        np.sqrt(sum(float(np.sum(e.stack(names) ** 2)) for e in experiments))
+        for names in (VOLTAGES, CURRENTS)
+    )
+    return bool(_SHARES[0] < size * taken / whole < _SHARES[1])
+
+
+def _timing(free: _Estimate, estimated: Sequence[str], plain: float) -> Calibration:
+    """Return the timing of the voltages where it is clear, else none."""
+    values = {name: free.values[name] for name in estimated}
+    if max(map(abs, values.values())) > _MOST or free.evidence > plain - _CLEAR:
+        return AS_RECORDED
+    sure = {name: value for name, value in values.items() if free.deviation[name] < _SURE}
+    delay, turn = sure.get("delay", 0.0), sure.get("turn", 0.0)
+    delay = 0.0 if abs(delay) < _DIFFERENT else _near_whole(delay)
+    hold = "stationary" if abs(turn + 0.5) < _DIFFERENT else "dq"
+    left = turn + 0.5 if hold == "stationary" else turn
+    left = 0.0 if abs(left) < _DIFFERENT else left
+    if not delay and not left and hold == "dq":
+        return AS_RECORDED
+    shown = [f"{values[name]:.3f} ± {free.deviation[name]:.3f}" for name in estimated]
+    reason = f"The voltage acts {shown[0]} samples after it is recorded"
+    if len(shown) > 1:
+        reason += f", turned by the rotation of {shown[1]} samples"
+    taken = [f"a delay of {delay:.3g}"] if delay else []
+    taken += [f"a turn of {left:.3g}"] if left else []
+    taken += ["a hold in the stationary frame"] if hold == "stationary" else []
+    fractions = {"delay": delay % 1.0, "turn": left}
+    return Calibration(
+        delay,
+        hold,
+        left,
+        deviation={name: free.deviation[name] for name in estimated if fractions[name]},
+        reasons=(f"{reason}: taken into account as {', '.join(taken)}.",),
+    )
+
+
+def _near_whole(value: float) -> float:
+    whole = round(value)
+    return float(whole) if abs(value - whole) < _NEAR else value
+
+
+def _lagging_speed(balance: _Balance) -> list[Experiment] | None:
+    """Return the recordings with the slope of their angle as speed, where that explains more."""
+    if not all(ANGLE.name in e.channels and len(e) > SLOPE for e in balance.experiments):
+        return None
+    others = [with_speed_from_angle(e) for e in balance.experiments]
+    apart = [_apart(e, other) for e, other in zip(balance.experiments, others, strict=True)]
+    if not _LAGS < max(apart) < _SAME:
+        return None
+    recorded, sloped = balance.solved(_TIMING), replace(balance, experiments=others).solved(_TIMING)
+    return others if sloped.evidence < recorded.evidence - _CLEAR else None
+
+
+def _apart(experiment: Experiment, other: Experiment) -> float:
+    """Return the root mean square by which two speeds differ, over the largest."""
+    speed = experiment.channels[SPEED.name]
+    apart = np.sqrt(np.mean((speed - other.channels[SPEED.name]) ** 2))
+    return float(apart / max(np.abs(speed).max(), 1e-9))

@@ -1,0 +1,227 @@
+"""What recordings have to be corrected by: estimated, applied, and left alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from penode.models.inputs import Inputs
+from penode.pmsm import Accuracy
+from penode.pmsm.balance.calibration import Calibration, turned, with_speed_from_angle
+from penode.pmsm.balance.calibration_fit import calibration_of
+from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.references import Lissajous
+from penode.pmsm.bench.run import simulate
+from penode.pmsm.machine.holds import HOLDS, mean_over_samples, turned_voltage
+
+VOLTAGES = ("u_d", "u_q")
+
+
+def recorded(run, change):
+    """Return a recording whose voltages (time, 2) are another function of those that act."""
+    u_d, u_q = change(run.stack(VOLTAGES)).T
+    return replace(run, channels={**run.channels, "u_d": u_d, "u_q": u_q})
+
+
+def early_by_a_fraction(acting):
+    """Return a voltage of which 0.6 of a sample acts, and 0.4 of the sample before."""
+    log = acting.copy()
+    for k in range(1, len(log)):
+        log[k] = (acting[k] - 0.4 * log[k - 1]) / 0.6
+    return log
+
+
+def test_a_voltage_in_place_is_left_alone(slow_run, fast_run, dead_time_run):
+    for run in (slow_run, fast_run, dead_time_run):
+        assert calibration_of([run]) == Calibration()
+
+
+@pytest.mark.parametrize("samples", [1, 2, -1])
+def test_a_whole_delay(slow_run, samples):
+    result = calibration_of([recorded(slow_run, lambda u: np.roll(u, -samples, axis=0))])
+    assert (result.delay, result.hold, result.turn) == (samples, "dq", 0.0)
+    assert f"a delay of {samples}" in result.reasons[0]
+
+
+def test_a_fraction_of_a_sample(slow_run):
+    run = recorded(slow_run, early_by_a_fraction)
+    result = calibration_of([run])
+    assert result.delay == pytest.approx(0.4, abs=0.03)
+    applied = Calibration(0.4).applied(run)
+    np.testing.assert_allclose(applied.stack(VOLTAGES), slow_run.stack(VOLTAGES)[1:], atol=1e-9)
+    np.testing.assert_array_equal(applied.channels["i_d"], slow_run.channels["i_d"][1:])
+
+
+def test_a_hold_in_the_stationary_frame(slow_run):
+    """A recording whose voltage, turned ahead by half a sample, has the mean that acted."""
+    run = turned_voltage(slow_run, 0.5)
+    result = calibration_of([run])
+    assert (result.delay, result.hold, result.turn) == (0.0, "stationary", 0.0)
+    acting = result.acting(result.applied(run)).stack(VOLTAGES)
+    np.testing.assert_allclose(acting, slow_run.stack(VOLTAGES), rtol=1e-3)
+
+
+def test_another_turn(slow_run):
+    run = turned_voltage(slow_run, 1.0)
+    result = calibration_of([run])
+    assert result.turn == pytest.approx(-1.0, abs=0.03)
+    applied = replace(result, turn=-1.0).applied(run)
+    np.testing.assert_allclose(applied.stack(VOLTAGES), slow_run.stack(VOLTAGES), atol=1e-9)
+
+
+@pytest.mark.parametrize("delay", [1.0, -1.0, 2.3, -0.7])
+def test_what_is_applied_keeps_rows_together(slow_run, delay):
+    applied = Calibration(delay).applied(slow_run)
+    lengths = {len(channel) for channel in applied.channels.values()}
+    assert len(lengths) == 1
+    first = slow_run.channels["theta_el"].tolist().index(applied.channels["theta_el"][0])
+    position = np.arange(len(applied)) + first - delay
+    expected = np.interp(position, np.arange(len(slow_run)), slow_run.channels["u_q"])
+    np.testing.assert_allclose(applied.channels["u_q"], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_standstill_shows_no_turn(slow_run):
+    still = replace(slow_run, channels={**slow_run.channels, "omega_el": np.zeros(len(slow_run))})
+    assert calibration_of([still]).turn == 0.0
+
+
+def test_the_mean_over_a_sample_is_that_of_the_hold(slow_run):
+    names = (*VOLTAGES, "omega_el")
+    rows = slow_run.stack(names)[100:104].T
+    fractions = (np.arange(400) + 0.5) / 400
+    hold, step = HOLDS["stationary"], slow_run.time_step
+    held = [hold(lambda k: Inputs(rows, names), 0, f, step)[VOLTAGES] for f in fractions]
+    result = mean_over_samples(slow_run).stack(VOLTAGES)[100:104].T
+    np.testing.assert_allclose(result, np.mean(held, axis=0), rtol=1e-5)
+
+
+# --- the angle, the iron and the speed ----------------------------------------------------------
+
+
+def test_an_angle_offset_is_estimated_beside_the_timing(fast_run):
+    """The recording's d axis lies 2 degrees behind that of the machine."""
+    behind = turned(fast_run, np.deg2rad(-2.0))
+    for run, delay in ((behind, 0.0), (recorded(behind, lambda u: np.roll(u, -1, axis=0)), 1.0)):
+        result = calibration_of([run])
+        assert np.rad2deg(result.angle) == pytest.approx(2.0, abs=0.05)
+        assert (result.delay, result.turn, result.hold) == (delay, 0.0, "dq")
+        assert result.reasons[-1].startswith("The d axis lies ")
+    corrected = replace(result, angle=np.deg2rad(2.0), delay=0.0).applied(behind)
+    for name, values in fast_run.channels.items():
+        np.testing.assert_allclose(corrected.channels[name], values, atol=1e-9)
+
+
+def with_iron(run, conductance, resistance):
+    """Return the currents at the terminals of a machine whose iron takes part of them.
+
+    The recorded voltages act from one sample to the next, on a machine of this resistance; the
+    terminals carry conductance times the voltage behind it more, which drops in the resistance.
+    """
+    acting = run.stack(VOLTAGES)
+    before = np.concatenate([acting[:1], acting[:-1]])
+    induced = 0.5 * (acting + before) - resistance * run.stack(("i_d", "i_q"))
+    channels = dict(run.channels)
+    for axis, name in enumerate("dq"):
+        channels[f"i_{name}"] = channels[f"i_{name}"] + conductance * induced[:, axis]
+        drop = resistance * conductance * induced[:, axis]
+        channels[f"u_{name}"] = channels[f"u_{name}"] + drop
+    return replace(run, channels=channels)
+
+
+def test_iron_loss_is_estimated_and_taken_off_the_currents(slow_run):
+    conductance, resistance = 0.03, TRACTION_300A.resistance
+    run = with_iron(slow_run, conductance, resistance)
+    result = calibration_of([run])
+    assert result.iron == pytest.approx(conductance, rel=0.05)
+    assert abs(result.iron - conductance) < 4 * result.deviation["iron"]
+    assert result.resistance == pytest.approx(resistance, rel=0.2)
+    assert (result.delay, result.turn, result.hold, result.angle) == (0.0, 0.0, "dq", 0.0)
+    assert "ohm in parallel" in result.reasons[-1]
+    corrected = replace(result, iron=conductance, resistance=resistance).applied(run)
+    for name in ("i_d", "i_q", *VOLTAGES):
+        largest = np.abs(run.channels[name] - slow_run.channels[name]).max()
+        np.testing.assert_allclose(
+            corrected.channels[name], slow_run.channels[name], atol=0.01 * largest
+        )
+
+
+def test_a_speed_that_lags_is_replaced_by_the_slope_of_the_angle(slow_run):
+    """A recording whose speed swings, and a speed channel behind a filter of 5 Hz."""
+    time = slow_run.time_step * np.arange(len(slow_run))
+    swing = 40.0 * np.sin(2 * np.pi * 3 * time)
+    angle = np.cumsum(slow_run.channels["omega_el"] + swing) * slow_run.time_step
+    turning = {**slow_run.channels, "omega_el": slow_run.channels["omega_el"] + swing}
+    turning |= {"theta_el": angle}
+    sloped = with_speed_from_angle(replace(slow_run, channels=turning)).channels["omega_el"]
+    np.testing.assert_allclose(sloped[100:-100], turning["omega_el"][100:-100], atol=0.05)
+
+
+def test_the_slope_is_taken_where_it_explains_more(unseen_run):
+    lagging = lfilter([0.01], [1, -0.99], unseen_run.channels["omega_el"] * 0 + 1.0)
+    speed = unseen_run.channels["omega_el"] * (0.95 + 0.05 * lagging)
+    slow = replace(unseen_run, channels={**unseen_run.channels, "omega_el": speed})
+    assert calibration_of([slow]).speed_from_angle
+    assert not calibration_of([unseen_run]).speed_from_angle
+
+
+def test_an_angle_that_is_worse_than_the_speed_is_not_differentiated(unseen_run, rng):
+    noisy = unseen_run.channels["theta_el"] + 0.1 * rng.normal(size=len(unseen_run))
+    run = replace(unseen_run, channels={**unseen_run.channels, "theta_el": noisy})
+    assert not calibration_of([run]).speed_from_angle
+
+
+def test_a_machine_without_saliency_cannot_tell_iron_from_a_delay():
+    """Its inductance is one number: the plain timing is the answer, not the pair that fits best."""
+    coenergy = replace(
+        TRACTION_300A.coenergy,
+        harmonics=(),
+        leakage_d=150e-6,
+        leakage_q=150e-6,
+        own_flux=0.0,
+        cross_flux=0.0,
+        shared_flux=1e-9,
+        magnet_flux=40e-3,
+    )
+    surface = replace(TRACTION_300A, name="surface", coenergy=coenergy, angle_orders=())
+    run = simulate(surface, Lissajous(200.0, 40.0, 33.0), speed_rpm=900.0, duration=0.5)
+    result = calibration_of([recorded(run, lambda u: np.roll(u, -1, axis=0))])
+    assert (result.delay, result.turn, result.iron) == (1.0, 0.0, 0.0)
+
+
+def test_what_is_left_of_the_corrections_joins_the_budget(slow_run):
+    known = Calibration(
+        0.4,
+        turn=0.3,
+        iron=0.02,
+        resistance=0.01,
+        deviation={"delay": 0.01, "turn": 0.004, "iron": 1e-3, "angle": np.deg2rad(0.1)},
+    )
+    declared = known.accuracy(Accuracy())
+    assert declared == replace(Accuracy(), delay=0.01, angle=np.rad2deg(np.deg2rad(0.1)))
+    turn, iron = known.imperfections
+    assert (turn.source, iron.source, iron.accuracy) == (
+        "turn of the voltage",
+        "iron loss",
+        "5 % of it",
+    )
+    once = turn.applied(slow_run, 2.0)
+    np.testing.assert_allclose(
+        once.stack(VOLTAGES), turned_voltage(slow_run, 0.008).stack(VOLTAGES), rtol=1e-12
+    )
+    more = replace(known, delay=0.0, turn=0.0, iron=1e-3).applied(slow_run)
+    np.testing.assert_allclose(
+        iron.applied(slow_run, 1.0).stack(VOLTAGES), more.stack(VOLTAGES), rtol=1e-12
+    )
+    assert Calibration().imperfections == ()
+    assert Calibration().accuracy(Accuracy()) == Accuracy()
+
+
+def test_a_recording_that_shows_its_angle_narrows_what_is_declared(fast_run):
+    result = calibration_of([fast_run])
+    assert result == Calibration()
+    narrowed = result.accuracy(Accuracy())
+    assert 0 < narrowed.angle < 0.1
+    assert 0 < narrowed.delay <= 0.02
+    assert narrowed == replace(Accuracy(), angle=narrowed.angle, delay=narrowed.delay)
+    assert result.accuracy(Accuracy.exact()) == Accuracy.exact()
