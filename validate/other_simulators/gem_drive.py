@@ -51,8 +51,8 @@ class CurrentControl:
 
     def command(self, wanted: complex, measured: complex, speed: float) -> tuple[complex, complex]:
         """Return the voltage wanted and what the link can supply of it, in V."""
-        error = flux_of(self.machine, np.array([wanted, measured])) @ [1, -1]
-        rotation = 1j * speed * flux_of(self.machine, np.array(measured))
+        error = complex(flux_of(self.machine, np.array([wanted, measured])) @ [1, -1])
+        rotation = 1j * speed * complex(flux_of(self.machine, np.array(measured)))
         voltage = complex(_BANDWIDTH * error + self.integral + rotation)
         limited = voltage * min(1.0, self.limit / max(abs(voltage), 1e-9))
         back = (limited - voltage) / _BANDWIDTH

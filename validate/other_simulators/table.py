@@ -3,6 +3,7 @@
 import json
 import time
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ POSITIVE = ("plateau", "H = 1 suffices")
 FAR = 5.0
 HEAD = (
     f"{'':2s} {'kind':27s} {'machine':20s} {'rpm':>5s} {'R in ohm':>9s} {'95 % interval':>19s} "
-    f"{'truth':>7s} {'error':>8s} {'map':>7s} {'':7s} {'verdict':24s} {'s':>3s}"
+    f"{'truth':>7s} {'error':>9s} {'map':>8s} {'':7s} {'s':>4s}  verdict"
 )
 
 
@@ -111,19 +112,26 @@ def error_of(truth: Record, result: Record) -> float:
 
 def line_of(truth: Record, result: Record) -> str:
     """Return one line of the table."""
-    kind, machine = truth["kind"], truth["machine"]
+    kind, machine, rpm = truth["kind"], truth["machine"], truth["speeds_rpm"][0]
     known = f"{truth['R']:7.4g}" if truth["R"] is not None else "      -"
-    said = " ".join(result.get("objections", ())) if result["verdict"] == "implausible" else ""
-    found = f"{'-':>9s} {'-':>19s} {known} {'-':>8s} {'-':>7s}"
+    objections = result["verdict"] == "implausible" and result["objections"]
+    said = ", ".join(dict.fromkeys(objections or ())) or result["verdict"]
+    found = f"{'-':>9s} {'-':>19s} {known} {'-':>9s} {'-':>8s}"
     if "R" in result:
         low, high = result["interval"]
-        error = f"{error_of(truth, result):+6.2f} %" if truth["R"] is not None else "       -"
-        scale = f"{result['map']:5.2f} %" if result["map"] is not None else "      -"
-        found = f"{result['R']:9.4g} {low:9.4g} {high:9.4g} {known} {error} {scale}"
+        error, scale = percent(error_of(truth, result), "+.2f"), percent(result["map"], ".2f")
+        found = f"{result['R']:9.4g} {low:9.4g} {high:9.4g} {known} {error:>9s} {scale:>8s}"
     return (
-        f"{truth['number']:2d} {kind:27s} {machine:20s} {truth['speeds_rpm'][0]:5.0f} {found} "
-        f"{mark_of(truth, result):7s} {said or result['verdict']:24s} {result['seconds']:3.0f}"
+        f"{truth['number']:2d} {kind:27s} {machine:20s} {rpm + 0.0:5.0f} {found} "
+        f"{mark_of(truth, result):7s} {result['seconds']:4.0f}  {said}"
     )
+
+
+def percent(number: float | None, form: str) -> str:
+    """Return a number of per cent, a dash for none or no end."""
+    if number is None or not np.isfinite(number):
+        return "-"
+    return f"{number:{form}} %" if abs(number) < 1000 else "> 999 %"
 
 
 def summary(pairs: list[tuple[Record, Record]]) -> str:
@@ -146,12 +154,16 @@ def print_table(halves: tuple[str, ...] = HALVES) -> None:
     print(", ".join(f"{name} {number}" for name, number in recorded["versions"].items()))
     ledger = Ledger("other_simulators")
     for half in halves:
-        chosen = [t for t in recorded["recordings"].values() if t["half"] == half]
+        chosen = {t["number"]: t for t in recorded["recordings"].values() if t["half"] == half}
         print(f"\n{half}\n{HEAD}")
         pairs: list[tuple[Record, Record]] = []
         with suppress(KeyboardInterrupt):
-            for truth in sorted(chosen, key=lambda t: t["number"]):
-                result = ledger.of(truth["number"], lambda _, truth=truth: result_of(truth))
-                pairs.append((truth, result))
-                print(line_of(truth, result), flush=True)
+            for number in sorted(chosen):
+                result = ledger.of(number, partial(_identified, chosen))
+                pairs.append((chosen[number], result))
+                print(line_of(*pairs[-1]), flush=True)
         print(summary(pairs))
+
+
+def _identified(truths: dict[int, Record], number: int) -> Record:
+    return result_of(truths[number])
