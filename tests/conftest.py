@@ -5,6 +5,7 @@ inputs that broadcast against them, so that one complex step differentiates it t
 without any of penode's or JAX's code.
 """
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,11 +40,13 @@ from penode.validation.residual_tests import Spectrum
 settings.register_profile("seeded", derandomize=True, database=None, deadline=None)
 settings.load_profile("seeded")
 
-# Many tests compile the same programs: keep them all, small ones too, between tests, workers and
-# runs. To write them costs nothing measurable; a test that finds them there takes 40 % less time.
-jax.config.update(
-    "jax_compilation_cache_dir", str(Path(__file__).parents[1] / ".pytest_cache" / "programs")
-)
+# Many tests compile the same programs: keep them all, small ones too, between tests, workers, runs
+# and the processes that tests start, which read the environment. To write them costs nothing
+# measurable; a test that finds them there takes 40 % less time.
+PROGRAMS = str(Path(__file__).parents[1] / ".pytest_cache" / "programs")
+os.environ["JAX_COMPILATION_CACHE_DIR"] = PROGRAMS
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+jax.config.update("jax_compilation_cache_dir", PROGRAMS)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 SEED = 20_250_301
@@ -345,7 +348,17 @@ def oscillator() -> ObservedFit:
     return ObservedFit(fit, recording, events)
 
 
-# --- compiled once ----------------------------------------------------------------------------
+# --- compiled once, or quickly ----------------------------------------------------------------
+
+
+@pytest.fixture
+def quickly_compiled():
+    """Compile a test's programs without optimisation, in half the time: they run shortly."""
+    option = "jax_disable_most_optimizations"
+    before = jax.config.values[option]
+    jax.config.update(option, True)
+    yield
+    jax.config.update(option, before)
 
 
 @pytest.fixture(scope="session")

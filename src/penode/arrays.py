@@ -11,6 +11,7 @@ from functools import wraps
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
@@ -31,6 +32,21 @@ def float64() -> AbstractContextManager[None]:
     """Return a context in which JAX computes in float64; its global settings stay untouched."""
     context: Callable[[bool], AbstractContextManager[None]] = jax.enable_x64
     return context(True)
+
+
+def shared_length(samples: int) -> int:
+    """Return the next power of two, or three quarters of it where that is enough."""
+    power = 1 << max(samples - 1, 1).bit_length()
+    return power if samples > 3 * power // 4 else 3 * power // 4
+
+
+def with_shared_length(rows: JaxArray | FloatArray) -> JaxArray:
+    """Return rows (channel, time) whose last sample goes on up to a `shared_length`.
+
+    Recordings of about the same length then run through one compiled program.
+    """
+    missing = [(0, 0), (0, shared_length(rows.shape[1]) - rows.shape[1])]
+    return jnp.asarray(np.pad(np.asarray(rows), missing, mode="edge"))
 
 
 _Given = ParamSpec("_Given")

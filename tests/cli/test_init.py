@@ -14,6 +14,8 @@ from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.frames import abc_from_dq
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
 POLE_PAIRS = 5
 
 

@@ -21,6 +21,8 @@ from penode.predictors.one_step import RungeKutta, Substeps
 from penode.predictors.tableaus import AB2, AB4, DOPRI5, EULER, MIDPOINT, RK4
 from penode.training.residuals import Objective
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
 HORIZON, ACCURACY = 3, 1e-10
 
 PREDICTORS = {
@@ -55,16 +57,6 @@ PAIRS = [
     for model in MODELS
     for name in PREDICTORS
 ]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def quickly_compiled():
-    """Compile without optimisation, in half the time: the programs run for milliseconds."""
-    option = "jax_disable_most_optimizations"
-    before = jax.config.values[option]
-    jax.config.update(option, True)
-    yield
-    jax.config.update(option, before)
 
 
 def windows_of(system, past):

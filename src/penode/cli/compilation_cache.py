@@ -1,6 +1,7 @@
 """Compiled programs kept between runs."""
 
 import hashlib
+import os
 import platform
 from collections.abc import Callable
 from contextlib import suppress
@@ -10,7 +11,12 @@ import jax
 
 
 def use_compilation_cache() -> None:
-    """Keep compiled programs between runs, apart for each processor; the cache is best effort."""
+    """Keep compiled programs between runs, apart for each processor; the cache is best effort.
+
+    A folder that ``JAX_COMPILATION_CACHE_DIR`` names stays.
+    """
+    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        return
     with suppress(OSError, ValueError):
         processor = f"{platform.machine()} {platform.processor()} {_processor_flags()}"
         key = hashlib.sha256(f"{processor} {jax.__version__}".encode()).hexdigest()[:16]

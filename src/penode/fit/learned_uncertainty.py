@@ -53,17 +53,23 @@ class LearnedUncertainty:
         layout: Layout[Model] = Layout(model)
         with float64():
             at = jnp.asarray(points, dtype=jnp.float64).T
-
-            def learned(raw: JaxArray, at: JaxArray) -> JaxArray:
-                return layout.model(layout.values(raw)[:, None]).learned(at)
-
-            value, slope = jax.jit(learned), jax.jit(jax.jacfwd(learned))
-            slopes = np.asarray(slope(jnp.asarray(layout.raw(model)), at))
-            maps = np.stack([np.asarray(value(jnp.asarray(raw), at)) for raw in self.agreeing])
+            slopes = np.asarray(_slopes(model, jnp.asarray(layout.raw(model)), at))
+            found = [_learned_at(model, jnp.asarray(raw), at) for raw in self.agreeing]
+        maps = np.stack([np.asarray(each) for each in found])
         variance = np.einsum("mpi,ij,mpj->pm", slopes, self.covariance, slopes, optimize=True)
         middle = np.tensordot(self.weights, maps, axes=1)
         spread = np.tensordot(self.weights, (maps - middle) ** 2, axes=1).T
         return np.asarray(np.sqrt(np.maximum(variance, 0.0) + spread))
+
+
+@jax.jit
+def _learned_at(like: Model, raw: JaxArray, at: JaxArray) -> JaxArray:
+    """Return the map (output, point) of a raw vector; of `like` only the structure counts."""
+    layout: Layout[Model] = Layout(like)
+    return layout.model(layout.values(raw)[:, None]).learned(at)
+
+
+_slopes = jax.jit(jax.jacfwd(_learned_at, argnums=1))
 
 
 def _learned(model: Model, points: FloatArray) -> JaxArray:

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, IntArray, JaxArray
+from penode.arrays import FloatArray, IntArray, JaxArray, with_shared_length
 from penode.data.windows import Windows
 from penode.errors import InputError
 from penode.models.base import Model
@@ -77,11 +77,12 @@ def compiled_windows(windows: Windows, capacity: int) -> Batch:
     """Return the windows for compiled code, padded to a length: one program for a whole ladder.
 
     The last window pads: a rollout from elsewhere could overflow, and zero times that is nan.
+    Recordings are padded too, so that others of about the same length share the program.
     """
     order = np.minimum(np.arange(capacity), len(windows.starts) - 1)
     return Batch(
-        states=jnp.asarray(windows.states.T),
-        inputs=jnp.asarray(windows.inputs.T),
+        states=with_shared_length(windows.states.T),
+        inputs=with_shared_length(windows.inputs.T),
         starts=jnp.asarray(windows.starts[order]),
         recording=jnp.asarray(windows.recording[order]),
         used=jnp.asarray((np.arange(capacity) < len(windows.starts)).astype(float)),
@@ -98,7 +99,7 @@ class PredictionError:
         Solver and time step.
     layout : Layout
         Of the model.
-    scale : ndarray, shape (quantity,)
+    scale : array, shape (quantity,)
         Errors are divided by it; in the units of the loss's domain.
     loss : Loss
 
@@ -112,7 +113,7 @@ class PredictionError:
 
     predictor: Predictor
     layout: Layout[Model]
-    scale: FloatArray
+    scale: FloatArray | JaxArray
     loss: Loss
     model: Model
 

@@ -2,6 +2,7 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cache, cached_property
 from typing import Any
 
@@ -9,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, float64
+from penode.arrays import FloatArray, JaxArray, float64, shared_length
 from penode.data.windows import Windows
 from penode.models.base import Model
 from penode.models.layout import Layout
@@ -127,9 +128,11 @@ class Objective:
 
     def _sums(self, raw: FloatArray, windows: Windows) -> tuple[FloatArray, ...]:
         """Return summed squares, normal matrix and the windows' scores, by strands."""
-        capacity = STRANDS * self.chunk * -(-len(windows.states) // (STRANDS * self.chunk))
+        most, least = shared_length(len(windows.states)), STRANDS * self.chunk
+        capacity = least * -(-most // least)
         with float64():
-            shared = jnp.asarray(raw), compiled_windows(windows, capacity)
+            batch = compiled_windows(windows, capacity)
+            shared = jnp.asarray(raw), jnp.asarray(self.scale), batch
 
         def add_up(first: int, count: int) -> list[FloatArray]:
             with float64():
@@ -225,9 +228,19 @@ class Objective:
         )
 
     def _sum_over_chunks(
-        self, raw: JaxArray, windows: Batch, first: JaxArray, count: JaxArray, horizon: JaxArray
+        self,
+        raw: JaxArray,
+        scale: JaxArray,
+        windows: Batch,
+        first: JaxArray,
+        count: JaxArray,
+        horizon: JaxArray,
     ) -> tuple[JaxArray, ...]:
-        """Sum over `count` windows from the window `first` on."""
+        """Sum over `count` windows from the window `first` on.
+
+        The scale of a recording is an argument: the program serves others of the same model.
+        """
+        error = replace(self.error, scale=scale)
         values = self.layout.values(raw)
         transform = jax.jacfwd(self.layout.values)(raw)
         size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS
@@ -236,9 +249,9 @@ class Objective:
 
         def body(chunk: JaxArray, sums: tuple[JaxArray, ...]) -> tuple[JaxArray, ...]:
             batch = windows.part(first + chunk * width, width)
-            correction = estimated_starts(self.error, each, horizon, batch)
-            joint = window_sums(self.error, each, correction, horizon, batch)
-            squares, scores, normal = eliminated(self.error, joint, correction, batch.used)
+            correction = estimated_starts(error, each, horizon, batch)
+            joint = window_sums(error, each, correction, horizon, batch)
+            squares, scores, normal = eliminated(error, joint, correction, batch.used)
             here = (jnp.zeros_like(chunk), chunk * width)
             return (
                 sums[0] + jnp.sum(squares),

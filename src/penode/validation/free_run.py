@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
-from penode.arrays import FloatArray, JaxArray, float64
+from penode.arrays import FloatArray, JaxArray, float64, with_shared_length
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.models.base import Model
@@ -91,7 +91,9 @@ def compare(
         start = jnp.stack([measured[:, predictor.past - 1 - j] for j in range(predictor.past)])
         if freed:
             start = _estimated_start(predictor, batched, (measured, inputs), (rows, freed))
-        run = np.asarray(_free_run(predictor, batched, start, inputs)).T
+        samples = inputs.shape[1] - predictor.past
+        padded = with_shared_length(inputs)
+        run = np.asarray(_free_run(predictor, batched, start, padded, samples)).T[:samples]
     whole = np.asarray(measured).T
     first = np.asarray(start)[::-1]
     return Comparison(
@@ -149,13 +151,17 @@ def _free_run_squares(
             row[_measured_rows(model)] = np.sum(gap**2, axis=0)
         return squares
     with float64():
-        recorded = [experiment.stack(names).T for names in (models[0].states, models[0].inputs)]
+        names = (models[0].states, models[0].inputs)
+        recorded = [with_shared_length(experiment.stack(channels).T) for channels in names]
         together: Model = jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *models)
-        return np.asarray(_squares(predictor, together, *recorded))
+        samples = len(experiment) - predictor.past
+        return np.asarray(_squares(predictor, together, *recorded, samples))
 
 
 @partial(jax.jit, static_argnums=0)
-def _squares(predictor: Predictor, models: Model, measured: JaxArray, inputs: JaxArray) -> JaxArray:
+def _squares(
+    predictor: Predictor, models: Model, measured: JaxArray, inputs: JaxArray, samples: JaxArray
+) -> JaxArray:
     """Let models with a batch axis run side by side from the first samples of (state, time)."""
     batch, past = jax.tree.leaves(models)[0].shape[-1], predictor.past
 
@@ -172,12 +178,10 @@ def _squares(predictor: Predictor, models: Model, measured: JaxArray, inputs: Ja
         return total + gap**2
 
     first = [models.corrected(at(measured, jnp.asarray(past - 1 - j))) for j in range(past)]
-    samples = measured.shape[1] - past
     nothing = jnp.zeros((len(measured), batch), measured.dtype)
     return rollout(step, jnp.stack(first), samples, visit, nothing).T
 
 
-@partial(jax.jit, static_argnums=(0, 5))
 def look_ahead(
     predictor: Predictor,
     model: Model,
@@ -205,6 +209,23 @@ def look_ahead(
     array, shape (state, ceil((time - past) / stride))
         For samples past .. time - 1; the first k - 1 of them start from fewer steps before.
     """
+    count = len(range(predictor.past, states.shape[1], stride))
+    ahead = _ahead(
+        predictor, model, with_shared_length(states), with_shared_length(inputs), steps, stride
+    )
+    return jnp.asarray(np.asarray(ahead)[:, :count])
+
+
+@partial(jax.jit, static_argnums=(0, 5))
+def _ahead(
+    predictor: Predictor,
+    model: Model,
+    states: JaxArray,
+    inputs: JaxArray,
+    steps: JaxArray,
+    stride: int,
+) -> JaxArray:
+    """Predict every so many samples of padded rows; see `look_ahead`."""
     past, last = predictor.past, states.shape[1] - 1
     target = jnp.arange(past, last + 1, stride)
     origin = jnp.maximum(target - steps, past - 1)
@@ -222,10 +243,11 @@ def look_ahead(
 
 
 @partial(jax.jit, static_argnums=0)
-def _free_run(predictor: Predictor, model: Model, start: JaxArray, inputs: JaxArray) -> JaxArray:
-    """Predict samples past .. N - 1 (state, N - past) from the states (past, state) before them."""
+def _free_run(
+    predictor: Predictor, model: Model, start: JaxArray, inputs: JaxArray, samples: JaxArray
+) -> JaxArray:
+    """Predict as many samples from the states (past, state) before them; zeros after (state, N)."""
     last = predictor.past - 1
-    samples = inputs.shape[1] - predictor.past
 
     def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
         def drive(offset: int) -> JaxArray:
@@ -236,7 +258,7 @@ def _free_run(predictor: Predictor, model: Model, start: JaxArray, inputs: JaxAr
     def visit(k: JaxArray, history: JaxArray, _: None, path: JaxArray) -> JaxArray:
         return jax.lax.dynamic_update_slice_in_dim(path, history[0], k, axis=1)
 
-    blank = jnp.zeros((start.shape[1], samples), start.dtype)
+    blank = jnp.zeros((start.shape[1], inputs.shape[1]), start.dtype)
     return rollout(step, start[..., None], samples, visit, blank)
 
 
@@ -248,7 +270,8 @@ def _estimated_start(
 ) -> JaxArray:
     """Return the first state (1, state), its free rows fitted to the compared rows of the run."""
     (measured, inputs), (compared, freed) = recording, rows
-    first = measured[:, 0]
+    first, ahead = measured[:, 0], inputs.shape[1] - 1
+    padded = with_shared_length(inputs)
     if predictor.past > 1:
         raise InputError(
             f"the first state is to be estimated, but {predictor.solver} starts from "
@@ -256,7 +279,8 @@ def _estimated_start(
         )
 
     def residual(free: JaxArray) -> JaxArray:
-        run = _free_run(predictor, model, first.at[np.array(freed)].set(free)[None], inputs)
+        start = first.at[np.array(freed)].set(free)[None]
+        run = _free_run(predictor, model, start, padded, jnp.asarray(ahead))[:, :ahead]
         gap: JaxArray = (run - measured[:, 1:])[np.array(compared)].ravel()
         return gap
 

@@ -13,6 +13,8 @@ from penode.pmsm.bench.rig import rig_of
 from penode.pmsm.bench.shaft import FreeShaft, HeldShaft, MovedShaft
 from penode.pmsm.bench.winding import Winding
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
 OMEGA = 2 * np.pi * 25.0 * 5
 INTERVALS, FINE = 30, 64
 STEP = 1e-4

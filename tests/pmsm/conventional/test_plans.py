@@ -12,6 +12,8 @@ from penode.pmsm.machine.terms import DeadTime
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER, RK4
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
 
 def test_the_plans_are_those_of_the_papers():
     euler = CurrentPredictor().plan

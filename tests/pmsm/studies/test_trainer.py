@@ -11,6 +11,8 @@ from penode.pmsm.balance.start import nominal_start
 from penode.pmsm.studies.trainer import Branches, Trainer
 from penode.training.plan import Plan, Solution, Stage
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
 CALLS = []
 
 
