@@ -54,7 +54,7 @@ def test_the_resistance_at_20_degrees_is_found(warming_run):
     estimate = fit.parameters["R"]
     truth = TRACTION_300A.resistance_at(20.0)
     assert estimate.value == pytest.approx(truth, rel=1e-3)
-    assert estimate.std < 2e-3 * truth
+    assert estimate.statistical_std < 2e-3 * truth
     assert estimate.meaning == "stator resistance at 20 °C"
     assert fit.provenance["terms"] == ["temperature_resistance", "Rotation"]
     plain = identify([warming_run], study=replace(study, terms=()))

@@ -6,7 +6,6 @@ that add in squares.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,8 +29,6 @@ _REMEDIES = {
 #: Standard deviations of an imperfection by which its slope is taken: over a window errors grow,
 #: and one of 0.5 % in every voltage is no small one.
 _SMALL = 1e-6
-#: Gradients that are computed side by side.
-_TOGETHER = 2
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,7 @@ def raw_shifts(
 ) -> FloatArray:
     """Return what each imperfection moves the estimate by, shape (imperfection, parameter), raw.
 
-    To first order the minimum moves by A^-1 times the change of S'r, half the loss's descent.
+    To first order the minimum moves by A^-1 times the change of S'r, the descent.
 
     Parameters
     ----------
@@ -80,20 +77,12 @@ def raw_shifts(
     """
     raw, terms = rung.solution.raw, rung.solution.terms
     shifts = np.zeros((len(imperfections), len(raw)))
-    if not imperfections:
-        return shifts
-    inverse = inverse_normal(terms.normal)
-
-    def descent(experiments: Sequence[Experiment]) -> FloatArray:
-        here = replace(problem, experiments=experiments).problem(stage, plan)
-        slope = problem.objective.loss_and_gradient(raw, here.windows)[1]
-        return -0.5 * terms.count * slope[here.moving]
-
-    changed = [[one.applied(e, _SMALL) for e in problem.experiments] for one in imperfections]
-    with ThreadPoolExecutor(_TOGETHER) as workers:
-        own, *others = workers.map(descent, [problem.experiments, *changed])
     moving = problem.objective.layout.members(stage.groups)
-    shifts[:, moving] = (np.array(others) - own) @ inverse / _SMALL
+    inverse = inverse_normal(terms.normal)
+    for shift, one in zip(shifts, imperfections, strict=True):
+        imperfect = [one.applied(e, _SMALL) for e in problem.experiments]
+        here = replace(problem, experiments=imperfect).problem(stage, plan)
+        shift[moving] = inverse @ (here.gauss_newton(raw).descent - terms.descent) / _SMALL
     return shifts
 
 
