@@ -110,7 +110,13 @@ def test_the_identified_machine_and_its_dead_time_are_a_configuration(recordings
 
 
 @pytest.mark.parametrize(
-    "name", ["map-your-channels", "record-a-good-experiment", "terms-and-temperature"]
+    "name",
+    [
+        "map-your-channels",
+        "record-a-good-experiment",
+        "terms-and-temperature",
+        "uncertainty-budget",
+    ],
 )
 def test_toml_blocks_are_study_files(name, tmp_path):
     texts = blocks(HOW_TO / f"{name}.md", "toml")
