@@ -8,7 +8,7 @@ from rich.console import Console
 
 from penode.arrays import FloatArray
 from penode.cli.completion import formats
-from penode.cli.machine_fit import doubt, load_machine
+from penode.cli.machine_fit import caution, load_machine
 from penode.pmsm.exports.formats import FORMATS, export
 from penode.pmsm.machine.flux_grid import interpolation_error
 from penode.report.quantities import number
@@ -44,7 +44,7 @@ def export_command(
             f"interpolation is within {number(1e3 * interpolation_error(fit, grid), 2)} mVs",
         ]
     _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
-    if warning := doubt(fit):
+    if warning := caution(fit):
         _errors.print(warning, soft_wrap=True, highlight=False, markup=False)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import typer
 from rich.console import Console
 
-from penode.cli.machine_fit import doubt, load_machine
+from penode.cli.machine_fit import caution, load_machine
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.control.controlled_machine import ControlledMachine
@@ -51,7 +51,7 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
         lines = [*_figures(loci), f"picture         {out}"]
         lines += [f"loci            {csv}"] if csv is not None else []
         _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
-    if warning := doubt(fit):
+    if warning := caution(fit):
         _errors.print(warning, soft_wrap=True, highlight=False, markup=False)
 
 

@@ -33,7 +33,7 @@ def load_machine(folder: Path) -> Fit:
     return fit
 
 
-def doubt(fit: Fit) -> str | None:
+def caution(fit: Fit) -> str | None:
     """Return a warning where the recordings could not answer, else None."""
     if fit.horizon.answered:
         return None

@@ -37,14 +37,14 @@ def inverse(
         NaN where the steps did not die out.
     """
     solution = start.copy()
-    settled: BoolArray = np.zeros(solution.shape[1], dtype=np.bool_)
+    converged: BoolArray = np.zeros(solution.shape[1], dtype=np.bool_)
     for _ in range(_ITERATIONS):
         step = solved(slope(solution), targets - function(solution))
         solution = solution + step
-        settled = np.all(np.abs(step) <= _TOLERANCE * (1 + np.abs(solution)), axis=0)
-        if (settled | np.isnan(step).any(axis=0)).all():
+        converged = np.all(np.abs(step) <= _TOLERANCE * (1 + np.abs(solution)), axis=0)
+        if (converged | np.isnan(step).any(axis=0)).all():
             break
-    solution[:, ~settled] = np.nan
+    solution[:, ~converged] = np.nan
     return solution
 
 

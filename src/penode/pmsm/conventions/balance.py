@@ -29,7 +29,7 @@ _REVERSALS = {
 }
 #: Degree of the coenergy for signs: where a sign is right a better map leaves much less.
 _SIGN_DEGREE = 6
-#: Doubt of a reversal, or of a factor of the speed, over that of the recording as it stands.
+#: Misfit of a reversal, or of a factor of the speed, over that of the recording as it stands.
 _CLEARER = 0.7
 _MOST_POLE_PAIRS = 12
 #: Lag in samples that is one, and its deviation up to which it is reported.
