@@ -203,3 +203,24 @@ def test_finished_rungs_stay_on_a_terminal_and_a_pipe_gets_nothing(terminal):
         assert last.count("R =") == 1
     else:
         assert said == ""
+
+
+def test_the_line_says_what_goes_on_before_and_after_the_ladder():
+    view = LadderView(quiet())
+    view({"event": "resume", "horizons": []})
+    assert printed(view.picture()).strip() == ""
+    view({"event": "resume", "horizons": [3, 6]})
+    assert "Going on after horizon 6 ..." in printed(view.picture())
+    for stage in (3, 4):
+        view(rung(stage))
+        said = "All horizons done: predicting the recordings ..." in printed(view.picture())
+        assert said == (stage == 4)
+
+
+def test_an_event_between_evaluations_leaves_the_line_as_it_was():
+    view = LadderView(quiet())
+    view(evaluation(2))
+    view({"event": "note"})
+    last = printed(view.picture()).splitlines()[-1]
+    assert last.strip() == "rung 2 of 4"
+    assert "R =" not in printed(view.picture()), "what is not finished is not shown as if it were"

@@ -14,6 +14,7 @@ from penode.data.save import save
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
+from penode.pmsm.sweep import Swept
 
 PLAIN = ("--no-inverter", "--angle-orders", "none")
 
@@ -96,3 +97,53 @@ def test_bad_options_are_one_sentence_and_write_nothing(
     assert words in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+def swept(horizon, seed, resistance, free_run, failure=""):
+    parameters = {} if failure else {"R": resistance}
+    units = {} if failure else {"R": "ohm"}
+    return Swept(horizon, seed, parameters, {}, units, 0.1, free_run, 12.4, failure)
+
+
+@pytest.fixture
+def made(penode, tmp_path, monkeypatch):
+    """Return a function that prints a sweep whose identifications are given."""
+    run_file = tmp_path / "run.csv"
+    rows = (",".join([f"{k / 1e3}", *["1"] * 5]) for k in range(9))
+    run_file.write_text("\n".join(["t,u_d,u_q,i_d,i_q,omega_el", *rows]) + "\n")
+
+    def run(*ones, horizons="1,4"):
+        written = []
+        monkeypatch.setattr("penode.cli.sweep.sweep", lambda *_: iter(ones))
+        monkeypatch.setattr("penode.cli.sweep.write_sweep", lambda all_, _: written.extend(all_))
+        done = penode("sweep", run_file, "--horizons", horizons, "--seeds", 3, "--out", tmp_path)
+        return done, written
+
+    return run
+
+
+def test_a_row_is_the_mean_over_seeds_and_what_they_differ_by(made):
+    """Half the range beside the mean, and the median of the free runs; seeds end in any order."""
+    ones = [swept(4, 0, 9e-3, 3.0), swept(1, 1, 10.4e-3, 1.0), swept(4, 1, 11e-3, float("inf"))]
+    done, written = made(*ones, swept(1, 0, 10e-3, 2.0), swept(1, 2, 10.4e-3, 9.0))
+    assert done.returncode == 0
+    assert [(one.horizon, one.seed) for one in written] == [(1, 0), (1, 1), (1, 2), (4, 0), (4, 1)]
+    assert [line.split() for line in done.stdout.splitlines()[:3]] == [
+        ["H", "R", "free", "run"],
+        ["1", "10.27", "±", "0.20", "mΩ", "2.00", "A"],
+        ["4", "10.00", "±", "1.0", "mΩ", "diverges"],
+    ]
+    assert done.stderr.splitlines()[0] == "seed 0, H = 4: R 9.000 mΩ, 12 s"
+
+
+def test_failures_are_counted_and_only_all_of_them_are_an_error(made):
+    lost = [swept(1, seed, 0.0, 0.0, "It diverged.") for seed in (0, 1)]
+    done, _ = made(*lost, swept(4, 0, 9e-3, 3.0), swept(4, 1, 0.0, 0.0, "It diverged."))
+    assert done.returncode == 0
+    assert [line.split() for line in done.stdout.splitlines()[:3]] == [
+        ["H", "R", "free", "run", "failed"],
+        ["1", "–", "–", "2"],
+        ["4", "9.000", "mΩ", "3.00", "A", "1"],
+    ]
+    assert done.stderr.splitlines()[0] == "seed 0, H = 1: It diverged., 12 s"
+    assert made(*lost, horizons="1")[0].returncode == 1

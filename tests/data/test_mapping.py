@@ -184,3 +184,49 @@ def test_a_value_that_is_not_finite_is_refused_in_used_columns_only():
     sentence = refusal({"x": Origin("bad")}, content)
     for word in ("data row 21", "channel bad", "nan"):
         assert word in sentence
+
+
+# --- where it turns -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("turn", "taken"), [(1.56, True), (1.58, False)])
+def test_an_angle_may_turn_a_quarter_between_two_samples(turn, taken):
+    content = two_rates(angle=np.mod(turn * np.arange(20), 2 * np.pi))
+    if taken:
+        _, channels = mapped(ORIGINS, content, resample=True)
+        turned = np.unwrap(channels["angle"])
+        assert turned[-1] - turned[0] == pytest.approx(19 * turn)
+    else:
+        assert "channel angle turns 1.58 rad" in refusal(ORIGINS, content, resample=True)
+
+
+def test_a_clock_that_begins_later_cuts_the_others():
+    """The slow channels begin at 23 ms and end at 213 ms, the fast one ends at 199 ms."""
+    late = 0.023 + np.arange(20) * 10 * STEP
+    step, channels = mapped(ORIGINS, two_rates(slow_times=late), resample=True)
+    time = np.arange(23, 200) * STEP
+    assert step == pytest.approx(STEP, rel=1e-9)
+    np.testing.assert_array_equal(channels["fast"], np.cos(50 * time))
+    np.testing.assert_allclose(channels["slow"], 3.0 + 2.0 * time, rtol=1e-13)
+
+
+def test_delays_of_several_channels_keep_what_all_of_them_have():
+    rows = np.arange(40.0)
+    content = table(late=np.roll(rows, 2), early=np.roll(rows, -3), row=rows)
+    origins = {
+        "late": Origin("late", delay=2),
+        "early": Origin("early", delay=-3),
+        "row": Origin("row"),
+    }
+    _, channels = mapped(origins, content)
+    np.testing.assert_array_equal(channels["row"], np.arange(3.0, 38.0))
+    np.testing.assert_array_equal(channels["late"], channels["row"])
+    np.testing.assert_array_equal(channels["early"], channels["row"])
+
+
+def test_a_share_has_its_scale_and_sign_and_the_whole_its_unit():
+    content = table(dc=np.linspace(0.3, 0.4, 40))
+    origin = Origin("duty", "V", "kV", scale=2.0, sign=-1, times="dc")
+    _, channels = mapped({"u": origin}, content)
+    wanted = -2.0 * np.linspace(0, 1, 40) * np.linspace(300, 400, 40)
+    np.testing.assert_allclose(channels["u"], wanted, rtol=1e-13)

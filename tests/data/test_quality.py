@@ -90,3 +90,35 @@ def test_inspect_reports_in_the_order_of_channels_and_changes_nothing() -> None:
     assert [(each.channel, each.severity) for each in found] == [("x", "warning"), ("u", "error")]
     for name, values in run.channels.items():
         np.testing.assert_array_equal(values, before[name])
+
+
+@pytest.mark.parametrize(("run", "usual", "found"), [(20, 1, True), (19, 1, False), (39, 2, False)])
+def test_a_channel_is_stuck_from_twenty_times_its_usual_dwell(run: int, usual: int, found: bool):
+    x = np.repeat(np.random.default_rng(3).standard_normal(400), usual)
+    x[100 : 100 + run] = 0.5 * (x[99] + x[100 + run])
+    x[0], x[-1] = -9.0, 9.0
+    assert (find_stuck(recording(x=x), "x") is not None) == found
+
+
+@pytest.mark.parametrize("extreme", [9.0, -9.0])
+def test_a_channel_that_stands_at_its_extreme_is_not_stuck(extreme: float) -> None:
+    x = sine(noise=0.1)
+    x[700:760] = extreme
+    assert find_stuck(recording(x=x), "x") is None
+    finding = find_clipping(recording(x=x), "x")
+    assert finding is not None
+    assert "in 60 of 2000 samples" in finding.sentence
+
+
+@pytest.mark.parametrize(("at", "beside", "found"), [(10, 1, True), (9, 1, False), (19, 2, False)])
+def test_a_value_is_clipped_from_ten_times_its_neighbours_count(at: int, beside: int, found: bool):
+    x = np.concatenate([np.linspace(-1, 0.9, 500), np.full(beside, 0.95), np.full(at, 1.0)])
+    assert (find_clipping(recording(x=x), "x") is not None) == found
+
+
+def test_resting_at_zero_is_no_clipping() -> None:
+    ramp = np.arange(1.0, 500.0)
+    for sign in (1.0, -1.0):
+        x = sign * np.concatenate([np.zeros(60), ramp])
+        assert find_clipping(recording(x=x), "x") is None
+        assert find_clipping(recording(x=x + sign), "x") is not None

@@ -57,3 +57,58 @@ def test_unknown_unit_suggests_the_nearest():
 
 def test_nothing_is_suggested_where_nothing_is_near():
     assert did_you_mean("zzzz", ["column", "unit"]) == ""
+
+
+@pytest.mark.parametrize(
+    ("unit", "value", "celsius"),
+    [
+        ("degC", 20.0, 20.0),
+        ("K", 273.15, 0.0),
+        ("degF", 212.0, 100.0),
+        ("degF", -40.0, -40.0),
+    ],
+)
+def test_temperatures_at_their_fixed_points(unit, value, celsius):
+    np.testing.assert_allclose(UNITS[unit].to_si(np.array([value])), [celsius], atol=1e-12)
+
+
+def test_a_factor_scales_counts_before_the_offset():
+    """A sensor of 0.1 K a count: 2981.5 counts are 25 degrees Celsius."""
+    np.testing.assert_allclose(UNITS["K"].to_si(np.array([2981.5]), 0.1), [25.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("small", "large", "ratio"),
+    [("mV", "V", 1e3), ("V", "kV", 1e3), ("A", "kA", 1e3), ("ns", "us", 1e3), ("%", "1", 100.0)],
+)
+def test_prefixes_of_one_quantity_are_in_proportion(small, large, ratio):
+    one = np.array([1.0])
+    assert UNITS[small].si == UNITS[large].si
+    assert UNITS[large].to_si(one) / UNITS[small].to_si(one) == pytest.approx(ratio)
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("°C", "degC"),
+        ("℃", "degC"),
+        ("Kelvin", "K"),
+        ("°F", "degF"),
+        ("Sekunden", "s"),
+        ("μs", "us"),
+        ("Grad", "deg"),
+        ("U", "turn"),
+        ("1/s", "Hz"),
+        ("min^-1", "rpm"),
+        ("°/s", "deg/s"),
+        ("{ rad*s^-1 }", "rad/s"),
+        ("ma", None),
+    ],
+)
+def test_more_spellings(text, name):
+    assert unit_name(text) == name
+
+
+def test_the_nearest_word_is_found_whatever_its_case():
+    assert did_you_mean("HORIZN", ["seed", "horizon"]) == " (did you mean horizon?)"
+    assert did_you_mean("ab", ["abcdefgh"]) == ""

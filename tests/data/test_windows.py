@@ -273,3 +273,18 @@ def test_value_not_finite() -> None:
     bad = Experiment("bad.csv", 1e-3, {"x": x, "u": np.arange(20.0)})
     with pytest.raises(InputError, match=r"bad\.csv: data row 7, channel x is nan"):
         cut([recording(20), bad], ["x"], ["u"], 2)
+
+
+def test_thinning_keeps_every_nth_window_with_its_recording() -> None:
+    windows = cut_all([60, 50], 4, 2, Jittered(3))
+    thin = windows.thinned(3)
+    np.testing.assert_array_equal(thin.starts, windows.starts[::3])
+    np.testing.assert_array_equal(thin.recording, windows.recording[::3])
+    assert (thin.horizon, thin.past, len(thin.states)) == (4, 2, 110)
+    assert set(thin.recording) == {0, 1}
+
+
+def test_the_draw_of_one_horizon_is_not_that_of_another() -> None:
+    """With strata of one length, as overlapping windows have, rungs still start elsewhere."""
+    first, other = (Jittered(0, 10).starts(0, 3999, horizon) for horizon in (20, 21))
+    assert (first != other).mean() > 0.5

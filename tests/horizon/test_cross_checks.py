@@ -1,13 +1,19 @@
 """Answers that contradict an anchor, or depend on the path, are told."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from penode.horizon.cross_checks import Anchor, check_against_anchor, check_path_dependence
-from penode.horizon.ladder import HorizonFit, LadderProblem, ladder_plan
-from penode.horizon.selection import Longest
+from penode.horizon.cross_checks import (
+    Anchor,
+    check_against_anchor,
+    check_path_dependence,
+    cross_check,
+)
+from penode.horizon.ladder import Climb, HorizonFit, LadderProblem, ladder_plan
+from penode.horizon.selection import Choice, Longest
 from penode.identify import Stopped, identify
 from penode.training.plan import ignore_progress
 from penode.training.second_order import LevenbergMarquardt
@@ -103,3 +109,58 @@ def test_an_interrupted_cross_check_keeps_the_fit_and_says_so(systems):
         "Stopped during the cross-check; whether the estimate depends on the path of training is "
         "open."
     ]
+
+
+# --- how far apart ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("gap", "agrees"), [(1.99, True), (2.01, False)])
+def test_an_anchor_agrees_within_two_deviations_of_both(gap, agrees):
+    """Deviations of 3 and 4 are 5 together."""
+    choice = Anchor(np.array([20.0]), np.array([4.0])).select([rung(7, 20.0 - 5 * gap, 3.0)])
+    assert (choice.verdict == "H = 1 suffices") == agrees
+    assert ("H = 7 is 2.0 deviations away" in choice.reason) == (not agrees)
+
+
+def test_every_parameter_has_to_agree_with_its_anchor():
+    two = replace(LADDER[0], values=np.array([5.0, 1.0]), working=np.array([0.1, 0.1]))
+    told = Anchor(np.array([5.0, 2.0]), np.array([0.1, 0.1])).select([two])
+    assert told.verdict == "no plateau"
+
+
+@pytest.mark.parametrize(
+    ("value", "small", "large"),
+    [
+        (10 + 5 * 3.99, 0, 0),
+        (10 + 5 * 4.01, 0, 1),
+        (10 - 5 * 4.01, 0, 1),
+    ],
+)
+def test_a_contradiction_is_four_deviations_of_both(value, small, large):
+    told = check_against_anchor(rung(1, value, 3.0), ("R",), {"R": (10.0, 4.0)})
+    assert tuple(map(len, told)) == (small, large)
+
+
+@pytest.mark.parametrize(("value", "small", "large"), [(-9.51, 1, 0), (-9.49, 0, 1)])
+def test_a_contradiction_is_large_from_five_percent_of_the_anchor(value, small, large):
+    told = check_against_anchor(rung(1, value, 0.01), ("R",), {"R": (-10.0, 0.01)})
+    assert tuple(map(len, told)) == (small, large)
+
+
+class Unused:
+    """A problem of which only the names and the start are asked for."""
+
+    objective = SimpleNamespace(
+        layout=SimpleNamespace(physical=("R",), raw=lambda model: np.zeros(1))
+    )
+
+
+def test_what_was_stopped_is_not_checked_and_one_step_not_for_its_path():
+    """A start anew at the shortest horizon is the ladder itself."""
+    start = SimpleNamespace(anchor={"R": (10.0, 0.2)}, model=None)
+    plan = ladder_plan((1, 4, 16), seed=0)
+    choice = Choice(0, "fixed", "", (0,))
+    stopped = cross_check(Unused(), plan, Climb(tuple(LADDER), interrupted=True), choice, start)
+    assert (stopped.contradictions, stopped.objections) == ((), ())
+    checked = cross_check(Unused(), plan, Climb(tuple(LADDER)), choice, start)
+    assert (len(checked.objections), checked.interrupted) == (1, False)

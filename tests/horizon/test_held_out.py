@@ -1,6 +1,7 @@
 """Horizons chosen by prediction, on a machine whose resistance alone is wrong at some rungs."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -78,3 +79,54 @@ def test_a_diverging_rung_is_never_taken(systems, ladder):
     assert HeldOut(run, (FREE_RUN,)).select(lost).index == 1
     none = HeldOut(run, (FREE_RUN,)).select(lost[:1])
     assert none.verdict == "no plateau"
+
+
+class Scored(HeldOut):
+    """Selection among rungs whose scores are given."""
+
+    def scores(self, rung):
+        return np.asarray(rung.scores)
+
+
+def selected(*scores):
+    """Select among rungs H = 1, 2, 4, ... of these logarithmic errors, one a regime."""
+    rungs = [SimpleNamespace(horizon=2**k, scores=s) for k, s in enumerate(scores)]
+    return Scored((), (1, 10, FREE_RUN)).select(rungs)
+
+
+@pytest.mark.parametrize(("excess", "index"), [(0.057, 0), (0.058, 1)])
+def test_a_shorter_horizon_may_be_worse_by_one_standard_error(excess, index):
+    """Of four regimes that scatter by 0.1: the root of 4 / 3 times that, over the root of 4."""
+    scatter = np.array([0.1, -0.1, 0.1, -0.1])
+    assert selected(excess + scatter, np.zeros(4)).index == index
+
+
+@pytest.mark.parametrize(("excess", "index"), [(0.0099, 0), (0.0101, 1)])
+def test_one_percent_does_not_matter_however_sure_it_is(excess, index):
+    assert selected(np.full(4, excess), np.zeros(4)).index == index
+
+
+def test_the_shortest_is_taken_though_a_longer_one_between_is_worse():
+    choice = selected(np.full(4, 5.0), np.full(4, 0.005), np.full(4, 7.0), np.zeros(4))
+    assert choice.index == 1
+    assert choice.agreeing == (1, 3)
+    assert choice.reason == (
+        "H = 2 is the shortest whose error in one step and 10 steps and free run is not above the "
+        "lowest (H = 8) by more than chance or 1 %."
+    )
+
+
+def test_a_rung_that_diverges_in_one_regime_is_not_taken():
+    assert selected([-9.0, np.inf, -9.0, -9.0], np.zeros(4)).index == 1
+
+
+def test_a_single_recording_is_judged_in_eight_stretches(systems, ladder):
+    """A disturbance of one stretch leaves the scores of the others."""
+    (run, _), (rung,) = systems["linear machine"].recorded_again(noise=0.05), ladder(0.0)
+    disturbed = run.channels["i_q"].copy()
+    disturbed[120] += 5.0
+    other = replace(run, channels={**run.channels, "i_q": disturbed})
+    clean, hit = (HeldOut([one], (1,)).scores(rung) for one in (run, other))
+    assert clean.shape == (8,)
+    # One deviation divides all stretches, and the disturbance moves it a little.
+    assert np.flatnonzero(np.abs(hit - clean) > 0.1).tolist() == [4]

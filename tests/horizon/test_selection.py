@@ -1,5 +1,7 @@
 """Selectors on ladders made by hand, and the paired deviation against Monte Carlo."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -11,10 +13,11 @@ from penode.horizon.selection import (
     Choice,
     Longest,
     Plateau,
+    choose,
     paired_deviation,
     without_collapsed,
 )
-from penode.training.plan import Solution
+from penode.training.plan import Plan, Solution, Stage
 
 SAMPLES = 4000
 
@@ -239,3 +242,40 @@ def test_a_collapsed_deviation_is_not_believed():
     assert np.isinf(climb.fits[2].deviation[0])
     whole = Climb(tuple(ladder((1, 8), (1.0, 1.0), (0.3, 0.01))))
     assert without_collapsed(whole) is whole
+
+
+@pytest.mark.parametrize(("claimed", "believed"), [(1.9e-4, False), (2.1e-4, True)])
+def test_a_deviation_collapses_below_a_thousandth_of_the_median(claimed, believed):
+    """Each parameter by itself; infinite ones have no part in the median."""
+    first = np.array([np.inf, np.inf, np.inf, 0.2, 0.2, claimed])
+    deviations = np.column_stack([first, np.ones(6)])
+    rungs = ladder((1, 2, 4, 8, 16, 32), np.ones((6, 2)), deviations)
+    rungs = [replace(r, influence=np.ones((2, len(r.windows)))) for r in rungs]
+    last = without_collapsed(Climb(tuple(rungs))).fits[-1]
+    np.testing.assert_array_equal(np.isfinite(last.working), [believed, True])
+    np.testing.assert_array_equal(np.isfinite(last.deviation), [believed, True])
+    assert rungs[-1].working[0] == claimed, "the climb that came is as it was"
+
+
+def test_a_collapsed_climb_remembers_that_it_was_interrupted():
+    rungs = ladder((1, 8, 50), (1.0, 1.0, 1.0), (0.3, 0.2, 1e-9))
+    assert without_collapsed(Climb(tuple(rungs), interrupted=True)).interrupted
+
+
+def test_what_was_interrupted_is_preliminary():
+    made, plan = ladder([1, 2, 4, 8], [0.2] * 4, [0.01] * 4), Plan((Stage(50, None),))
+    whole = choose(Plateau(), Climb(tuple(made)), plan)
+    assert whole == Plateau().select(made)
+    stopped = choose(Plateau(), Climb(tuple(made), interrupted=True), plan)
+    assert stopped.verdict == "stopped"
+    assert stopped.reason == f"The ladder was not climbed to its end. So far: {whole.reason}"
+    assert (stopped.index, stopped.agreeing) == (whole.index, whole.agreeing)
+    named = choose(Longest(), Climb(tuple(made), interrupted=True), plan)
+    assert named.reason == "The horizon asked for, 50, was not reached."
+
+
+@pytest.mark.parametrize(("surer", "expected"), [(1.04, (3, 4, 5, 6)), (1.06, (0, 1, 2))])
+def test_a_run_that_is_hardly_surer_does_not_outweigh_a_longer_one(surer, expected):
+    values, deviations = [0.1] * 3 + [0.5] * 4, [0.01] * 3 + [0.01 * surer] * 4
+    choice = Plateau().select(ladder([1, 2, 4, 8, 16, 32, 64], values, deviations))
+    assert choice.agreeing == expected

@@ -10,6 +10,7 @@ from penode.report import panels
 from penode.report.ladder import parameter_over_ladder
 from penode.report.overlay import overlay, typical_window
 from penode.report.spectrum import residual_spectrum
+from penode.validation.comparison import Comparison
 
 
 def points(figure, name):
@@ -133,3 +134,78 @@ def test_narrow_pages_pile_the_panels_up(fit, which):
     assert all(narrow[axis]["domain"] == [0, 1] for axis in axes)
     piles = sorted(narrow[axis.replace("x", "y", 1)]["domain"] for axis in axes)
     assert all(below[1] < above[0] for below, above in itertools.pairwise(piles))
+
+
+def test_ladder_says_each_estimate_with_its_half_width(fit):
+    figure = parameter_over_ladder(fit, "mass")
+    assert list(points(figure, "selected, H = 50").text) == ["H = 50: 1.0180 ± 0.0078 kg"]
+    grouped = [trace for trace in figure.data if trace.legendgroup == "horizons that agree"]
+    assert [trace.showlegend for trace in grouped] == [True, False], "one entry for both panels"
+
+
+def test_ladder_shades_a_plateau_only_where_the_data_answer(fit):
+    shaded = [s for s in parameter_over_ladder(fit, "mass").layout.shapes if s.xref == "x"]
+    assert [(s.x0 < 10, s.x1 > 100) for s in shaded] == [(True, True)]
+    fit.horizon = dataclasses.replace(fit.horizon, verdict="no plateau")
+    shapes = parameter_over_ladder(fit, "mass").layout.shapes
+    assert [s for s in shapes if s.xref == "x"] == []
+
+
+def test_a_huge_deviation_does_not_dwarf_the_estimates(fit):
+    unsure = dataclasses.replace(fit.horizon.ladder[0], std={"mass": 1e3})
+    fit.horizon = dataclasses.replace(fit.horizon, ladder=(unsure, *fit.horizon.ladder[1:]))
+    low, high = parameter_over_ladder(fit, "mass").layout.yaxis.range
+    assert low < 1.01
+    assert high > 1.9
+    assert high - low < 4
+
+
+def test_ladder_has_round_ticks_within_its_horizons(fit):
+    figure = parameter_over_ladder(fit, "mass")
+    assert list(figure.layout.xaxis.tickvals) == [1, 2, 5, 10, 20, 50, 100]
+    assert list(figure.layout.xaxis2.tickvals) == [10, 20, 50, 100]
+    low, high = 10.0 ** np.array(figure.layout.xaxis.range)
+    assert low < 1 < 100 < high < 200
+
+
+def erring(levels, length):
+    """Return a comparison whose free run errs by each level for a stretch of the length."""
+    measured = np.sin(np.arange(len(levels) * length))[:, None]
+    errors = np.repeat(levels, length)[:, None]
+    return Comparison("r", "train", 0.1, ("x",), ("m",), measured, measured, measured + errors)
+
+
+def test_the_close_up_errs_as_most_of_the_recording_does():
+    """Neither the best stretch, nor the worst, nor that near a mean which one stretch makes."""
+    seen = erring([1.0, 5.0, 2.0, 90.0, 3.0], 20)
+    assert typical_window(seen, 20) == slice(80, 100)
+    broken = seen.free_run.copy()
+    broken[65:] = np.nan
+    assert typical_window(dataclasses.replace(seen, free_run=broken), 20) == slice(40, 60)
+
+
+def test_errors_are_predicted_less_measured_and_the_close_up_is_marked():
+    seen = erring([1.0, 5.0, 3.0], 200)
+    figure = overlay(seen)
+    error = next(t for t in figure.data if t.xaxis == "x3" and t.name == "free run, error")
+    np.testing.assert_allclose(error.y, np.repeat([1.0, 5.0, 3.0], 200), atol=1e-6)
+    np.testing.assert_allclose(error.x, 0.1 * np.arange(600), rtol=1e-6)
+    marks = [(s.x0, s.x1) for s in figure.layout.shapes]
+    assert marks == [(40.0, 60.0)] * 2, "over the values and over the errors"
+    assert figure.layout.xaxis2.range == pytest.approx((40.0, 59.9))
+    close = next(t for t in figure.data if t.xaxis == "x2" and t.name == "measured")
+    assert (close.x[0], close.x[-1]) == pytest.approx((40.0, 59.9))
+
+
+def test_the_divergence_is_marked_where_it_begins(comparison):
+    free_run = comparison.free_run.copy()
+    free_run[5050:, 1] = np.inf
+    figure = overlay(dataclasses.replace(comparison, free_run=free_run))
+    lines = [s for s in figure.layout.shapes if s.type == "line"]
+    assert [(s.x0, s.x1) for s in lines] == [(5.05, 5.05)] * 2, "of every state"
+
+
+def test_a_state_that_nothing_predicts_is_drawn(comparison):
+    nothing = np.full_like(comparison.measured, np.nan)
+    lost = dataclasses.replace(comparison, one_step=nothing, free_run=nothing)
+    assert np.isfinite(overlay(lost).layout.yaxis2.range).all()

@@ -2,6 +2,7 @@
 
 import re
 
+import numpy as np
 import pytest
 
 from penode.report import palette, panels
@@ -100,3 +101,52 @@ def test_text_stands_out_from_its_ground(text, ground, scheme):
         reverse=True,
     )
     assert (bright + 0.05) / (dim + 0.05) >= 4.5
+
+
+def test_figures_and_tables_are_numbered_from_the_top_of_the_page():
+    """The answer stands above the sections, so its figure is the first."""
+    first, second = (Figure(t, "C", panels.blank_figure()) for t in ("On top", "Below"))
+    table = Table("T", ("name",), ())
+    part = Section("Part", "Lead", [second, table, table])
+    page = render(Document("Kind", "Title", "Lead", [first], [part]))
+    titles = dict(re.findall(r'<h3 id="figure-(\d)-title">([^<]*)</h3>', page))
+    assert titles == {"1": "On top", "2": "Below"}
+    assert re.findall(r"<b>Figure (\d)\.</b>", page) == ["1", "2"]
+    assert re.findall(r'<div class="table" id="table-(\d)">', page) == ["1", "2"]
+    data = set(re.findall(r'<script type="application/json" id="([^"]*-data)">', page))
+    assert data == set(re.findall(r'data-plot="([^"]*)"', page))
+
+
+def test_room_is_kept_for_a_figure_before_it_is_drawn():
+    tall, plain = panels.blank_figure().update_layout(height=777.4), panels.blank_figure()
+    page = render(document(Figure("F", "C", tall), Figure("F", "C", plain)))
+    assert re.findall(r'min-height:(\d+)px" tabindex', page) == ["777", "420"]
+
+
+def test_doubt_length_and_marks_are_seen():
+    values = KeyValues((KeyValue("a", "x" * 14), KeyValue("b", "x" * 15, doubtful=True)))
+    rows = (Row((Cell("x"), Cell("1"))), Row((Cell("y"), Cell("2")), "selected"))
+    page = render(document(values, Table("T", ("name", "value"), rows)))
+    assert re.findall(r'<dd class="(value[^"]*)">', page) == ["value", "value long"]
+    assert re.findall(r"<div( class=\"doubtful\")?><dt>(.)", page) == [
+        ("", "a"),
+        (' class="doubtful"', "b"),
+    ]
+    assert re.findall(r'<tr class="marked"><th scope="row">(.*?)</th>', page) == [
+        '<span class="mark">selected</span> y'
+    ]
+    assert '<th scope="col" class="number">' not in page
+
+
+def test_numbers_of_any_kind_are_written_as_plain_ones_and_long_names_may_break():
+    row = Row((Cell("dead_time", kind="code"), Cell("10", np.float64(0.25), "number")))
+    page = render(document(Table("T", ("name", "free_run"), (row,))))
+    assert '<data value="0.25">10</data>' in page
+    assert "<code>dead_<wbr>time</code>" in page
+    assert "free_<wbr>run</th>" in page
+
+
+def test_points_of_a_notice_are_a_list_only_where_there_are_some():
+    plain, listed = (Notice("good", "L", "T", points) for points in ((), ("one", "two")))
+    assert "<ul>" not in render(document(plain))
+    assert "<ul><li>one</li><li>two</li></ul>" in render(document(listed))

@@ -171,3 +171,66 @@ def test_spectrum_title_compares_no_two_units(spectrum):
     assert spectrum_title(both, STATES) == (
         f"The residual is largest in x at 50.0{GAP}Hz and v at 3.00{GAP}Hz"
     )
+
+
+def test_without_an_answer_nothing_is_marked_as_agreeing(fit):
+    fit.horizon = dataclasses.replace(fit.horizon, verdict="no plateau")
+    assert parameter_table(fit).caption.startswith("For diagnosis only; the data cannot answer. ")
+    marks = [row.mark for row in ladder_table(fit.horizon, {"mass": "kg"}, STATES).rows]
+    assert marks == ["", "", "", "", "", "selected", ""]
+
+
+def test_identifiability_has_no_column_where_it_was_not_computed(fit):
+    fit.parameters = {"gain": Estimate.of(0.25, 0.01, "")}
+    table = parameter_table(fit)
+    assert table.columns[-1] == "unit"
+    assert texts(table.rows[0]) == ["gain", "0.250", "0.010", "0.230 to 0.270", "1"]
+    assert "Identifiability" not in table.caption
+
+
+def test_outcomes_are_letters_explained_once_and_numbers_after_z(choice):
+    ends = ["Converged.", "Stalled.", "Converged.", *(f"End {k}." for k in range(25))]
+    ladder = tuple(dataclasses.replace(choice.ladder[0], outcome=end) for end in ends)
+    table = ladder_table(dataclasses.replace(choice, ladder=ladder), {"mass": "kg"}, STATES)
+    shown = [texts(row)[-1] for row in table.rows]
+    assert shown[:4] == ["a", "b", "a", "c"]
+    assert shown[-2:] == ["z", "27"]
+    assert table.caption.count("Converged.") == 1
+    assert "y: End 22. z: End 23. 27: End 24." in table.caption
+
+
+def test_a_ladder_shows_one_scale_and_keeps_si_values_behind(choice):
+    first, second = choice.ladder[:2]
+    first = dataclasses.replace(
+        first, parameters={"R": 0.01}, std={"R": 2e-4}, free_run_rmse=math.inf
+    )
+    made = dataclasses.replace(choice, ladder=(first, second))
+    table = ladder_table(made, {"R": "ohm"}, (("i_d", "A"), ("i_q", "A")))
+    assert table.columns[1:5] == (
+        f"R in{GAP}mΩ",
+        "± std",
+        f"H-step rmse in{GAP}A",
+        f"free-run rmse in{GAP}A",
+    )
+    assert texts(table.rows[0])[1:5] == ["10.00", "0.20", "0.0130", "diverged"]
+    assert [cell.value for cell in table.rows[0].cells[1:3]] == [0.01, 2e-4]
+    assert texts(table.rows[1])[1:3] == ["–", "–"], "a horizon may lack a parameter"
+
+
+def test_recordings_say_how_long_they_are_and_what_they_were_used_for(comparison):
+    blind = dataclasses.replace(comparison, one_step=np.nan * comparison.one_step)
+    cells = texts(validation_table([blind]).rows[0])
+    assert cells[:3] == ["cart.csv", "training", "10.0"]
+    assert cells[3:5] == ["–", "–"]
+    assert validation_table([]).rows == ()
+
+
+def test_settings_are_shown_to_six_digits_and_nothing_is_lost():
+    nested = {"plan": {"stages": [{"H": 1}, {"H": 2, "tie": 1.23456789}], "seeds": (1.0, "a")}}
+    assert [texts(row) for row in provenance_table({**nested, "none": {}}).rows] == [
+        ["plan.stages[0].H", "1"],
+        ["plan.stages[1].H", "2"],
+        ["plan.stages[1].tie", "1.23457"],
+        ["plan.seeds", "1, a"],
+        ["none", "{}"],
+    ]

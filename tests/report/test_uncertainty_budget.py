@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from penode.fit.outcome import Contribution, Estimate
@@ -71,3 +72,31 @@ def test_a_bar_is_as_wide_as_its_fraction(fraction, width):
     page = render(Document("Kind", "Title", "Lead", [], [Section("Part", "Lead", [table])]))
     assert f'<span class="bar"><span style="width:{width}"></span></span>' in page
     assert '<th scope="col" class="number">fraction</th>' in page
+
+
+@pytest.mark.parametrize(("size", "named"), [(0.21, True), (0.19, False)])
+def test_a_source_is_named_from_a_fifth_of_the_largest_contribution_up(size, named):
+    """The largest may be what the data show."""
+    rows = (Contribution("statistics", 1e-4), Contribution("delay", size * 1e-4, "0.1 samples"))
+    sentence = budget_sentence(Estimate.of(-10e-3, 1.02e-4, "ohm", budget=rows))
+    assert ("delay" in sentence) == named
+    assert sentence.startswith("half width 2.0 %: ")
+    assert sentence.endswith("the data alone 2.0")
+
+
+def test_what_is_unbounded_has_all_of_the_variance(fit):
+    """As statistics are where the recordings are too short to show them."""
+    rows = (Contribution("statistics", np.inf), Contribution("delay", 1e-6, "0.1 samples"))
+    fit.parameters = {"R": Estimate.of(10e-3, np.inf, "ohm", budget=rows)}
+    (table,) = uncertainty_budget(fit).blocks
+    assert [texts(row)[2:4] for row in table.rows] == [["∞", "100 %"], ["1.0", "< 1 %"]]
+    assert [row.cells[3].value for row in table.rows] == [1.0, 0.0]
+
+
+def test_a_percent_is_the_least_that_is_shown_as_one(fit):
+    rows = [Contribution(name, std) for name, std in (("a", 0.99), ("b", 0.1002), ("c", 0.0998))]
+    whole = Estimate.of(1.0, 1.0, "ohm", budget=tuple(rows))
+    fit.parameters = {"R": replace(whole, budget=tuple(rows))}
+    (table,) = uncertainty_budget(fit).blocks
+    assert [texts(row)[3] for row in table.rows] == ["98 %", "1 %", "< 1 %"]
+    assert "1.96 times their root sum of squares" in table.caption

@@ -157,7 +157,8 @@ def _limits(comparison: Comparison, state: int, is_error: bool) -> list[float]:
         centre = float(measured.max() + measured.min()) / 2
         values = np.concatenate([runs, measured[None]]) - centre
     values = values[np.isfinite(values)]
-    usual = 3 * float(np.quantile(np.abs(values), 0.95)) if values.size else 0.0
+    values = values if values.size else np.zeros(1)
+    usual = 3 * float(np.quantile(np.abs(values), 0.95))
     usual = min(usual, 0.75 * float(np.ptp(measured))) or 1.0
     low, high = (float(np.clip(end, -usual, usual)) for end in (values.min(), values.max()))
     margin = 0.06 * ((high - low) or 1.0)

@@ -111,7 +111,8 @@ def number(value: float | None, digits: int = 3) -> str:
         return "∞" if value > 0 else "−∞"
     if value != 0 and not 1e-4 <= abs(value) < 1e6:
         return f"{value:.{digits - 1}e}".replace("-", "−")
-    magnitude = math.floor(math.log10(abs(value))) if value else 0
+    rounded = abs(float(f"{value:.{digits - 1}e}"))  # 9.996 has the magnitude of 10.0
+    magnitude = math.floor(math.log10(rounded)) if value else 0
     return fixed(value, max(digits - 1 - magnitude, 0))
 
 

@@ -201,7 +201,7 @@ def _boxes(
     widest = (_ROW_WIDTH - (count - 1) * _GAP) / count
     height = float(np.clip(widest / aspect, _LOWEST, _HIGHEST))
     width = min(widest, height * aspect)
-    rest = _ROW_WIDTH - count * width - (count - 1) * _GAP
+    rest = _ROW_WIDTH - count * (width + _GAP)  # of an empty column; below zero in a full row
     wide, total = panels.grid([width] * count + [rest], [height], _GAP, [])
     piled = float(np.clip(300.0 / aspect, 200.0, 420.0))
     return (wide[:count], total), panels.grid([1.0], [piled] * count, 0.0, [84.0] * (count - 1))

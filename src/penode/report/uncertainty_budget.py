@@ -1,5 +1,10 @@
 """The uncertainty budget of a fit, in words and as a table with bars."""
 
+from collections.abc import Sequence
+
+import numpy as np
+
+from penode.arrays import FloatArray
 from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95, Contribution, Estimate
 from penode.report.document import Cell, Row, Section, Table
@@ -53,19 +58,18 @@ def _assumed(estimate: Estimate) -> list[Contribution]:
 
 def _table(name: str, estimate: Estimate) -> Table:
     scale = scale_for([row.std for row in estimate.budget], estimate.unit)
-    whole = sum(row.std**2 for row in estimate.budget)
+    shown = [row for row in estimate.budget if row.std > 0]
     rows = [
         Row(
             (
                 Cell(row.source),
                 Cell(row.accuracy or "from the data"),
                 Cell(number(row.std * scale.factor, 2), row.std, "number"),
-                _bar(row.std**2 / whole if whole else 0.0),
+                _bar(fraction),
                 Cell(row.remedy),
             )
         )
-        for row in estimate.budget
-        if row.std > 0
+        for row, fraction in zip(shown, _fractions([row.std for row in shown]), strict=True)
     ]
     return Table(
         f"Standard uncertainty of {name}",
@@ -75,6 +79,14 @@ def _table(name: str, estimate: Estimate) -> Table:
         "Contributions are standard deviations; their squares add (JCGM 100:2008). The 95 % "
         f"interval is the value ± {NORMAL_95} times their root sum of squares.",
     )  # fmt: skip
+
+
+def _fractions(deviations: Sequence[float]) -> FloatArray:
+    """Return each one's fraction of the variance; unbounded ones have all of it."""
+    squares = np.square(deviations)
+    unbounded = np.isinf(squares)
+    squares = unbounded.astype(np.float64) if unbounded.any() else squares
+    return np.asarray(squares / squares.sum())
 
 
 def _bar(fraction: float) -> Cell:

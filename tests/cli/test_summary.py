@@ -1,0 +1,116 @@
+"""The last lines of a command: numbers with units, warnings, files; and how options are read."""
+
+import io
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from penode.cli.options import given, whole_numbers
+from penode.cli.summary import print_demo, print_fit
+from penode.errors import InputError
+from penode.fit.outcome import Contribution, Estimate, HorizonChoice
+from penode.validation.comparison import Comparison
+
+ROWS = (Contribution("gain", 8e-5, "0.8 %"), Contribution("statistics", 6e-5))
+WAVE = np.tile([1.0, -1.0], 50)[:, None]
+
+
+def compared(name, role, units=("A",), free=0.25):
+    states = ("i_d", "n")[: len(units)]
+    measured = np.zeros((100, len(units)))
+    parts = (measured, measured + 0.125 * WAVE, measured + free * WAVE)
+    return Comparison(name, role, 1e-4, states, units, *parts)
+
+
+@pytest.fixture
+def fit():
+    return SimpleNamespace(
+        parameters={
+            "R": Estimate.of(10e-3, 1e-4, "ohm", budget=ROWS),
+            "L": Estimate.of(0.5, 0.012, ""),
+        },
+        horizon=HorizonChoice(8, "plateau", "Three agree.", ()),
+        comparisons=(compared("a.csv", "train"), compared("b.csv", "validation", ("A", "rad/s"))),
+        warnings=("First [sic].", "Second."),
+        provenance={"structure": ("The voltage acts late.",)},
+    )
+
+
+def lines(show, *what):
+    """Return what is printed into a pipe, as pairs of label and sentence."""
+    console = Console(file=io.StringIO(), width=20)
+    show(console, *what)
+    printed = console.file.getvalue()
+    assert "\N{NO-BREAK SPACE}" not in printed
+    return [tuple(line.split(maxsplit=1)) for line in printed.splitlines()]
+
+
+def test_a_fit_is_told_in_labelled_lines(fit):
+    assert lines(print_fit, fit, Path("out")) == [
+        ("R", "10.00 mΩ, 95 % interval 9.80 to 10.20 mΩ"),
+        ("L", "0.500 , 95 % interval 0.476 to 0.524 "),
+        ("budget", "R: half width 2.0 %: gain 1.6 (assumed 0.8 %), the data alone 1.2"),
+        ("horizon", "8 steps: plateau. Three agree."),
+        ("model", "The voltage acts late."),
+        ("train", "a.csv: RMSE one step 0.125 A; free run 0.250 A"),
+        (
+            "validation",
+            "b.csv: RMSE one step i_d 0.125 A, n 0.125 rad/s; free run i_d 0.250 A, n 0.250 rad/s",
+        ),
+        ("warning", "First [sic]."),
+        ("warning", "Second."),
+        ("map", "out/flux_map.csv"),
+        ("report", "out/report.html"),
+    ]
+
+
+@pytest.mark.parametrize(("verdict", "colour"), [("plateau", 32), ("implausible", 31)])
+def test_a_verdict_is_green_or_red_and_one_step_is_no_plural(fit, verdict, colour):
+    fit.horizon = replace(fit.horizon, verdict=verdict, selected=1)
+    console = Console(file=io.StringIO(), width=200, force_terminal=True, color_system="standard")
+    print_fit(console, fit, Path("out"))
+    assert f"1 step: \x1b[{colour}m{verdict}\x1b[0m. Three agree." in console.file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("truth", "said"),
+    [
+        (10.1e-3, "R = 10.10 mΩ: error -0.99 %, inside the interval"),
+        (10.2e-3, "R = 10.20 mΩ: error -1.96 %, OUTSIDE the interval"),
+        (9.79e-3, "R = 9.790 mΩ: error +2.15 %, OUTSIDE the interval"),
+    ],
+)
+def test_the_demo_says_how_far_it_is_from_the_truth(fit, truth, said):
+    demo = SimpleNamespace(fit=fit, true_resistance=truth, flux_error=2.5e-4, flux_share=0.0125)
+    assert lines(print_demo, demo) == [
+        ("truth", said),
+        ("truth", "flux linkage: mean absolute error 0.250 mVs, 1.25 % of the magnet's"),
+    ]
+
+
+# --- options ----------------------------------------------------------------------------------
+
+
+def test_options_that_did_not_come_overrule_nothing():
+    assert given(flux_map=None, inverter=False, hold="dq") == {"inverter": False, "hold": "dq"}
+    assert given(terms="resistance, iron ,dead_time") == {
+        "terms": ["resistance", "iron", "dead_time"]
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "orders"), [("", ()), ("none", ()), ("6", (6,)), ("6, 12,-3", (6, 12, -3))]
+)
+def test_harmonics_are_numbers_or_none(text, orders):
+    assert given(angle_orders=text) == {"angle_orders": orders}
+
+
+def test_what_is_no_whole_number_is_told_with_what_may_come():
+    with pytest.raises(InputError, match=r"^--angle-orders 6,x came; give none, or whole numbers"):
+        given(angle_orders="6,x")
+    with pytest.raises(InputError, match=r"^--horizons 1\.5 came; give whole numbers with commas"):
+        whole_numbers("horizons", "1.5")

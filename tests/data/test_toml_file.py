@@ -1,0 +1,77 @@
+"""Entries of TOML files: what each kind takes, and what is said of everything else."""
+
+import math
+
+import pytest
+
+from penode.data import toml_file
+from penode.data.toml_file import read_toml, require, require_kinds
+from penode.errors import InputError
+
+TAKEN = {
+    "TEXT": ["", "auto"],
+    "FLAG": [True, False],
+    "NUMBER": [0, -2.5, math.inf],
+    "FACTOR": [1, -2.5, 1e-300],
+    "POSITIVE": [1, 1e-300],
+    "SIGN": [1, -1],
+    "WHOLE": [0, -3],
+    "NATURAL": [0, 3],
+    "COUNT": [1, 3],
+    "NAMES": [[], ["a", "b"]],
+    "WHOLES": [[], [6, -12]],
+    "TABLE": [{}, {"a": 1}],
+}
+REFUSED = {
+    "TEXT": [1, None],
+    "FLAG": [0, 1, "true"],
+    "NUMBER": [True, "1"],
+    "FACTOR": [0, 0.0, math.inf, -math.inf, math.nan, True],
+    "POSITIVE": [0, -1, math.inf, math.nan, True],
+    "SIGN": [0, 2, 1.0, -1.0, True],
+    "WHOLE": [1.0, True, "1"],
+    "NATURAL": [-1, 0.0, False],
+    "COUNT": [0, -1, 1.0, True],
+    "NAMES": ["a", ["a", 1], ("a",)],
+    "WHOLES": [6, [6, 1.0], [True]],
+    "TABLE": [[], "a"],
+}
+
+
+@pytest.mark.parametrize("kind", TAKEN)
+def test_a_kind_takes_what_it_says_and_nothing_else(kind):
+    held = getattr(toml_file, kind)
+    for value in TAKEN[kind]:
+        require("study.toml: entry", value, held)
+    for value in REFUSED[kind]:
+        with pytest.raises(InputError) as caught:
+            require("study.toml: entry", value, held)
+        assert str(caught.value) == f"study.toml: entry = {value!r} came; give {held.words}."
+
+
+def test_an_unknown_entry_is_told_before_a_wrong_value():
+    kinds = {"horizon": toml_file.COUNT, "seed": toml_file.NATURAL}
+    require_kinds("study.toml:", {"seed": 0}, kinds)
+    with pytest.raises(InputError, match=r"^study.toml: horizn came \(did you mean horizon\?\);"):
+        require_kinds("study.toml:", {"seed": -1, "horizn": 3}, kinds)
+    with pytest.raises(InputError, match=r"^study.toml: seed = -1 came; give a whole number from"):
+        require_kinds("study.toml:", {"seed": -1, "horizon": 0}, kinds)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(b"a = ", "not a TOML file"), (b"a = '\xff'", "not a TOML file"), (None, "cannot be read")],
+)
+def test_what_is_no_toml_is_refused_by_name(tmp_path, content, words):
+    path = tmp_path / "study.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=words) as caught:
+        read_toml(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_letters_beyond_ascii_are_read(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_bytes('"Drehzahl_n [1/min]" = "T_Kühler"'.encode())
+    assert read_toml(path) == {"Drehzahl_n [1/min]": "T_Kühler"}
