@@ -7,7 +7,8 @@ from penode.errors import InputError
 from penode.pmsm.bench.config import KINDS, load_config, shipped_configs
 from penode.pmsm.bench.inverter import StationaryHold
 from penode.pmsm.bench.machines import MACHINES
-from penode.pmsm.bench.references import MOTOR
+from penode.pmsm.bench.references import GENERATOR, MOTOR, WHOLE_DISC
+from penode.pmsm.bench.shaft import FreeShaft, SpeedPoints, SpeedRipple
 
 MINIMAL = """
 machine = "traction_300A"
@@ -75,6 +76,34 @@ def test_kinds_nest(load):
     assert simulation.drive.inverter.hold.advance == 1.5
 
 
+@pytest.mark.parametrize(
+    ("text", "speed"),
+    [
+        ("1200", 1200.0),
+        (
+            "{ kind = 'points', times = [0, 1], rpm = [-9, 9] }",
+            SpeedPoints((0.0, 1.0), (-9.0, 9.0)),
+        ),
+        (
+            "{ kind = 'ripple', rpm = 600, orders = [[1, 0.01, 0.5], [2, 0.001, 0]] }",
+            SpeedRipple(600.0, ((1.0, 0.01, 0.5), (2.0, 0.001, 0.0))),
+        ),
+        ("{ kind = 'free', inertia = 0.02, start_rpm = 50 }", FreeShaft(0.02, start_rpm=50.0)),
+    ],
+)
+def test_a_speed_is_a_number_or_one_of_its_kinds(load, text, speed):
+    found = load(MINIMAL.replace("speed_rpm = 900.0", f"speed_rpm = {text}")).speed_rpm
+    assert type(found) is type(speed)
+    assert found == speed
+
+
+@pytest.mark.parametrize(
+    ("name", "domain"), [("whole", WHOLE_DISC), ("motor", MOTOR), ("generator", GENERATOR)]
+)
+def test_domains_go_by_their_names(load, name, domain):
+    assert load(MINIMAL + f'domain = "{name}"\n').reference.domain is domain
+
+
 def test_the_same_file_records_the_same_run(load):
     text = MINIMAL.replace("duration", "seed = 5\nduration") + "[drive]\ncurrent_noise = 0.3\n"
     one, two = load(text).record().experiment, load(text).record().experiment
@@ -102,6 +131,42 @@ def test_every_kind_can_be_called(choices):
             "duration = 0.01",
             "duration = 0.01\nseed = -1",
             "case.toml: seed = -1 came; give a",
+        ),
+        ("amplitude = 100.0", "amplitude = [100.0]", r"reference\.amplitude"),
+        ("duration = 0.01", "duration = [0.01]", r"duration = \[0\.01\] came; give a number"),
+        ("duration = 0.01", "duration = { x = 1.0 }", "duration = .* came; give a number"),
+        ("duration = 0.01", "duration = 0.01\ndrive = 3.0", "drive = 3.0 came; give a table"),
+        (
+            "duration = 0.01",
+            "duration = 0.01\n[drive]\ninverter = [1.0]",
+            r"drive\.inverter = \[1\.0\] came; give a table",
+        ),
+        (
+            "duration = 0.01",
+            "duration = 0.01\n[drive.winding]\nphase_factors = [1.0, 1.1]",
+            r"winding\.phase_factors = \[1\.0, 1\.1\] came; give a list of 3",
+        ),
+        (
+            "duration = 0.01",
+            "duration = 0.01\n[drive.resolver]\norders = [[1, 0.1, 0.0], [2, 0.1]]",
+            r"resolver\.orders\[1\] = \[2, 0\.1\] came; give a list of 3",
+        ),
+        ("amplitude = 100.0", "amplitude = 9.0\ndomain = 'pump'", "or one of whole, motor, gen"),
+        ('kind = "lissajous"', 'kind = ["lissajous"]', r"reference: kind = \['lissajous'\] came"),
+        (
+            "speed_rpm = 900.0",
+            "speed_rpm = {}",
+            "speed_rpm: empty; name a kind: points, ripple, free",
+        ),
+        (
+            '"traction_300A"',
+            "{ map = 'gone.csv', resistance = 0.01, pole_pairs = 4 }",
+            r"machine.map: .*gone\.csv is not there; mend the path",
+        ),
+        (
+            "amplitude = 100.0",
+            "amplitude = 9.0\ndomain = { d = [0.5, -1] }",
+            r"reference\.domain: domain: the d axis came as 0\.5 to -1",
         ),
         ("duration", "duratoin", "case.toml: entry duratoin came .did you mean duration"),
         ("duration = 0.01", "duration = ", "case.toml: not a TOML file"),

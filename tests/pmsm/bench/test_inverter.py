@@ -99,6 +99,38 @@ def test_the_circle_touches_the_hexagon_between_its_corners():
     assert used(Hexagon(), [2 / 3 * 400.0, 0.0], np.pi / 3) == pytest.approx(1.0)
 
 
+def test_the_hexagon_is_the_largest_line_to_line_voltage(rng):
+    for theta, *voltage in rng.uniform(-4.0, 4.0, (20, 3)):
+        phase = theta - 2 * np.pi / 3 * np.arange(3)
+        by_phase = voltage[0] * np.cos(phase) - voltage[1] * np.sin(phase)
+        largest = max(abs(one - other) for one in by_phase for other in by_phase)
+        assert used(Hexagon(), voltage, theta) == pytest.approx(largest / 400.0)
+
+
+@pytest.mark.parametrize("kind", [StationaryHold, CarrierPwm])
+@pytest.mark.parametrize(("advance", "delay"), [(0.0, 0), (0.5, 0), (1.5, 1), (0.3, 2)])
+def test_the_mean_of_what_is_sent_lags_by_what_the_hold_says(kind, advance, delay):
+    """Sent at an angle of 0.4 rad, held for one interval that begins `delay` samples later."""
+    hold, turn = kind(advance), 0.1
+    sent = float(hold.command_angle(jnp.asarray(0.4), jnp.asarray(turn)))
+    rotor = 0.4 + turn * (delay + (np.arange(1000) + 0.5) / 1000)
+    frame = np.array([float(hold.frame_angle(jnp.asarray(one))) for one in rotor[::500]])
+    np.testing.assert_array_equal(frame, 0.0)
+    mean = np.exp(1j * (sent - rotor)).mean()
+    assert np.angle(mean) == pytest.approx(-hold.mean_lag(delay) * turn, abs=1e-6)
+
+
+def test_pulses_reach_the_circle_at_every_angle():
+    """Without the shift that centres the phases, a leg would have to go beyond its rail."""
+    wanted = 0.999 * 400.0 / np.sqrt(3.0) * np.exp(1j * TURN[::24])
+    with jax.enable_x64(True):
+        durations, legs = jax.vmap(lambda v: CarrierPwm().pulses(v, jnp.zeros(3), None, LINK))(
+            jnp.stack([wanted.real, wanted.imag], axis=1)
+        )
+    mean = (np.asarray(durations)[..., None] * np.asarray(legs)).sum(axis=1) / 1e-4
+    np.testing.assert_allclose(mean @ [1, 1j], wanted, atol=1e-9)
+
+
 @pytest.mark.parametrize("dead_time", [None, DeadTime(1.5e-6, current_scale=5.0)])
 def test_the_mean_over_a_switching_period_is_the_averaged_model(dead_time):
     random = np.random.default_rng(5)

@@ -6,7 +6,8 @@ import pytest
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.pmsm.machine.frames import abc_from_dq
-from penode.pmsm.recording.channels import drive_recording
+from penode.pmsm.machine.term_registry import TERMS
+from penode.pmsm.recording.channels import drive_recording, missing_channels, require_channels
 
 
 def recording(**changes) -> Experiment:
@@ -60,3 +61,59 @@ def test_time_in_milliseconds_is_noticed():
     run = recording()
     with pytest.raises(InputError, match="give t in seconds"):
         drive_recording(Experiment("drive.csv", 0.1, run.channels))
+
+
+@pytest.mark.parametrize("kinds", ["", "u", "i", "ui"])
+def test_one_channel_less_is_the_one_that_is_missing(kinds):
+    """Of phase quantities the angle is needed, from which the speed follows; else the speed."""
+    axes = {kind: "abc" if kind in kinds else "dq" for kind in "ui"}
+    needed = [f"{kind}_{axis}" for kind in "ui" for axis in axes[kind]]
+    needed.append("theta_el" if kinds else "omega_el")
+    assert missing_channels([*needed, "omega_el", "theta_el", "torque"]) == []
+    for name in needed:
+        assert missing_channels([other for other in needed if other != name]) == [name]
+
+
+def test_a_recorded_speed_is_not_made_anew_of_the_angle():
+    theta = 490.0 * np.arange(400) * 1e-4
+    phases = abc_from_dq(recording().stack(("i_d", "i_q")), theta)
+    channels = {f"i_{phase}": phases[:, k] for k, phase in enumerate("abc")}
+    run = recording(i_d=None, i_q=None, theta_el=theta, **channels)
+    np.testing.assert_array_equal(drive_recording(run).channels["omega_el"], 500.0)
+
+
+@pytest.mark.parametrize(("turn", "usable"), [(1.55, True), (1.59, False)])
+def test_a_sample_turns_a_quarter_at_most(turn, usable):
+    """A few spikes of the speed are no reason to refuse."""
+    speed = np.full(400, turn / 1e-4)
+    speed[::50] *= -3.0
+    run = recording(omega_el=speed)
+    if usable:
+        assert drive_recording(run) is run
+    else:
+        with pytest.raises(InputError, match=r"turns 1\.59 rad a sample where less than 1\.6"):
+            drive_recording(run)
+
+
+@pytest.mark.parametrize("kind", TERMS.values())
+def test_a_terms_channels_are_there_and_within_their_limits(kind):
+    good = {channel.name: np.full(400, 20.0) for channel in kind.channels}
+    require_channels([recording(**good)], [kind()])
+    for channel in kind.channels:
+        with pytest.raises(InputError, match=f"drive.csv: no channel {channel.name} came"):
+            require_channels([recording(**{**good, channel.name: None})], [kind()])
+        for limit, beyond in ((channel.lowest, -1.0), (channel.highest, 1.0), (0.0, np.nan)):
+            values = np.full(400, 20.0)
+            values[7:9] = limit + beyond
+            run = recording(**{**good, channel.name: values})
+            if np.isinf(limit):
+                require_channels([run], [kind()])
+                continue
+            with pytest.raises(InputError, match=f"data row 8, channel {channel.name} is"):
+                require_channels([recording(**good), run], [kind()])
+
+
+def test_a_map_over_the_angle_needs_the_angle():
+    require_channels([recording()], [])
+    with pytest.raises(InputError, match="a map with angle orders needs the electrical angle"):
+        require_channels([recording()], [], (6,))

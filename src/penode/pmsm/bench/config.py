@@ -165,11 +165,17 @@ def _read(kind: Any, entry: Any, where: str) -> Any:
         raise InputError(f"{where}: empty; name a kind: {', '.join(KINDS[kind])}.")
     if kind is Domain and isinstance(entry, str) and entry in _DOMAINS:
         return _DOMAINS[entry]
-    if isinstance(entry, dict):
+    if isinstance(entry, dict) and _is_record(kind):
         return _read_record(kind, entry, where)
-    if kind in KINDS and kind is not Speed:
-        raise InputError(f"{where} = {entry!r} came; give a table with a kind.")
+    if _is_record(kind) and kind is not Speed:
+        names = f", or one of {', '.join(_DOMAINS)}" if kind is Domain else ""
+        wanted = "a table with a kind" if kind in KINDS else f"a table{names}"
+        raise InputError(f"{where} = {entry!r} came; give {wanted}.")
     return _plain(kind, entry, where)
+
+
+def _is_record(kind: Any) -> bool:
+    return kind in KINDS or hasattr(kind, "__dataclass_fields__")
 
 
 def _read_record(kind: Any, entry: dict[str, Any], where: str) -> Any:
@@ -177,7 +183,7 @@ def _read_record(kind: Any, entry: dict[str, Any], where: str) -> Any:
     if choices is None:
         return _make(kind, entry, where)
     name = entry.get("kind")
-    if name not in choices:
+    if not isinstance(name, str) or name not in choices:
         raise InputError(f"{where}: kind = {name!r} came; choose one of {', '.join(choices)}.")
     rest = {key: value for key, value in entry.items() if key != "kind"}
     return _make(choices[name], rest, where)
@@ -220,7 +226,21 @@ def _sole(hint: Any) -> Any:
 
 def _plain(kind: Any, entry: Any, where: str) -> Any:
     """Return numbers, truth values and nested lists of numbers as they are wanted."""
-    if isinstance(entry, list):
-        return tuple(_plain(float, item, f"{where}[{k}]") for k, item in enumerate(entry))
+    if typing.get_origin(kind) is tuple:
+        return _listed(typing.get_args(kind), entry, where)
     require(where, entry, _PLAIN.get(kind, NUMBER))
     return entry if kind in _PLAIN else float(entry)
+
+
+def _listed(kinds: tuple[Any, ...], entry: Any, where: str) -> tuple[Any, ...]:
+    """Return a list as a tuple of so many kinds, or of any number of one kind."""
+    count = len(entry) if isinstance(entry, list) else -1
+    if kinds[-1] is Ellipsis:
+        kinds = kinds[:1] * max(count, 0)
+    if count != len(kinds):
+        wanted = f"a list of {len(kinds)}" if kinds else "a list"
+        raise InputError(f"{where} = {entry!r} came; give {wanted}.")
+    return tuple(
+        _plain(kind, item, f"{where}[{k}]")
+        for k, (kind, item) in enumerate(zip(kinds, entry, strict=True))
+    )

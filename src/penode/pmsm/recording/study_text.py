@@ -44,7 +44,8 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
     str
         TOML that `penode.pmsm.study_file.load_study` reads.
     """
-    parts = [_HEAD.format(recording=recording, study=study), _SETTINGS, _pole_pairs(guess)]
+    head = _HEAD.format(recording=_on_one_line(recording), study=_on_one_line(study))
+    parts = [head, _SETTINGS, _pole_pairs(guess)]
     if guess.resample:
         parts.append(
             "# guess: linear interpolation will do; the channels have different sampling times.\n"
@@ -83,7 +84,12 @@ def _channel(name: str, guess: ChannelGuess) -> str:
     if guess.mechanical:
         entries.append("mechanical = true")
     reasons = [*guess.reasons, *(["peak, as no file shows it"] if name in IN_RMS else [])]
-    return f"# guess: {'; '.join(reasons)}.\n{name} = {{ {', '.join(entries)} }}\n"
+    return f"# guess: {_on_one_line('; '.join(reasons))}.\n{name} = {{ {', '.join(entries)} }}\n"
+
+
+def _on_one_line(text: str) -> str:
+    """Return a text as a TOML comment may hold it: names of columns have breaks in them."""
+    return "".join(one if one.isprintable() else " " for one in text)
 
 
 def _quoted(text: str) -> str:
