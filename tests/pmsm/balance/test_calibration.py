@@ -62,6 +62,14 @@ def test_a_hold_in_the_stationary_frame(slow_run):
     np.testing.assert_allclose(acting, slow_run.stack(VOLTAGES), rtol=1e-3)
 
 
+@pytest.mark.parametrize("turn", [1, -1])
+def test_a_hold_in_the_stationary_frame_with_a_whole_sample_of_rotation(slow_run, turn):
+    """A command that the controller turned ahead by one sample too much or too little."""
+    result = calibration_of([turned_voltage(slow_run, 0.5 - turn)])
+    assert (result.delay, result.hold, result.turn) == (0.0, "stationary", float(turn))
+    assert "turn" not in result.deviation
+
+
 def test_another_turn(slow_run):
     run = turned_voltage(slow_run, 1.0)
     result = calibration_of([run])

@@ -249,9 +249,10 @@ def _timing(free: _Estimate, estimated: Sequence[str], plain: float) -> Calibrat
     sure = {name: value for name, value in values.items() if free.deviation[name] < _SURE}
     delay, turn = sure.get("delay", 0.0), sure.get("turn", 0.0)
     delay = 0.0 if abs(delay) < _DIFFERENT else _near_whole(delay)
-    hold = "stationary" if abs(turn + 0.5) < _DIFFERENT else "dq"
-    left = turn + 0.5 if hold == "stationary" else turn
-    left = 0.0 if abs(left) < _DIFFERENT else left
+    behind = turn + 0.5  # what a voltage held in the stationary frame is turned by at the sample
+    hold = "stationary" if abs(behind) < _DIFFERENT or _is_near_whole(behind) else "dq"
+    left = behind if hold == "stationary" else turn
+    left = 0.0 if abs(left) < _DIFFERENT else _near_whole(left)
     if not delay and not left and hold == "dq":
         return AS_RECORDED
     shown = [f"{values[name]:.3f} ± {free.deviation[name]:.3f}" for name in estimated]
@@ -261,7 +262,7 @@ def _timing(free: _Estimate, estimated: Sequence[str], plain: float) -> Calibrat
     taken = [f"a delay of {delay:.3g}"] if delay else []
     taken += [f"a turn of {left:.3g}"] if left else []
     taken += ["a hold in the stationary frame"] if hold == "stationary" else []
-    fractions = {"delay": delay % 1.0, "turn": left}
+    fractions = {"delay": delay % 1.0, "turn": left % 1.0}
     return Calibration(
         delay,
         hold,
@@ -271,9 +272,12 @@ def _timing(free: _Estimate, estimated: Sequence[str], plain: float) -> Calibrat
     )
 
 
+def _is_near_whole(value: float) -> bool:
+    return abs(value - round(value)) < _NEAR
+
+
 def _near_whole(value: float) -> float:
-    whole = round(value)
-    return float(whole) if abs(value - whole) < _NEAR else value
+    return float(round(value)) if _is_near_whole(value) else value
 
 
 def _lagging_speed(balance: _Balance) -> list[Experiment] | None:
