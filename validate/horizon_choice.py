@@ -17,13 +17,13 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.fit.fit import Fit
+from penode.fit.outcome import AVERAGED
 from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.study import Study, identify
 from validate.drawn_recordings import Campaign, draw_campaign
 from validate.ledger import Ledger, Record
 
 COUNT = 200
-POSITIVE = ("plateau", "H = 1 suffices")
 
 
 def result_of(number: int) -> Record:
@@ -72,7 +72,7 @@ def line_of(draw: Record) -> str:
 
 def print_table(draws: list[Record]) -> None:
     """Print coverage, errors, and what fixed horizons would have given."""
-    good = [draw for draw in draws if draw["verdict"] in POSITIVE]
+    good = [draw for draw in draws if draw["verdict"] in AVERAGED]
     errors = np.abs([draw["error"] for draw in good])
     hidden = sum(draw["verdict"] == "not identifiable" for draw in draws)
     said = sum(draw["free_verdict"] == "not identifiable" for draw in draws)

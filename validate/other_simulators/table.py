@@ -12,12 +12,12 @@ import numpy as np
 from penode.data.load import load
 from penode.errors import InputError
 from penode.fit.fit import Fit
+from penode.fit.outcome import AVERAGED
 from penode.pmsm.study import identify
 from validate.ledger import Ledger, Record
 from validate.other_simulators.plan import HALVES
 
 FOLDER = Path("out") / "validate" / "other_simulators"
-POSITIVE = ("plateau", "H = 1 suffices")
 #: An error of R in per cent from which a positive verdict is far off.
 FAR = 5.0
 HEAD = (
@@ -92,7 +92,7 @@ def map_error(fit: Fit, samples: dict[str, list[float]]) -> float | None:
 
 def mark_of(truth: Record, result: Record) -> str:
     """Return ``"refused"``, ``"right"``, ``"wrong"`` or ``"far"``."""
-    if result["verdict"] not in POSITIVE:
+    if result["verdict"] not in AVERAGED:
         return "refused"
     if abs(error_of(truth, result)) > FAR:
         return "far"
@@ -136,7 +136,7 @@ def percent(number: float | None, form: str) -> str:
 
 def summary(pairs: list[tuple[Record, Record]]) -> str:
     """Return the goal figures of some recordings, as a line."""
-    positive = [pair for pair in pairs if pair[1]["verdict"] in POSITIVE]
+    positive = [pair for pair in pairs if pair[1]["verdict"] in AVERAGED]
     if not positive:
         return f"0 of {len(pairs)} verdicts are positive."
     covered = [covers(*pair) for pair in positive]

@@ -54,8 +54,8 @@ class LearnedUncertainty:
         with float64():
             at = jnp.asarray(points, dtype=jnp.float64).T
             slopes = np.asarray(_slopes(model, jnp.asarray(layout.raw(model)), at))
-            found = [_learned_at(model, jnp.asarray(raw), at) for raw in self.agreeing]
-        maps = np.stack([np.asarray(each) for each in found])
+            agreeing = [_learned_at(model, jnp.asarray(raw), at) for raw in self.agreeing]
+        maps = np.stack([np.asarray(each) for each in agreeing])
         variance = np.einsum("mpi,ij,mpj->pm", slopes, self.covariance, slopes, optimize=True)
         middle = np.tensordot(self.weights, maps, axes=1)
         spread = np.tensordot(self.weights, (maps - middle) ** 2, axes=1).T

@@ -40,9 +40,9 @@ def parameters(fit: Fit) -> Section | None:
             ladder_title(fit, name),
             "Each point is a complete identification at one horizon, its bar 1.96 standard "
             "deviations. Where neighbouring points agree, the value no longer depends on how "
-            "far ahead the model predicted; that is the plateau. Shaded blue is the reported "
-            f"95 % interval: {_CENTRES[fit.horizon.verdict in AVERAGED]}, widened by the spread "
-            f"between horizons{_without_sensors(fit, name)}.",
+            "far ahead the model predicted; that is the plateau. Shaded blue is the 95 % "
+            f"interval that the data show: {_CENTRES[fit.horizon.verdict in AVERAGED]}, widened "
+            "by the spread between horizons.",
             parameter_over_ladder(fit, name),
         )
         for name in fit.parameters
@@ -53,11 +53,6 @@ def parameters(fit: Fit) -> Section | None:
         "averages them out. The right value is the one neighbouring horizons agree on.",
         [parameter_table(fit), *figures],
     )
-
-
-def _without_sensors(fit: Fit, name: str) -> str:
-    assumed = any(row.accuracy for row in fit.parameters[name].budget)
-    return "; what is assumed of the sensors is left out here" if assumed else ""
 
 
 def learned_maps(fit: Fit) -> Section | None:

@@ -8,12 +8,13 @@ from scipy.signal import lfilter
 
 from penode.models.inputs import Inputs
 from penode.pmsm import Accuracy
-from penode.pmsm.balance.calibration import Calibration, turned, with_speed_from_angle
+from penode.pmsm.balance.calibration import Calibration, with_speed_from_angle
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.holds import HOLDS, mean_over_samples, turned_voltage
+from penode.pmsm.machine.space_vectors import in_frame_ahead
 
 VOLTAGES = ("u_d", "u_q")
 
@@ -109,7 +110,7 @@ def test_the_mean_over_a_sample_is_that_of_the_hold(slow_run):
 
 def test_an_angle_offset_is_estimated_beside_the_timing(fast_run):
     """The recording's d axis lies 2 degrees behind that of the machine."""
-    behind = turned(fast_run, np.deg2rad(-2.0))
+    behind = in_frame_ahead(fast_run, np.deg2rad(-2.0))
     for run, delay in ((behind, 0.0), (recorded(behind, lambda u: np.roll(u, -1, axis=0)), 1.0)):
         result = calibration_of([run])
         assert np.rad2deg(result.angle) == pytest.approx(2.0, abs=0.05)

@@ -49,12 +49,13 @@ def test_gains_scale_their_channels_alone(run, source, names, factor):
         np.testing.assert_allclose(other.channels[name], expected, rtol=1e-12)
 
 
-def test_an_angle_turns_currents_and_voltages(run):
+def test_an_angle_turns_currents_voltages_and_itself(run):
     (other,) = changed(run, "angle of the d axis")
     late = run.channels["theta_el"] + np.deg2rad(2.0)
     for letter in "iu":
         phases = abc_from_dq(dq(run, letter), run.channels["theta_el"])
         np.testing.assert_allclose(dq(other, letter), dq_from_abc(phases, late), atol=1e-9)
+    np.testing.assert_allclose(other.channels["theta_el"], late)
 
 
 def test_a_delay_mixes_each_voltage_with_the_one_before(run):

@@ -6,17 +6,22 @@ estimates them with the map.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.signal import savgol_filter
 
-from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.horizon.uncertainty_budget import Imperfection
-from penode.pmsm.balance.equations import CURRENTS, VOLTAGES
 from penode.pmsm.machine.holds import mean_over_samples, turned_voltage
+from penode.pmsm.machine.space_vectors import (
+    CURRENTS,
+    VOLTAGES,
+    in_frame_ahead,
+    vector_of,
+    with_vector,
+)
 from penode.pmsm.machine.terms import ANGLE, SPEED
 from penode.pmsm.recording.accuracy import Accuracy
 
@@ -67,14 +72,13 @@ class Calibration:
         if self.speed_from_angle:
             experiment = with_speed_from_angle(experiment)
         if self.angle:
-            experiment = turned(experiment, self.angle)
+            experiment = in_frame_ahead(experiment, self.angle)
         if self.turn:
             experiment = turned_voltage(experiment, self.turn)
         if self.delay:
             experiment = _delayed(experiment, self.delay)
         if self.iron:
-            voltage = induced_voltage(self.acting(experiment), self.resistance)
-            experiment = without_iron(experiment, self.iron, self.resistance, voltage)
+            experiment = self._without_iron(experiment, self.iron)
         return experiment
 
     def acting(self, experiment: Experiment) -> Experiment:
@@ -95,93 +99,38 @@ class Calibration:
     def imperfections(self) -> tuple[Imperfection, ...]:
         """What is left of the corrections that no declared accuracy speaks of."""
         remedy = "Record another speed, or larger currents."
+        turn, iron = (self.deviation.get(name, 0.0) for name in ("turn", "iron"))
         left: list[Imperfection] = []
-        if "turn" in self.deviation:
-            turn = self.deviation["turn"]
+        if turn:
+            text = f"{turn:.2g} samples"
             left.append(
                 Imperfection(
-                    "turn of the voltage",
-                    f"{turn:.2g} samples",
-                    remedy,
-                    lambda experiment, deviations: turned_voltage(experiment, deviations * turn),
+                    "turn of the voltage", text, remedy, lambda e, n: turned_voltage(e, n * turn)
                 )
             )
-        if "iron" in self.deviation:
-            iron = self.deviation["iron"]
+        if iron:
+            text = f"{100 * iron / self.iron:.2g} % of it"
             left.append(
                 Imperfection(
-                    "iron loss",
-                    f"{100 * iron / self.iron:.2g} % of it",
-                    remedy,
-                    self._with_iron(iron),
+                    "iron loss", text, remedy, lambda e, n: self._without_iron(e, n * iron)
                 )
             )
         return tuple(left)
 
-    def _with_iron(self, iron: float) -> Callable[[Experiment, float], Experiment]:
-        def applied(experiment: Experiment, deviations: float) -> Experiment:
-            voltage = induced_voltage(self.acting(experiment), self.resistance)
-            return without_iron(experiment, deviations * iron, self.resistance, voltage)
+    def _without_iron(self, experiment: Experiment, conductance: float) -> Experiment:
+        """Return a recording with the current that magnetises, the voltage behind R kept.
 
-        return applied
+        At a sample acts the mean of the voltages before and after it.
+        """
+        after = vector_of(self.acting(experiment), VOLTAGES)
+        before = np.concatenate([after[:1], after[:-1]])
+        drop = self.resistance * vector_of(experiment, CURRENTS)
+        taken = conductance * (0.5 * (before + after) - drop)
+        experiment = with_vector(experiment, CURRENTS, lambda current: current - taken)
+        return with_vector(experiment, VOLTAGES, lambda voltage: voltage - self.resistance * taken)
 
 
 AS_RECORDED = Calibration()
-
-
-def turned(experiment: Experiment, angle: float) -> Experiment:
-    """Return a recording with its d axis an angle further ahead, rad.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q, u_d, u_q, and theta_el where it was recorded.
-    angle : float
-    """
-    channels = dict(experiment.channels)
-    for d, q in (CURRENTS, VOLTAGES):
-        vector = (channels[d] + 1j * channels[q]) * np.exp(-1j * angle)
-        channels |= {d: vector.real, q: vector.imag}
-    if ANGLE.name in channels:
-        channels[ANGLE.name] = channels[ANGLE.name] + angle
-    return replace(experiment, channels=channels)
-
-
-def induced_voltage(experiment: Experiment, resistance: float) -> FloatArray:
-    """Return the voltage behind the resistance at the samples, shape (time, 2), V.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        With the mean voltage of each sample: at the sample itself acts that of its neighbours.
-    resistance : float
-        ohm.
-    """
-    voltage = experiment.stack(VOLTAGES)
-    before = np.concatenate([voltage[:1], voltage[:-1]])
-    return np.asarray(0.5 * (voltage + before) - resistance * experiment.stack(CURRENTS))
-
-
-def without_iron(
-    experiment: Experiment, conductance: float, resistance: float, induced: FloatArray
-) -> Experiment:
-    """Return a recording with the current that magnetises, the voltage behind R kept.
-
-    Parameters
-    ----------
-    experiment : Experiment
-    conductance : float
-        Of the iron, S.
-    resistance : float
-        ohm.
-    induced : ndarray, shape (time, 2)
-        Voltage behind the resistance, V.
-    """
-    channels = dict(experiment.channels)
-    for names, factor in ((CURRENTS, conductance), (VOLTAGES, resistance * conductance)):
-        for name, column in zip(names, induced.T, strict=True):
-            channels[name] = channels[name] - factor * column
-    return replace(experiment, channels=channels)
 
 
 def with_speed_from_angle(experiment: Experiment) -> Experiment:

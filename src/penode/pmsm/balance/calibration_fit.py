@@ -17,7 +17,7 @@ from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.calibration import AS_RECORDED, SLOPE, Calibration, with_speed_from_angle
-from penode.pmsm.balance.equations import CURRENTS, VOLTAGES, balance_equations
+from penode.pmsm.balance.equations import balance_equations
 from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
 from penode.pmsm.balance.voltage_balance import harmonic_window
 from penode.pmsm.machine.coenergy_map import (
@@ -28,7 +28,8 @@ from penode.pmsm.machine.coenergy_map import (
     roughness,
 )
 from penode.pmsm.machine.frames import quarter_turned
-from penode.pmsm.machine.term_registry import completed, physical_places, physical_values
+from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
+from penode.pmsm.machine.term_registry import completed, physical_values
 from penode.pmsm.machine.terms import ANGLE, SPEED, DeadTime, Term
 from penode.training.weak_form import WeakRegression, join
 
@@ -84,23 +85,22 @@ class _Balance:
 
     def solved(self, names: Sequence[str], before: _Estimate | None = None) -> _Estimate:
         """Estimate the named errors; the map's own need the estimate of the round before."""
-        known = before.maps if before else [None] * len(self.experiments)
+        maps = before.maps if before else [None] * len(self.experiments)
         resistance = before.resistance if before else 0.0
         rows = [
             self._equations(e, names, psi_and_slope, resistance)
-            for e, psi_and_slope in zip(self.experiments, known, strict=True)
+            for e, psi_and_slope in zip(self.experiments, maps, strict=True)
         ]
         whole, physical = join(rows), physical_values(self.terms)
         first = len(names) + len(physical)
         penalty = [Roughness.of(first, roughness(self.part))]
         free = smoothed(whole, penalty)
         own = deviations(whole, penalty, free)
-        places = [name for _, name in physical_places(self.terms)]
         return _Estimate(
             dict(zip(names, free.solution.tolist(), strict=False)),
             dict(zip(names, own.tolist(), strict=False)),
             free.evidence,
-            float(free.solution[len(names) + places.index("R")]) if "R" in places else 0.0,
+            dict(zip(physical, free.solution[len(names) :].tolist(), strict=False)).get("R", 0.0),
             self._maps(free.solution[first:]),
         )
 

@@ -16,12 +16,10 @@ from penode.data.experiment import Experiment
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.machine.flux_maps import Flux
+from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.term_registry import channels_of, physical_places
 from penode.pmsm.machine.terms import Term
 from penode.training.weak_form import WeakRegression, weak_regression
-
-CURRENTS = ("i_d", "i_q")
-VOLTAGES = ("u_d", "u_q")
 
 
 def balance_equations(

@@ -12,7 +12,7 @@ from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.definite import Held, held_definite
-from penode.pmsm.balance.equations import CURRENTS, balance_equations
+from penode.pmsm.balance.equations import balance_equations
 from penode.pmsm.balance.smoothing import Roughness, Smoothed, smoothed
 from penode.pmsm.balance.voltage_balance import harmonic_window, short_window, waves
 from penode.pmsm.machine.coenergy_map import (
@@ -26,6 +26,7 @@ from penode.pmsm.machine.coenergy_map import (
 )
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import physical_values, with_physical
 from penode.pmsm.machine.terms import Term
 from penode.predictors.base import Predictor

@@ -9,9 +9,10 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.horizon.identifiability import THRESHOLD
-from penode.pmsm.balance.equations import CURRENTS, VOLTAGES, term_columns
+from penode.pmsm.balance.equations import term_columns
 from penode.pmsm.balance.voltage_balance import BalanceForm, BalanceSolution
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
+from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.term_registry import channels_of, physical_places
 from penode.pmsm.machine.terms import ANGLE, DeadTime, Term
 

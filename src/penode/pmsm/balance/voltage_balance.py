@@ -8,8 +8,9 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
-from penode.pmsm.balance.equations import CURRENTS, balance_equations
+from penode.pmsm.balance.equations import balance_equations
 from penode.pmsm.balance.polynomial_map import PolynomialMap
+from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import completed, physical_values, with_physical
 from penode.pmsm.machine.terms import Term
 from penode.training.weak_form import WeakRegression, join

@@ -1,7 +1,7 @@
 """Holds of a drive: in which frame the voltage of a row stands still until the next."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.models.inputs import Inputs
+from penode.pmsm.machine.space_vectors import VOLTAGES, with_vector
 from penode.predictors.holds import Hold, ZeroOrderHold
 
 
@@ -44,10 +45,7 @@ def turned_voltage(experiment: Experiment, samples: float) -> Experiment:
         May be a fraction, and negative.
     """
     turn = samples * experiment.time_step * experiment.channels["omega_el"]
-    u_d, u_q = experiment.stack(("u_d", "u_q")).T
-    cosine, sine = np.cos(turn), np.sin(turn)
-    turned = {"u_d": u_d * cosine - u_q * sine, "u_q": u_q * cosine + u_d * sine}
-    return replace(experiment, channels={**experiment.channels, **turned})
+    return with_vector(experiment, VOLTAGES, lambda voltage: voltage * np.exp(1j * turn))
 
 
 def mean_over_samples(experiment: Experiment) -> Experiment:
@@ -60,9 +58,7 @@ def mean_over_samples(experiment: Experiment) -> Experiment:
     """
     behind = turned_voltage(experiment, -0.5)
     half = 0.5 * experiment.time_step * experiment.channels["omega_el"]
-    shorter = np.sinc(half / np.pi)
-    mean = {name: shorter * behind.channels[name] for name in ("u_d", "u_q")}
-    return replace(behind, channels={**behind.channels, **mean})
+    return with_vector(behind, VOLTAGES, lambda voltage: voltage * np.sinc(half / np.pi))
 
 
 #: Frame in which the voltage stands still -> hold.

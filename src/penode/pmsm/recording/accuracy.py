@@ -9,14 +9,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.horizon.uncertainty_budget import Imperfection
-
-_CURRENT, _VOLTAGE = ("i_d", "i_q"), ("u_d", "u_q")
-_ANGLE = "theta_el"
+from penode.pmsm.machine.space_vectors import (
+    CURRENTS,
+    VOLTAGES,
+    Pair,
+    Vector,
+    in_frame_ahead,
+    with_vector,
+)
+from penode.pmsm.machine.terms import ANGLE, SPEED
 
 
 @dataclass(frozen=True)
@@ -75,15 +80,15 @@ class Accuracy:
             With u_d, u_q, i_d, i_q and omega_el; what happens in the stationary frame is left out
             where theta_el was not recorded.
         """
-        largest = max(float(np.hypot(*e.stack(_CURRENT).T).max()) for e in experiments)
+        largest = max(float(np.hypot(*e.stack(CURRENTS).T).max()) for e in experiments)
         offset = self.current_offset * largest
         every = self._of_the_rotor_frame()
-        if all(_ANGLE in e.channels for e in experiments):
+        if all(ANGLE.name in e.channels for e in experiments):
             every += self._of_the_phases(offset)
         return tuple(one for size, one in every if size)
 
     def _of_the_rotor_frame(self) -> list[tuple[float, Imperfection]]:
-        turn = -1j * np.deg2rad(self.angle)
+        angle = float(np.deg2rad(self.angle))
         calibrate = "Calibrate the {} sensors, and give their accuracy in the study file."
         return [
             (
@@ -92,7 +97,7 @@ class Accuracy:
                     "gain of the currents",
                     f"{100 * self.current_gain:.3g} %",
                     calibrate.format("current"),
-                    _vectors(_CURRENT, lambda i, e, n: i * (1 + n * self.current_gain)),
+                    _changed(CURRENTS, lambda i, e, n: i * (1 + n * self.current_gain)),
                 ),
             ),
             (
@@ -101,7 +106,7 @@ class Accuracy:
                     "gain of the voltages",
                     f"{100 * self.voltage_gain:.3g} %",
                     calibrate.format("voltage"),
-                    _vectors(_VOLTAGE, lambda u, e, n: u * (1 + n * self.voltage_gain)),
+                    _changed(VOLTAGES, lambda u, e, n: u * (1 + n * self.voltage_gain)),
                 ),
             ),
             (
@@ -119,7 +124,7 @@ class Accuracy:
                     "angle of the d axis",
                     f"{self.angle:.3g} °",
                     "Align the encoder at standstill, or by the back-EMF.",
-                    _vectors((*_CURRENT, *_VOLTAGE), lambda x, e, n: x * np.exp(n * turn)),
+                    lambda e, n: in_frame_ahead(e, n * angle),
                 ),
             ),
             (
@@ -128,8 +133,8 @@ class Accuracy:
                     "delay of the voltage",
                     f"{self.delay:.3g} samples",
                     "Measure when the recorded voltage acts, and give it in the study file.",
-                    _vectors(
-                        _VOLTAGE, lambda u, e, n: u - n * self.delay * np.diff(u, prepend=u[:1])
+                    _changed(
+                        VOLTAGES, lambda u, e, n: u - n * self.delay * np.diff(u, prepend=u[:1])
                     ),
                 ),
             ),
@@ -144,7 +149,7 @@ class Accuracy:
                 "gains of the phases among each other",
                 f"{100 * self.current_mismatch:.3g} %",
                 "Calibrate the current sensors against each other.",
-                _vectors(_CURRENT, lambda i, e, n: i + n * size * np.conj(i * _rotor(e) ** 2)),
+                _changed(CURRENTS, lambda i, e, n: i + n * size * np.conj(i * _rotor(e) ** 2)),
             )
 
         def shifted(axis: complex) -> Imperfection:
@@ -152,7 +157,7 @@ class Accuracy:
                 "offset of the currents",
                 f"{offset:.2g} A",
                 "Zero the current sensors before recording.",
-                _vectors(_CURRENT, lambda i, e, n: i + n * offset * axis / _rotor(e)),
+                _changed(CURRENTS, lambda i, e, n: i + n * offset * axis / _rotor(e)),
             )
 
         axes = (1.0, 1j)
@@ -164,32 +169,26 @@ class Accuracy:
 
 DEFAULT_ACCURACY = Accuracy()
 
-_Vector = NDArray[np.complex128]
 
-
-def _rotor(experiment: Experiment) -> _Vector:
+def _rotor(experiment: Experiment) -> Vector:
     """Return the d axis seen from the stationary frame, of length 1."""
-    return np.asarray(np.exp(1j * experiment.channels[_ANGLE]))
+    return np.asarray(np.exp(1j * experiment.channels[ANGLE.name]))
 
 
-def _vectors(
-    names: Sequence[str], change: Callable[[_Vector, Experiment, float], _Vector]
+def _changed(
+    pair: Pair, change: Callable[[Vector, Experiment, float], Vector]
 ) -> Callable[[Experiment, float], Experiment]:
-    """Return a change of space vectors d + j q, by some deviations, as one of experiments."""
+    """Return a change of a space vector by some deviations as one of experiments."""
 
     def applied(experiment: Experiment, deviations: float) -> Experiment:
-        channels = dict(experiment.channels)
-        for d, q in zip(names[::2], names[1::2], strict=True):
-            changed = change(channels[d] + 1j * channels[q], experiment, deviations)
-            channels |= {d: changed.real, q: changed.imag}
-        return replace(experiment, channels=channels)
+        return with_vector(experiment, pair, lambda v: change(v, experiment, deviations))
 
     return applied
 
 
 def _scaled_speed(gain: float) -> Callable[[Experiment, float], Experiment]:
     def applied(experiment: Experiment, deviations: float) -> Experiment:
-        speed = (1 + deviations * gain) * experiment.channels["omega_el"]
-        return replace(experiment, channels={**experiment.channels, "omega_el": speed})
+        speed = (1 + deviations * gain) * experiment.channels[SPEED.name]
+        return replace(experiment, channels={**experiment.channels, SPEED.name: speed})
 
     return applied

@@ -1,0 +1,62 @@
+"""Space vectors d + j q of a recording, and what turns or changes them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from penode.data.experiment import Experiment
+from penode.pmsm.machine.terms import ANGLE
+
+#: Channels of a space vector, d and q.
+Pair: TypeAlias = tuple[str, str]
+#: Values d + j q, shape (time,), in the unit of the channels.
+Vector: TypeAlias = NDArray[np.complex128]
+
+CURRENTS: Pair = ("i_d", "i_q")
+VOLTAGES: Pair = ("u_d", "u_q")
+
+
+def vector_of(experiment: Experiment, pair: Pair) -> Vector:
+    """Return a space vector d + j q, shape (time,)."""
+    d, q = (experiment.channels[name] for name in pair)
+    return np.asarray(d + 1j * q)
+
+
+def with_vector(
+    experiment: Experiment, pair: Pair, change: Callable[[Vector], Vector]
+) -> Experiment:
+    """Return a recording with one of its space vectors changed.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    pair : tuple of str
+        `CURRENTS` or `VOLTAGES`.
+    change : callable
+        Of d + j q, shape (time,).
+    """
+    changed = change(vector_of(experiment, pair))
+    d, q = pair
+    return replace(experiment, channels={**experiment.channels, d: changed.real, q: changed.imag})
+
+
+def in_frame_ahead(experiment: Experiment, angle: float) -> Experiment:
+    """Return a recording in a frame whose d axis lies an angle further ahead.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With i_d, i_q, u_d, u_q, and theta_el (rad) where it was recorded.
+    angle : float
+        Electrical, rad.
+    """
+    back = np.exp(-1j * angle)
+    for pair in (CURRENTS, VOLTAGES):
+        experiment = with_vector(experiment, pair, lambda vector: vector * back)
+    if ANGLE.name not in experiment.channels:
+        return experiment
+    ahead = experiment.channels[ANGLE.name] + angle
+    return replace(experiment, channels={**experiment.channels, ANGLE.name: ahead})
