@@ -60,7 +60,7 @@ def test_a_hold_in_the_stationary_frame(slow_run):
     result = calibration_of([run])
     assert (result.delay, result.hold, result.turn) == (0.0, "stationary", 0.0)
     acting = result.acting(result.applied(run)).stack(VOLTAGES)
-    np.testing.assert_allclose(acting, slow_run.stack(VOLTAGES), rtol=1e-3)
+    np.testing.assert_allclose(acting, slow_run.stack(VOLTAGES), rtol=1e-3, atol=1e-9)
 
 
 @pytest.mark.parametrize("turn", [1, -1])
