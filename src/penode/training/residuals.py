@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.sparse import csr_array
 
 from penode.arrays import FloatArray, JaxArray, float64, shared_length
 from penode.data.windows import Windows
@@ -147,7 +148,10 @@ class Objective:
         sums = list(_workers().map(add_up, firsts, counts))
         squares, normal = (np.sum([part[k] for part in sums], axis=0) for k in (0, 1))
         scores = [part[2][:, :used] for part, used in zip(sums, counts, strict=True)]
-        return squares, normal, np.concatenate(scores, axis=1)
+        with float64():
+            transposed = csr_array(np.asarray(self._transform(shared[0])).T)
+        raw_normal = transposed @ (transposed @ normal).T
+        return squares, raw_normal, transposed @ np.concatenate(scores, axis=1)
 
     @cached_property
     def _value_and_grad(self) -> Any:
@@ -242,7 +246,6 @@ class Objective:
         """
         error = replace(self.error, scale=scale)
         values = self.layout.values(raw)
-        transform = jax.jacfwd(self.layout.values)(raw)
         size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS
         width = self.chunk
         each = jnp.broadcast_to(values[:, None], (size, width))
@@ -265,8 +268,8 @@ class Objective:
             jnp.zeros((size, capacity), values.dtype),
         )
         chunks = (count + width - 1) // width
-        squares, normal, scores = jax.lax.fori_loop(0, chunks, body, nothing)
-        return squares, transform.T @ normal @ transform, transform.T @ scores
+        sums: tuple[JaxArray, ...] = jax.lax.fori_loop(0, chunks, body, nothing)
+        return sums
 
 
 @cache

@@ -13,6 +13,7 @@ import numpy as np
 
 from penode.arrays import JaxArray
 from penode.models.layout import Parts
+from penode.native.normal_matrix import add_products, whole
 from penode.predictors.rollout import rollout
 from penode.training.prediction_error import Batch, PredictionError
 
@@ -83,7 +84,8 @@ def window_sums(
     memory = (zeros(*shape, width), zeros(*shape, columns, width))
     own = zeros(len(error.free), columns, width)
     sums = Sums(zeros(width), zeros(columns, width), own, zeros(lead, lead))
-    return rollout(recursion.step, start, horizon, visit, (first, memory, sums))[2]
+    sums = rollout(recursion.step, start, horizon, visit, (first, memory, sums))[2]
+    return sums._replace(normal=whole(sums.normal))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +167,7 @@ def _added(sums: Sums, residual: JaxArray, slopes: JaxArray) -> Sums:
         sums.squares + jnp.sum(residual**2, axis=0),
         sums.scores + jnp.sum(slopes * residual[:, None], axis=0),
         sums.own + jnp.sum(own[:, :, None] * slopes[:, None], axis=0),
-        sums.normal + jnp.einsum("oib,ojb->ij", shared, shared),
+        add_products(sums.normal, shared),
     )
 
 

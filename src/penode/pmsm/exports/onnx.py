@@ -8,7 +8,8 @@ from penode.arrays import BoolArray, FloatArray
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.models.networks import ConvexGradient, TanhLayers
-from penode.pmsm.machine.coenergy_map import CoenergyPart, CoenergySplines, folded
+from penode.models.tensor_splines import folded
+from penode.pmsm.machine.coenergy_map import CoenergyPart, CoenergySplines
 from penode.pmsm.machine.flux_grid import FluxGrid
 from penode.pmsm.machine.flux_maps import FluxMap
 

@@ -3,21 +3,17 @@
 import functools
 import operator
 from dataclasses import replace
-from functools import partial
-from typing import Any, ClassVar, NamedTuple, TypeVar, cast
+from typing import ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray, JaxArray, Leaf
 from penode.models.networks import FeatureNetwork
 from penode.models.parameters import parameter
-from penode.models.spline_basis import SplineBasis, splines_of_each
-
-Tree = TypeVar("Tree")
-Array = TypeVar("Array", FloatArray, JaxArray)
+from penode.models.spline_basis import SplineBasis
+from penode.models.tensor_splines import Orders, TensorBasis, folded, jets
 
 #: Knots lie densest at zero current, more so along q, where iron saturates from there on.
 _SHARPNESS = (0.5, 0.3)
@@ -116,43 +112,26 @@ class CoenergySplines(FeatureNetwork):
         self, x: JaxArray, features: JaxArray | None = None
     ) -> tuple[JaxArray, JaxArray]:
         """Return the gradient (2, batch) and the Hessian (2, 2, batch)."""
-        every = _tables(self.weighted(features))
-        jets = [_jets((_GRADIENT, _HESSIAN), table, x) for table in every]
-        gradient, hessian = (functools.reduce(operator.add, one) for one in zip(*jets, strict=True))
-        return gradient, hessian.reshape(2, 2, -1)
+        orders = _GRADIENT + _HESSIAN
+        every = [jets(basis, orders, table, x) for basis, table in _tables(self.weighted(features))]
+        d, q, dd, dq, qq = functools.reduce(operator.add, every)
+        return jnp.stack([d, q]), jnp.stack([dd, dq, dq, qq]).reshape(2, 2, -1)
 
     def slope(self, x: JaxArray, rates: JaxArray) -> JaxArray:
         """Return how fast the gradient (2, batch) changes while the features do."""
-        slopes = (_jets((_GRADIENT,), table, x)[0] for table in _tables(self._turning(rates)))
+        tables = _tables(self._turning(rates))
+        slopes = (jets(basis, _GRADIENT, table, x) for basis, table in tables)
         return sum(slopes, jnp.zeros_like(x))
 
 
-def folded(splines: Array, even: bool) -> Array:
-    """Return sums or differences of mirror images: (..., count, batch) to half as many."""
-    numerics: Any = np if isinstance(splines, np.ndarray) else jnp
-    half = splines.shape[-2] // 2
-    mirrored = splines[..., ::-1, :]
-    if even:
-        pairs = splines[..., :half, :] + mirrored[..., :half, :]
-        middle = splines[..., half : splines.shape[-2] - half, :]
-        return cast(Array, numerics.concatenate([pairs, middle], axis=-2))
-    return mirrored[..., :half, :] - splines[..., :half, :]
-
-
-Orders = tuple[tuple[int, int], ...]
 #: Orders of differentiation along d and q: of a gradient, and of a Hessian.
 _GRADIENT: Orders = ((1, 0), (0, 1))
-_HESSIAN: Orders = ((2, 0), (1, 1), (1, 1), (0, 2))
+_HESSIAN: Orders = ((2, 0), (1, 1), (0, 2))
 
 
-class _Table(NamedTuple):
-    """Coefficients of one number of splines: (d, q, batch or 1), along q those of each parity."""
-
-    parities: tuple[bool, ...]
-    coefficients: JaxArray
-
-
-def _tables(parts: list[tuple[CoenergyPart, JaxArray | None]]) -> list[_Table]:
+def _tables(
+    parts: list[tuple[CoenergyPart, JaxArray | None]],
+) -> list[tuple[TensorBasis, JaxArray]]:
     """Return one table for each number of splines: parts added up, waves multiplied out."""
     tables: dict[int, dict[bool, JaxArray]] = {}
     for part, waves in parts:
@@ -162,88 +141,12 @@ def _tables(parts: list[tuple[CoenergyPart, JaxArray | None]]) -> list[_Table]:
         same = tables.setdefault(part.count, {})
         same[part.even] = same[part.even] + table if part.even in same else table
     merged = []
-    for of_parity in tables.values():
+    for count, of_parity in tables.items():
         batch = jnp.broadcast_shapes(*(t.shape[-1:] for t in of_parity.values()))
         wide = [jnp.broadcast_to(t, (*t.shape[:-1], *batch)) for t in of_parity.values()]
-        merged.append(_Table(tuple(of_parity), jnp.concatenate(wide, axis=1)))
+        basis = TensorBasis(count, _SHARPNESS, tuple(of_parity))
+        merged.append((basis, jnp.concatenate(wide, axis=1)))
     return merged
-
-
-def _jets(wanted: tuple[Orders, ...], table: _Table, x: JaxArray) -> tuple[JaxArray, ...]:
-    """Return derivatives of the coenergy, an array (order, batch) for each tuple of orders."""
-    return _jets_of(wanted, table.parities, table.coefficients, x)
-
-
-@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-@partial(jax.jit, static_argnums=(0, 1))
-def _jets_of(
-    wanted: tuple[Orders, ...], parities: tuple[bool, ...], table: JaxArray, x: JaxArray
-) -> tuple[JaxArray, ...]:
-    along_d, rows = _along(table, parities, x, 3)[:2]
-    return tuple(_contracted(orders, along_d, rows) for orders in wanted)
-
-
-@_jets_of.defjvp
-@partial(jax.jit, static_argnums=(0, 1))
-def _jets_of_jvp(
-    wanted: tuple[Orders, ...],
-    parities: tuple[bool, ...],
-    primals: tuple[JaxArray, JaxArray],
-    tangents: tuple[JaxArray, JaxArray],
-) -> tuple[tuple[JaxArray, ...], tuple[JaxArray, ...]]:
-    """Derive along x by the next derivatives, along the coefficients by the splines themselves.
-
-    No sum over splines is differentiated by parts: every transpose is one product.
-    """
-    (table, x), (table_dot, x_dot) = primals, tangents
-    along_d, rows, along_q = _along(table, parities, x, 4)
-    values, slopes = [], []
-    for orders in wanted:
-        values.append(_contracted(orders, along_d, rows))
-        further = tuple(one for m, n in orders for one in ((m + 1, n), (m, n + 1)))
-        third = _contracted(further, along_d, rows).reshape(len(orders), 2, -1)
-        slopes.append(jnp.sum(third * x_dot, axis=1) + _linear(orders, table_dot, along_d, along_q))
-    return tuple(values), tuple(slopes)
-
-
-def _along(
-    table: JaxArray, parities: tuple[bool, ...], x: JaxArray, count: int
-) -> tuple[JaxArray, JaxArray, JaxArray]:
-    """Return splines along d, the table contracted along q, and splines along q.
-
-    Shapes (derivative, d, batch), (derivative, d, batch) and (derivative, q, batch).
-    """
-    bases = [SplineBasis(len(table), sharpness) for sharpness in _SHARPNESS]
-    both = splines_of_each(bases, x, count)
-    along_d, whole = both[:, 0], both[:, 1]
-    along_q = jnp.concatenate([folded(whole, even) for even in parities], axis=1)
-    along_d, along_q = _materialised((along_d, along_q))
-    return along_d, _materialised(_added(table[None], along_q[:, None], 2)), along_q
-
-
-def _contracted(orders: Orders, along_d: JaxArray, rows: JaxArray) -> JaxArray:
-    """Return sums over the splines along d, (order, batch)."""
-    m, n = np.array(orders).T
-    return _added(along_d[m], rows[n], 1)
-
-
-def _added(left: JaxArray, right: JaxArray, axis: int) -> JaxArray:
-    """Return the sum of left * right over an axis, product by product: one fused loop."""
-    pairs = [jax.lax.split(part, [1] * part.shape[axis], axis=axis) for part in (left, right)]
-    products = [a * b for a, b in zip(*pairs, strict=True)]
-    return jnp.squeeze(functools.reduce(operator.add, products), axis=axis)
-
-
-def _linear(orders: Orders, table: JaxArray, along_d: JaxArray, along_q: JaxArray) -> JaxArray:
-    """Return the same sums in a form whose transpose is one product a spline."""
-    rows = {n: jnp.sum(table * along_q[n], axis=1) for n in sorted({n for _, n in orders})}
-    return jnp.stack([jnp.sum(along_d[m] * rows[n], axis=0) for m, n in orders])
-
-
-def _materialised(arrays: Tree) -> Tree:
-    """Return arrays that are computed once: fused loops would compute them again and again."""
-    kept: Tree = jax.lax.optimization_barrier(arrays)  # type: ignore[no-untyped-call]
-    return kept
 
 
 def columns(part: CoenergyPart, points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -18,6 +18,7 @@ from penode.models.learned_map import LearnedMap
 from penode.models.networks import ConvexGradient, FeatureNetwork, TanhLayers
 from penode.models.polynomials import Polynomial
 from penode.models.splines import Spline
+from penode.native.harmonics import harmonics, rates
 from penode.pmsm.machine.coenergy_map import CoenergySplines
 
 
@@ -132,9 +133,8 @@ class FluxMap(eqx.Module):
 
     def _features(self, theta_el: JaxArray) -> tuple[JaxArray, JaxArray]:
         """Return cos and sin of the orders and their slopes over the angle, (feature, batch)."""
-        orders = np.asarray(self.angle_orders, dtype=np.float64)[:, None]
-        cosine, sine = jnp.cos(orders * theta_el), jnp.sin(orders * theta_el)
-        return jnp.concatenate([cosine, sine]), jnp.concatenate([-orders * sine, orders * cosine])
+        waves = harmonics(self.angle_orders, theta_el)
+        return waves, rates(self.angle_orders, waves)
 
     def _one_period(self) -> JaxArray:
         """Return angles (angle,) in rad, evenly over the period of the harmonics."""

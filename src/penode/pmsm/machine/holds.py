@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.models.inputs import Inputs
+from penode.native.harmonics import harmonics
 from penode.pmsm.machine.space_vectors import VOLTAGES, with_vector
 from penode.predictors.holds import Hold, ZeroOrderHold
 
@@ -29,7 +29,7 @@ class StationaryFrame:
         if fraction == 0.0:
             return u
         turn = u["omega_el"] * (fraction * time_step)
-        cosine, sine = jnp.cos(turn), jnp.sin(turn)
+        cosine, sine = harmonics((1,), turn)
         u_d, u_q = u["u_d"], u["u_q"]
         return u.replaced(u_d=u_d * cosine + u_q * sine, u_q=u_q * cosine - u_d * sine)
 

@@ -1,0 +1,247 @@
+/* Kernels that XLA calls through its C interface for foreign functions; doubles, batch last.
+
+   Each has a twin in JAX, which runs where no C compiler is at hand, and which it is tested against. */
+
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "xla/ffi/api/c_api.h"
+
+#define EXPORT __attribute__((visibility("default")))
+
+/* XLA asks a handler once for the version it was compiled for. */
+static int answered(XLA_FFI_CallFrame *frame) {
+  XLA_FFI_Extension_Base *extension = frame->extension_start;
+  if (extension == NULL || extension->type != XLA_FFI_Extension_Metadata) return 0;
+  XLA_FFI_Metadata *metadata = ((XLA_FFI_Metadata_Extension *)extension)->metadata;
+  metadata->api_version.major_version = XLA_FFI_API_MAJOR;
+  metadata->api_version.minor_version = XLA_FFI_API_MINOR;
+  return 1;
+}
+
+static XLA_FFI_Error *out_of_memory(XLA_FFI_CallFrame *frame) {
+  XLA_FFI_Error_Create_Args error = {XLA_FFI_Error_Create_Args_STRUCT_SIZE, NULL, "out of memory",
+                                     XLA_FFI_Error_Code_RESOURCE_EXHAUSTED};
+  return frame->api->XLA_FFI_Error_Create(&error);
+}
+
+static XLA_FFI_Buffer *argument(XLA_FFI_CallFrame *frame, int k) { return frame->args.args[k]; }
+static XLA_FFI_Buffer *result(XLA_FFI_CallFrame *frame, int k) { return frame->rets.rets[k]; }
+
+/* --- tensor splines ------------------------------------------------------------------------- */
+
+enum { SPLINES = 5, LANES = 8, DERIVATIVES = 4 }; /* quartic: five of them differ from zero */
+
+typedef double Four __attribute__((vector_size(32)));
+typedef double Eight __attribute__((vector_size(64)));
+
+/* The polynomial pieces of one axis, (cell, power, lane), and the ends of the cells. */
+typedef struct {
+  const double *pieces, *breaks;
+  int64_t cells;
+} Axis;
+
+/* Splines at one place by derivative; the first of them is number `first`. */
+typedef struct {
+  Eight of[DERIVATIVES];
+  int64_t first;
+} Splines;
+
+static Splines splines_at(Axis axis, double x) {
+  double inside = x < -1.0 ? -1.0 : x > 1.0 ? 1.0 : x;
+  int64_t cell = 0;
+  for (int64_t k = 1; k < axis.cells; k++) cell += inside >= axis.breaks[k];
+  Eight c[SPLINES];
+  memcpy(c, axis.pieces + cell * SPLINES * LANES, sizeof c);
+  double t = inside - axis.breaks[cell], beyond = x - inside;
+  Eight value = c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * c[4])));
+  Eight slope = c[1] + t * (2 * c[2] + t * (3 * c[3] + t * (4 * c[4])));
+  Eight curvature = 2 * c[2] + t * (6 * c[3] + t * (12 * c[4]));
+  Eight third = 6 * c[3] + t * (24 * c[4]);
+  Splines splines = {{value, slope, curvature, third}, cell};
+  if (beyond != 0.0) { /* on along the parabola that touches at the end */
+    splines.of[0] = value + beyond * (slope + 0.5 * beyond * curvature);
+    splines.of[1] = slope + beyond * curvature;
+    splines.of[3] = third * 0.0;
+  }
+  return splines;
+}
+
+/* What both kernels are given: places, axes, orders of differentiation, parities along q. */
+typedef struct {
+  const double *x;
+  const int32_t *orders, *parities;
+  int64_t batch, d, q, order_count, parity_count;
+  Axis along_d, along_q;
+} Problem;
+
+static Problem problem_of(XLA_FFI_CallFrame *frame, int64_t d, int64_t q) {
+  XLA_FFI_Buffer *x = argument(frame, 1), *pieces = argument(frame, 2);
+  XLA_FFI_Buffer *breaks = argument(frame, 3), *orders = argument(frame, 4);
+  XLA_FFI_Buffer *parities = argument(frame, 5);
+  int64_t cells = breaks->dims[1] - 1;
+  const double *of = pieces->data, *ends = breaks->data;
+  Axis along_d = {of, ends, cells};
+  Axis along_q = {of + cells * SPLINES * LANES, ends + cells + 1, cells};
+  Problem p = {x->data, orders->data, parities->data, x->dims[1], d, q,
+               orders->dims[0], parities->dims[0], along_d, along_q};
+  return p;
+}
+
+/* Column and sign of each spline along q in a table folded by its symmetry; returns its columns. */
+static int64_t fold(int64_t count, int64_t first, int even, int64_t *column, double *sign) {
+  int64_t half = count / 2, middle = count - half;
+  for (int64_t k = 0; k < SPLINES; k++) {
+    int64_t j = first + k;
+    int upper = j >= middle, centre = j >= half && !upper;
+    column[k] = upper ? count - 1 - j : centre && !even ? 0 : j;
+    sign[k] = even ? 1.0 : upper ? 1.0 : centre ? 0.0 : -1.0;
+  }
+  return even ? middle : half;
+}
+
+/* Derivatives of sum table[i, j] f_i(x_d) g_j(x_q): (d, q, batch or 1) to (order, batch). */
+EXPORT XLA_FFI_Error *penode_spline_jets(XLA_FFI_CallFrame *frame) {
+  if (answered(frame)) return NULL;
+  XLA_FFI_Buffer *table = argument(frame, 0);
+  Problem p = problem_of(frame, table->dims[0], table->dims[1]);
+  int64_t apart = table->dims[2], own = apart > 1;
+  double *jets = result(frame, 0)->data;
+  for (int64_t b = 0; b < p.batch; b++) {
+    Splines d = splines_at(p.along_d, p.x[b]);
+    Splines q = splines_at(p.along_q, p.x[p.batch + b]);
+    Four by_spline[SPLINES], rows[SPLINES] = {{0}};
+    for (int j = 0; j < SPLINES; j++)
+      by_spline[j] = (Four){q.of[0][j], q.of[1][j], q.of[2][j], q.of[3][j]};
+    int64_t before = 0;
+    for (int64_t s = 0; s < p.parity_count; s++) {
+      int64_t column[SPLINES];
+      double sign[SPLINES];
+      int64_t width = fold(p.d, q.first, p.parities[s], column, sign);
+      for (int j = 0; j < SPLINES; j++) {
+        Four factor = sign[j] * by_spline[j];
+        const double *entry = table->data;
+        entry += (d.first * p.q + before + column[j]) * apart + own * b;
+        for (int i = 0; i < SPLINES; i++) rows[i] += entry[i * p.q * apart] * factor;
+      }
+      before += width;
+    }
+    Four every[DERIVATIVES];
+    for (int m = 0; m < DERIVATIVES; m++) {
+      every[m] = d.of[m][0] * rows[0];
+      for (int i = 1; i < SPLINES; i++) every[m] += d.of[m][i] * rows[i];
+    }
+    for (int64_t k = 0; k < p.order_count; k++)
+      jets[k * p.batch + b] = every[p.orders[2 * k]][p.orders[2 * k + 1]];
+  }
+  return NULL;
+}
+
+/* The transpose: cotangents (order, batch) to one table a place, (d, q, batch). */
+EXPORT XLA_FFI_Error *penode_spline_products(XLA_FFI_CallFrame *frame) {
+  if (answered(frame)) return NULL;
+  XLA_FFI_Buffer *tables = result(frame, 0);
+  Problem p = problem_of(frame, tables->dims[0], tables->dims[1]);
+  const double *cotangents = argument(frame, 0)->data;
+  double *every = tables->data;
+  memset(every, 0, sizeof(double) * p.d * p.q * p.batch);
+  for (int64_t b = 0; b < p.batch; b++) {
+    Splines d = splines_at(p.along_d, p.x[b]);
+    Splines q = splines_at(p.along_q, p.x[p.batch + b]);
+    Eight rows[DERIVATIVES] = {{0}}, products[SPLINES];
+    for (int64_t k = 0; k < p.order_count; k++)
+      rows[p.orders[2 * k]] += cotangents[k * p.batch + b] * q.of[p.orders[2 * k + 1]];
+    for (int i = 0; i < SPLINES; i++) {
+      products[i] = d.of[0][i] * rows[0];
+      for (int m = 1; m < DERIVATIVES; m++) products[i] += d.of[m][i] * rows[m];
+    }
+    int64_t before = 0;
+    for (int64_t s = 0; s < p.parity_count; s++) {
+      int64_t column[SPLINES];
+      double sign[SPLINES];
+      int64_t width = fold(p.d, q.first, p.parities[s], column, sign);
+      for (int i = 0; i < SPLINES; i++)
+        for (int j = 0; j < SPLINES; j++)
+          every[((d.first + i) * p.q + before + column[j]) * p.batch + b] += sign[j] * products[i][j];
+      before += width;
+    }
+  }
+  return NULL;
+}
+
+/* --- harmonics ------------------------------------------------------------------------------ */
+
+/* Cosines, then sines, of multiples of angles: (batch) to (2 order, batch). */
+EXPORT XLA_FFI_Error *penode_harmonics(XLA_FFI_CallFrame *frame) {
+  if (answered(frame)) return NULL;
+  XLA_FFI_Buffer *angles = argument(frame, 0), *orders = argument(frame, 1);
+  const double *angle = angles->data, *order = orders->data;
+  double *waves = result(frame, 0)->data;
+  int64_t batch = angles->dims[0], count = orders->dims[0];
+  for (int64_t k = 0; k < count; k++)
+    for (int64_t b = 0; b < batch; b++) {
+      waves[k * batch + b] = cos(order[k] * angle[b]);
+      waves[(count + k) * batch + b] = sin(order[k] * angle[b]);
+    }
+  return NULL;
+}
+
+/* --- the normal matrix ---------------------------------------------------------------------- */
+
+#ifdef __AVX512F__
+enum { WIDTH = 8, TALL = 8 };
+#else
+enum { WIDTH = 4, TALL = 4 };
+#endif
+enum { WIDE = 2 * WIDTH };
+typedef double Vector __attribute__((vector_size(8 * WIDTH)));
+
+/* Adds one tile of the product to `normal` (size, size); panels are (depth, WIDE), one behind the
+   other for each WIDE columns, so that a tile's factors stay in the first cache. */
+static void add_tile(const double *panels, int64_t depth, int64_t size, int64_t row,
+                     int64_t column, double *normal) {
+  Vector sums[TALL][2] = {{{0}}};
+  double tile[TALL][WIDE];
+  const double *left = panels + row / WIDE * WIDE * depth + row % WIDE;
+  const double *right = panels + column * depth;
+  for (int64_t k = 0; k < depth; k++) {
+    Vector both[2];
+    memcpy(both, right + k * WIDE, sizeof both);
+#pragma GCC unroll 8
+    for (int i = 0; i < TALL; i++) {
+      sums[i][0] += left[k * WIDE + i] * both[0];
+      sums[i][1] += left[k * WIDE + i] * both[1];
+    }
+  }
+#pragma GCC unroll 8
+  for (int i = 0; i < TALL; i++) memcpy(tile[i], sums[i], sizeof sums[i]);
+  int64_t rows = size - row < TALL ? size - row : TALL;
+  int64_t columns = size - column < WIDE ? size - column : WIDE;
+  for (int64_t i = 0; i < rows; i++)
+    for (int64_t j = 0; j < columns; j++) normal[(row + i) * size + column + j] += tile[i][j];
+}
+
+/* normal += sum over outputs and batch of s s' on and below the diagonal; s (output, size, batch). */
+EXPORT XLA_FFI_Error *penode_add_products(XLA_FFI_CallFrame *frame) {
+  if (answered(frame)) return NULL;
+  XLA_FFI_Buffer *before = argument(frame, 0), *slopes = argument(frame, 1);
+  double *normal = result(frame, 0)->data;
+  int64_t outputs = slopes->dims[0], size = slopes->dims[1], batch = slopes->dims[2];
+  int64_t depth = outputs * batch, padded = (size + WIDE - 1) / WIDE * WIDE;
+  if (normal != before->data) memcpy(normal, before->data, sizeof(double) * size * size);
+  double *panels = calloc(depth * padded + 1, sizeof(double));
+  if (panels == NULL) return out_of_memory(frame);
+  const double *from = slopes->data;
+  for (int64_t o = 0; o < outputs; o++)
+    for (int64_t j = 0; j < size; j++) {
+      double *to = panels + j / WIDE * WIDE * depth + j % WIDE + o * batch * WIDE;
+      for (int64_t b = 0; b < batch; b++) to[b * WIDE] = *from++;
+    }
+  for (int64_t row = 0; row < size; row += TALL)
+    for (int64_t column = 0; column < size && column < row + TALL; column += WIDE)
+      add_tile(panels, depth, size, row, column, normal);
+  free(panels);
+  return NULL;
+}
