@@ -16,12 +16,14 @@ from penode.training.covariance import (
     bartlett,
     correlation_length,
     influence,
-    inverse_normal,
-    marquardt_scale,
     prior_deviation,
     sandwich_deviation,
 )
-from penode.training.gauss_newton_terms import GaussNewtonTerms
+from penode.training.gauss_newton_terms import (
+    GaussNewtonTerms,
+    inverse_normal,
+    marquardt_scale,
+)
 
 
 def windows_of(samples, horizon=1, spacing=1):

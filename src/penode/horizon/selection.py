@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from penode.arrays import FloatArray
 from penode.horizon.ladder import Climb, HorizonFit
-from penode.training.covariance import bartlett, correlation_length
+from penode.training.covariance import bartlett_variance, correlation_length
 from penode.training.plan import Plan
 
 #: Runs whose least errors are within this factor are equally sure. Runs disagree, so that one of
@@ -222,7 +222,7 @@ def weighted_deviation(rungs: Sequence[HorizonFit], weights: FloatArray) -> Floa
     binned = np.stack([_binned(rung, width) for rung in rungs])
     series = np.sum(weights[..., None] * binned, axis=0)
     bandwidth = longest // width + 1
-    return np.sqrt([bartlett(row[None], bandwidth)[0, 0] for row in series])
+    return np.sqrt(bartlett_variance(series, bandwidth))
 
 
 def _binned(rung: HorizonFit, width: int) -> FloatArray:

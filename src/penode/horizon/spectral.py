@@ -25,7 +25,7 @@ from penode.models.layout import Layout
 from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
-from penode.training.covariance import Reported, inverse_normal
+from penode.training.covariance import Reported
 from penode.training.gauss_newton_terms import residual_scale
 from penode.training.loss import DEFAULT_LOSS
 from penode.training.residuals import Objective
@@ -144,7 +144,7 @@ class Spectral:
         for rung, fraction in zip(rungs, lines / len(self.experiments), strict=True):
             terms = rung.solution.terms
             slopes = reported.jacobian(rung.solution.raw)[: len(rung.influence)]
-            reach = np.diag(slopes @ inverse_normal(terms.normal) @ slopes.T)
+            reach = np.diag(slopes @ terms.inverse @ slopes.T)
             squares = reach * terms.loss * terms.count * fraction
             worst.append(np.log(np.maximum(squares, 1e-300)).mean())
         return np.array(worst)
@@ -238,4 +238,4 @@ class _Reference:
 
     def _bias(self, windows: Windows) -> FloatArray:
         terms = self.objective.gauss_newton(self.raw, windows)
-        return np.asarray(self.slopes @ (inverse_normal(terms.normal) @ terms.descent))
+        return np.asarray(self.slopes @ (terms.inverse @ terms.descent))

@@ -15,7 +15,6 @@ from penode.data.experiment import Experiment
 from penode.fit.outcome import Contribution
 from penode.horizon.consensus import HORIZON, PRIOR, STATISTICS
 from penode.horizon.ladder import HorizonFit, LadderProblem
-from penode.training.covariance import inverse_normal
 from penode.training.plan import Plan, Stage
 
 #: What would make smaller what the data themselves show.
@@ -78,11 +77,10 @@ def raw_shifts(
     raw, terms = rung.solution.raw, rung.solution.terms
     shifts = np.zeros((len(imperfections), len(raw)))
     moving = problem.objective.layout.members(stage.groups)
-    inverse = inverse_normal(terms.normal)
     for shift, one in zip(shifts, imperfections, strict=True):
         imperfect = [one.applied(e, _SMALL) for e in problem.experiments]
         here = replace(problem, experiments=imperfect).problem(stage, plan)
-        shift[moving] = inverse @ (here.gauss_newton(raw).descent - terms.descent) / _SMALL
+        shift[moving] = terms.inverse @ (here.gauss_newton(raw).descent - terms.descent) / _SMALL
     return shifts
 
 

@@ -158,6 +158,8 @@ class Layout(Generic[AnyModule]):
 
     def nuisances(self, raw: FloatArray) -> dict[str, FloatArray]:
         """Return the nuisances, each of shape (experiment, *shape), of a raw vector (size,)."""
+        if not any(setting.per_experiment for setting in self.settings):
+            return {}
         values = np.asarray(self.values(jnp.asarray(raw)))
         return {
             name: values[at].reshape(self.experiments, *shape)

@@ -13,32 +13,12 @@ from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.training.gauss_newton_terms import GaussNewtonTerms
 
-#: Directions of the normal matrix below this fraction of the largest (after scaling) are flat:
-#: their estimates are rounding noise, which may swamp those of the others.
-FLAT = 1e-10
-
 #: Length of the recordings, in HAC bandwidths, below which no deviation is given.
 LEAST_BANDWIDTHS = 5
 
 #: A quantity hangs on single windows if of many no more than this number weigh in its variance.
 _FEW_WINDOWS = 2.5
 _MANY_WINDOWS = 20
-
-
-def marquardt_scale(normal: FloatArray) -> FloatArray:
-    """Return the square roots of the diagonal, shape (parameter,), with a floor against zeros."""
-    diagonal = np.diag(normal)
-    floor = max(1e-28 * float(diagonal.max()), 1e-300)
-    return np.asarray(np.sqrt(np.maximum(diagonal, floor)))
-
-
-def inverse_normal(normal: FloatArray) -> FloatArray:
-    """Return the pseudo-inverse, shape (parameter, parameter), of a scaled normal matrix."""
-    scale = marquardt_scale(normal)
-    eigenvalues, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
-    kept = eigenvalues > FLAT * eigenvalues[-1]
-    weights = np.where(kept, 1.0 / np.where(kept, eigenvalues, 1.0), 0.0)
-    return np.asarray((vectors * weights) @ vectors.T / np.outer(scale, scale))
 
 
 def bartlett(series: FloatArray, bandwidth: int) -> FloatArray:
@@ -57,12 +37,22 @@ def bartlett(series: FloatArray, bandwidth: int) -> FloatArray:
         Positive semidefinite (Newey and West 1987, doi:10.2307/1913610), computed as the sum of
         squared overlapping block sums.
     """
-    size, length = series.shape
-    sums = np.concatenate([np.zeros((size, 1)), np.cumsum(series, axis=1)], axis=1)
-    first = np.arange(1 - bandwidth, length)
-    blocks = sums[:, np.minimum(first + bandwidth, length)] - sums[:, np.maximum(first, 0)]
+    blocks = _block_sums(series, bandwidth)
     with np.errstate(over="ignore", invalid="ignore"):  # overflow is reported as unknown
         return np.asarray(blocks @ blocks.T / bandwidth)
+
+
+def bartlett_variance(series: FloatArray, bandwidth: int) -> FloatArray:
+    """Return the diagonal of `bartlett`, shape (parameter,)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(np.sum(_block_sums(series, bandwidth) ** 2, axis=1) / bandwidth)
+
+
+def _block_sums(series: FloatArray, bandwidth: int) -> FloatArray:
+    """Return sums over `bandwidth` columns, those that reach beyond the ends included."""
+    padded = np.pad(np.cumsum(series, axis=1), ((0, 0), (bandwidth, bandwidth - 1)), mode="edge")
+    padded[:, :bandwidth] = 0.0
+    return np.asarray(padded[:, bandwidth:] - padded[:, :-bandwidth])
 
 
 def correlation_length(windows: Windows) -> int:
@@ -158,7 +148,7 @@ def sandwich(terms: GaussNewtonTerms, windows: Windows) -> FloatArray:
     windows : Windows
         Those the terms were summed over.
     """
-    inverse = inverse_normal(terms.normal)
+    inverse = terms.inverse
     meat = bartlett(terms.scores, bandwidth_in_windows(windows)) + terms.prior
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(inverse @ meat @ inverse)
@@ -171,9 +161,10 @@ def working_deviation(
 
     Good enough to stop an optimiser by, where `sandwich_deviation` declines to report.
     """
-    covariance = sandwich(terms, windows)
-    variance = np.sum((jacobian @ covariance) * jacobian, axis=1)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+    along = jacobian @ terms.inverse
+    variance = bartlett_variance(along @ terms.scores, bandwidth_in_windows(windows))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(np.sqrt(variance + _prior_variance(terms, along)))
 
 
 def prior_deviation(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:
@@ -186,10 +177,13 @@ def prior_deviation(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray
     jacobian : ndarray, shape (reported, parameter)
         Derivative of the reported quantities.
     """
+    return np.sqrt(_prior_variance(terms, jacobian @ terms.inverse))
+
+
+def _prior_variance(terms: GaussNewtonTerms, along: FloatArray) -> FloatArray:
     if not isinstance(terms.prior, np.ndarray):
-        return np.zeros(len(jacobian))
-    along = jacobian @ inverse_normal(terms.normal)
-    return np.asarray(np.sqrt(np.maximum(np.sum((along @ terms.prior) * along, axis=1), 0.0)))
+        return np.zeros(len(along))
+    return np.maximum(np.sum((along @ terms.prior) * along, axis=1), 0.0)
 
 
 def influence(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:
@@ -202,4 +196,4 @@ def influence(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:
     jacobian : ndarray, shape (reported, parameter)
         Derivative of the reported quantities.
     """
-    return np.asarray(jacobian @ inverse_normal(terms.normal) @ terms.scores)
+    return np.asarray(jacobian @ terms.inverse @ terms.scores)

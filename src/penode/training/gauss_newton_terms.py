@@ -1,6 +1,7 @@
 """Gauss-Newton terms of a loss over windows, and the scale of its residuals."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +10,10 @@ from penode.arrays import FloatArray, float64
 from penode.models.base import Model
 from penode.models.parameters import with_batch_axis
 from penode.training.loss import Loss, channel_deviation
+
+#: Directions of the normal matrix below this fraction of the largest (after scaling) are flat:
+#: their estimates are rounding noise, which may swamp those of the others.
+FLAT = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +49,27 @@ class GaussNewtonTerms:
     def finite(self) -> bool:
         """Whether no rollout diverged."""
         return bool(np.isfinite(self.loss) and np.isfinite(self.normal).all())
+
+    @cached_property
+    def inverse(self) -> FloatArray:
+        """Pseudo-inverse of the normal matrix, shape (parameter, parameter)."""
+        return inverse_normal(self.normal)
+
+
+def marquardt_scale(normal: FloatArray) -> FloatArray:
+    """Return the square roots of the diagonal, shape (parameter,), with a floor against zeros."""
+    diagonal = np.diag(normal)
+    floor = max(1e-28 * float(diagonal.max()), 1e-300)
+    return np.asarray(np.sqrt(np.maximum(diagonal, floor)))
+
+
+def inverse_normal(normal: FloatArray) -> FloatArray:
+    """Return the pseudo-inverse, shape (parameter, parameter), of a scaled normal matrix."""
+    scale = marquardt_scale(normal)
+    eigenvalues, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    kept = eigenvalues > FLAT * eigenvalues[-1]
+    weights = np.where(kept, 1.0 / np.where(kept, eigenvalues, 1.0), 0.0)
+    return np.asarray((vectors * weights) @ vectors.T / np.outer(scale, scale))
 
 
 def residual_scale(model: Model, visited: FloatArray, loss: Loss) -> FloatArray:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.training.covariance import marquardt_scale, working_deviation
-from penode.training.gauss_newton_terms import GaussNewtonTerms
+from penode.training.covariance import working_deviation
+from penode.training.gauss_newton_terms import GaussNewtonTerms, marquardt_scale
 from penode.training.plan import DIVERGED, Problem, Progress, Solution, ignore_progress
 
 _LARGEST_DAMPING = 1e10

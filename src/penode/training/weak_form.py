@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.training.covariance import bartlett
+from penode.training.covariance import bartlett_variance
 
 #: Singular values below this fraction of the largest are noise of the arithmetic.
 _RANK_TOLERANCE = 1e-10
@@ -64,7 +64,7 @@ class WeakRegression:
         gain = np.linalg.pinv(self.matrix / size, rcond=_RANK_TOLERANCE)[column] / size[column]
         influence = gain * (self.target - self.matrix @ self.solve())
         lags = max(2 * int((len(influence) / 2) ** 0.6), _OVERLAPPING)
-        return float(np.sqrt(bartlett(influence[None], lags)[0, 0]))
+        return float(np.sqrt(bartlett_variance(influence[None], lags)[0]))
 
     def independence(self, column: int) -> float:
         """Return the fraction of a column's energy that no other column explains.

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from penode.data.experiment import Experiment
 from penode.horizon.uncertainty_budget import Imperfection
@@ -135,6 +134,8 @@ AS_RECORDED = Calibration()
 
 def with_speed_from_angle(experiment: Experiment) -> Experiment:
     """Return a recording whose speed is the slope of its angle."""
+    from scipy.signal import savgol_filter  # half a second, which few recordings need
+
     angle = np.unwrap(experiment.channels[ANGLE.name])
     slope = savgol_filter(angle, SLOPE, _DEGREE, deriv=1, delta=experiment.time_step)
     return replace(experiment, channels={**experiment.channels, SPEED.name: slope})

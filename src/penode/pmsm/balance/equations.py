@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, float64
+from penode.arrays import FloatArray, JaxArray, float64, with_shared_length
 from penode.data.experiment import Experiment
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
@@ -91,35 +91,21 @@ def term_columns(
         Derivative by each coefficient of the map.
     """
     names = (*VOLTAGES, *channels_of(terms))
-    rows = [experiment.stack(CURRENTS), experiment.stack(names), basis]
-    parts = []
     with float64():
-        for first in range(0, len(experiment), _CHUNK):
-            padded = (_padded(row[first : first + _CHUNK]) for row in rows)
-            x, u, psi = (jnp.asarray(np.moveaxis(part, 0, -1)) for part in padded)
-            parts.append([np.asarray(part) for part in _linearised(tuple(terms), x, u, names, psi)])
-    whole = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
-    known_drop, by_parameter, by_map = (
-        np.ascontiguousarray(np.moveaxis(part, -1, 0)[: len(experiment)]) for part in whole
-    )
-    return known_drop, by_parameter, by_map
-
-
-#: Samples worked on together: every recording runs through the same program.
-_CHUNK = 4096
-
-
-def _padded(rows: FloatArray) -> FloatArray:
-    """Return rows (time, ...) repeated at the end to the length of a chunk."""
-    missing = [(0, _CHUNK - len(rows)), *[(0, 0)] * (rows.ndim - 1)]
-    return np.pad(rows, missing, mode="edge")
+        x, u = (with_shared_length(experiment.stack(rows).T) for rows in (CURRENTS, names))
+        parts = _linearised(tuple(terms), x, u, names)
+        known_drop, by_parameter, by_psi = (
+            np.ascontiguousarray(np.moveaxis(np.asarray(part), -1, 0)[: len(experiment)])
+            for part in parts
+        )
+    return known_drop, by_parameter, by_psi @ basis
 
 
 @partial(jax.jit, static_argnums=3)
 def _linearised(
-    terms: tuple[Term, ...], x: JaxArray, u: JaxArray, names: tuple[str, ...], basis: JaxArray
+    terms: tuple[Term, ...], x: JaxArray, u: JaxArray, names: tuple[str, ...]
 ) -> tuple[JaxArray, JaxArray, JaxArray]:
-    """Return the drop without flux linkage, and its slopes; see `term_columns`, time last."""
+    """Return the drop without flux linkage, and its slopes by parameters and by psi, time last."""
     terms, inputs, no_flux = with_batch_axis(terms), Inputs(u, names), jnp.zeros_like(x)
     places = physical_places(terms)
 
@@ -137,4 +123,5 @@ def _linearised(
     values = jnp.concatenate([jnp.zeros(0), *physical(terms)])
     by_parameter = jnp.moveaxis(jax.jacfwd(drop)(values, no_flux), -1, 1)
     known_drop = drop(values, no_flux) - jnp.sum(by_parameter * values[:, None], axis=1)
-    return known_drop, by_parameter, jax.vmap(of_flux, in_axes=1, out_axes=1)(basis)
+    by_psi = [of_flux(jnp.zeros_like(x).at[k].set(1.0)) for k in range(len(x))]
+    return known_drop, by_parameter, jnp.stack(by_psi, axis=1)

@@ -32,18 +32,15 @@ class PolynomialMap:
         """Return the map of each coefficient, shape (time, 2, coefficient), at (time, 2) in A."""
         x, y = (currents / self.current_scale).T
         degree = self.degree or _DEGREE[self.reciprocal]
-        powers = [(m, n) for m in range(degree + 1) for n in range(degree + 1 - m)]
-        if self.reciprocal:
-            columns = [
-                (m * x ** max(m - 1, 0) * y**n, n * x**m * y ** max(n - 1, 0))
-                for m, n in powers
-                if m + n > 0
-            ]
-        else:
-            zero = np.zeros_like(x)
-            columns = [(x**m * y**n, zero) for m, n in powers]
-            columns += [(zero, x**m * y**n) for m, n in powers]
-        return np.stack([np.stack(column, axis=1) for column in columns], axis=2)
+        of_x, of_y = (np.vander(one, degree + 1, increasing=True) for one in (x, y))
+        m, n = np.array([(m, n) for m in range(degree + 1) for n in range(degree + 1 - m)]).T
+        if not self.reciprocal:
+            each = of_x[:, m] * of_y[:, n]
+            return np.concatenate([np.stack([each, 0 * each], 1), np.stack([0 * each, each], 1)], 2)
+        m, n = m[1:], n[1:]
+        along_d = m * of_x[:, np.maximum(m - 1, 0)] * of_y[:, n]
+        along_q = n * of_x[:, m] * of_y[:, np.maximum(n - 1, 0)]
+        return np.stack([along_d, along_q], axis=1)
 
     def slopes(self, currents: FloatArray) -> FloatArray:
         """Return the slopes of each coefficient's map over the currents, in 1/A.

@@ -14,7 +14,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from penode.arrays import FloatArray
-from penode.training.covariance import inverse_normal
+from penode.training.gauss_newton_terms import inverse_normal
 from penode.training.weak_form import WeakRegression
 
 #: Windows overlap by three quarters: so many equations are worth one.

@@ -22,7 +22,7 @@ from penode.pmsm.machine.frames import quarter_turned
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.machine.terms import Term
-from penode.training.covariance import bartlett
+from penode.training.covariance import bartlett_variance
 from penode.training.weak_form import WeakRegression
 
 #: Degree of the coenergy: enough for factors and the magnet, and for timing and R.
@@ -177,7 +177,7 @@ def _first_coefficient(equations: WeakRegression) -> tuple[float, float]:
     value = float(gain @ target)
     lags = max(2 * int((len(own) / 2) ** 0.6), _OVERLAPPING)
     influence = gain * (target - value * own)
-    return float(np.sqrt(bartlett(influence[None], lags)[0, 0])), value
+    return float(np.sqrt(bartlett_variance(influence[None], lags)[0])), value
 
 
 def _terms(currents: FloatArray) -> tuple[Term, ...]:
