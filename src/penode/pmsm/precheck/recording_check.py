@@ -18,6 +18,7 @@ from penode.pmsm.precheck.excitation import Excitation, excitation_of
 from penode.pmsm.precheck.identifiability import Identifiability, identifiability_of
 from penode.pmsm.recording.channels import drive_recording, require_channels
 from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
+from penode.pmsm.recording.stationary_frame import LINK
 
 _INSPECTED = ("u", "i")
 
@@ -190,4 +191,5 @@ def _calibration(recordings: Sequence[Experiment], terms: Sequence[Term]) -> Cal
 
 
 def _electrical(experiment: Experiment) -> list[str]:
-    return [n for n in experiment.channels if n.split("_")[0] in _INSPECTED]
+    """Return the voltages and currents; that of the DC link may stand still."""
+    return [n for n in experiment.channels if n.split("_")[0] in _INSPECTED and n != LINK]
