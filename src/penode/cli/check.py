@@ -43,9 +43,7 @@ def check_command(
     asked = load_study(config)
     check = check_recordings(
         [asked.load(run) for run in runs],
-        flux_map=asked.study.flux_map,
-        terms=asked.study.terms,
-        candidates=asked.study.candidates,
+        asked.study,
         pole_pairs=asked.mapping.pole_pairs,
         plate=asked.name_plate,
     )

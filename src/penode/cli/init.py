@@ -51,6 +51,7 @@ def _open_questions(guess: StudyGuess) -> list[str]:
     open_questions = [f"column of {name}" for name in guess.missing]
     if guess.lacks_pole_pairs:
         open_questions.append("pole_pairs")
+    open_questions += guess.bases
     if open_questions:
         return [f"Fill in before you use it: {', '.join(open_questions)}."]
     return [

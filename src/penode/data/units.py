@@ -73,6 +73,9 @@ UNITS: Mapping[str, Unit] = MappingProxyType(
 )
 _ALIASES = {
     "-": "1",
+    "pu": "1",
+    "p.u.": "1",
+    "per unit": "1",
     "°C": "degC",
     "\N{DEGREE CELSIUS}": "degC",
     "C": "degC",

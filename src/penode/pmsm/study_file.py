@@ -31,8 +31,9 @@ from penode.errors import InputError
 from penode.pmsm.machine.term_registry import terms_of
 from penode.pmsm.machine.terms import DeadTime
 from penode.pmsm.recording.accuracy import Accuracy
-from penode.pmsm.recording.drive_mapping import RECORDED, DriveMapping, DriveOrigin
+from penode.pmsm.recording.drive_mapping import BASES, RECORDED, DriveMapping, DriveOrigin
 from penode.pmsm.recording.name_plate import NamePlate
+from penode.pmsm.recording.stationary_frame import LINK
 from penode.pmsm.study import DEFAULT_STUDY, Study
 
 #: Entries of a channel and what they hold.
@@ -57,6 +58,7 @@ _SETTINGS = {
     "angle_orders": WHOLES,
     "hold": TEXT,
     "purpose": TEXT,
+    **dict.fromkeys((*BASES.values(), LINK), POSITIVE),
     "resample": Kind('"linear"', lambda value: value == "linear"),
     "name_plate": TABLE,
     "accuracy": TABLE,
@@ -125,7 +127,8 @@ def _study_file(entries: dict[str, Any]) -> StudyFile:
     require_kinds("entry", entries, _SETTINGS)
     require_known("channel", entries.get("channels", {}), RECORDED)
     channels = {name: _channel(name, e) for name, e in entries.get("channels", {}).items()}
-    mapping = DriveMapping(channels, entries.get("pole_pairs"), "resample" in entries)
+    constants = {name: entries[name] for name in (*BASES.values(), LINK) if name in entries}
+    mapping = DriveMapping(channels, entries.get("pole_pairs"), "resample" in entries, constants)
     plate = entries.get("name_plate", {})
     require_kinds("name_plate:", plate, _NAME_PLATE)
     return StudyFile(_study(entries), mapping, NamePlate(**plate))

@@ -177,7 +177,9 @@ def test_offset_angle(drawn, offset):
 def test_scales(drawn):
     run = drawn[1]
     assert names_of(scaled(run, 1e-3, "i_d", "i_q")) == ["kA for A"]
-    assert names_of(scaled(run, 1 / 400, "u_d", "u_q")) == ["duty for volts"]
+    (found,) = check_conventions(scaled(run, 1 / 400, "u_d", "u_q")).broken
+    assert found.name == "duty for volts"
+    assert "u_base, what 1 is in V" in found.mend
 
 
 def test_currents_counted_out_of_the_machine(drawn):

@@ -122,6 +122,8 @@ def test_per_unit_and_standstill(fit, run):
     small = {n: c / 100 for n, c in channels.items() if n != "omega_el"}
     scaled = replace(run, channels={**channels, **small})
     assert names(fit, scaled, (per_unit,)) == ["per unit"]
+    (objection,) = per_unit(fit, [scaled])
+    assert "u_base and i_base, what 1 is in V and A" in objection.repair
     still = replace(run, channels={**channels, "omega_el": np.zeros(COUNT)})
     assert names(fit, still, (standstill,)) == ["standstill"]
 

@@ -65,8 +65,11 @@ def test_time_in_milliseconds_is_noticed():
 
 @pytest.mark.parametrize("kinds", ["", "u", "i", "ui"])
 def test_one_channel_less_is_the_one_that_is_missing(kinds):
-    """Of phase quantities the angle is needed, from which the speed follows; else the speed."""
-    axes = {kind: "abc" if kind in kinds else "dq" for kind in "ui"}
+    """Of phase quantities the angle is needed, from which the speed follows; else the speed.
+
+    Two phase currents are enough, as they sum to zero; phase voltages do not.
+    """
+    axes = {kind: {"u": "abc", "i": "ab"}[kind] if kind in kinds else "dq" for kind in "ui"}
     needed = [f"{kind}_{axis}" for kind in "ui" for axis in axes[kind]]
     needed.append("theta_el" if kinds else "omega_el")
     assert missing_channels([*needed, "omega_el", "theta_el", "torque"]) == []

@@ -90,7 +90,56 @@ def two_rate_mdf(run, folder):
     return path
 
 
-FILES = {"German CSV": german_csv, "phases in MAT": phase_mat, "two rates in MDF": two_rate_mdf}
+def phases_of(run, kind):
+    return abc_from_dq(run.stack((f"{kind}_d", f"{kind}_q")), run.channels["theta_el"])
+
+
+def logger(folder, columns):
+    path = folder / "log.csv"
+    rows = "\n".join(",".join(map(repr, row)) for row in np.stack([*columns.values()], 1).tolist())
+    path.write_text(f"{','.join(columns)}\n{rows}\n")
+    return path
+
+
+def drive_log(run, folder):
+    """Two currents, duty cycles in %, the angle of the shaft and no speed."""
+    currents, voltages = phases_of(run, "i"), phases_of(run, "u")
+    link = 380 + 5 * np.sin(time_of(run))
+    columns = {"t_us": time_of(run) * 1e6, "iU": currents[:, 0], "iV": currents[:, 1]}
+    columns |= {f"PWM_{p}": 50 + 100 * voltages[:, k] / link for k, p in enumerate("UVW")}
+    return logger(
+        folder, columns | {"Vdc": link, "rotor_position_deg": np.degrees(shaft_angle(run))}
+    )
+
+
+def simulator_log(run, folder):
+    """Axes alpha and beta of the currents, modulation from -1 to 1."""
+    currents, voltages = phases_of(run, "i"), phases_of(run, "u")
+    beta = (currents[:, 1] - currents[:, 2]) / np.sqrt(3)
+    columns = {"time": time_of(run), "i_alpha": currents[:, 0], "i_beta": beta}
+    columns |= {f"mod_{p}": voltages[:, k] / 200 for k, p in enumerate("abc")}
+    columns |= {"Udc": np.full(len(run), 400.0), "omega_e": run.channels["omega_el"]}
+    return logger(folder, columns | {"theta_e": run.channels["theta_el"]})
+
+
+def scope_log(run, folder):
+    """Voltages from line to line."""
+    currents, voltages = phases_of(run, "i"), phases_of(run, "u")
+    lines = voltages - np.roll(voltages, -1, axis=1)
+    columns = {"Time (s)": time_of(run), "Phase A Current (A)": currents[:, 0]}
+    columns |= {"Phase C Current (A)": currents[:, 2]}
+    columns |= {"V_UV": lines[:, 0], "V_VW": lines[:, 1], "theta_el": run.channels["theta_el"]}
+    return logger(folder, columns)
+
+
+FILES = {
+    "German CSV": german_csv,
+    "phases in MAT": phase_mat,
+    "two rates in MDF": two_rate_mdf,
+    "log of a drive": drive_log,
+    "log of a simulator": simulator_log,
+    "log of an oscilloscope": scope_log,
+}
 
 
 @pytest.mark.parametrize("kind", FILES)
@@ -99,10 +148,13 @@ def test_the_study_file_maps_the_recording_untouched(run, kind, tmp_path):
     config.write_text(study_text(guess_study(read(path)[0]), path.name, config.name))
     read_back = drive_recording(load_study(config).load(path))
     assert len(read_back) >= len(run) - 10  # the slow group ends up to nine samples earlier
-    for name in ("i_d", "i_q", "u_d", "u_q", "omega_el"):
+    for name in ("i_d", "i_q", "u_d", "u_q"):
         expected = run.channels[name][: len(read_back)]
         atol = 1e-9 * np.abs(expected).max()
         np.testing.assert_allclose(read_back.channels[name], expected, rtol=0, atol=atol)
+    speed, expected = (e.channels["omega_el"][: len(read_back)] for e in (read_back, run))
+    atol = 1e-9 if "log of" not in kind else 1e-3  # some logs have the angle only
+    np.testing.assert_allclose(speed, expected, rtol=0, atol=atol * expected.max())
     turned = read_back.channels["theta_el"] - run.channels["theta_el"][: len(read_back)]
     np.testing.assert_allclose(np.exp(1j * turned), 1.0, atol=1e-6)
 
@@ -191,6 +243,52 @@ def test_names_alone_decide_where_there_are_no_rows(rows):
     assert found.channels["omega_el"].mechanical
 
 
+def per_unit(run):
+    c = run.channels
+    scales = {"id": 1 / 300, "iq": 1 / 300, "ud": 1 / 230, "uq": 1 / 230}
+    return {name: f * c[f"{name[0]}_{name[1]}"] for name, f in scales.items()}
+
+
+@pytest.mark.parametrize("said_by", ["name", "file", "size"])
+def test_what_is_per_unit_asks_for_its_bases(run, said_by, tmp_path):
+    columns = per_unit(run)
+    if said_by == "name":
+        columns = {f"{name}_pu": values for name, values in columns.items()}
+    columns = {"time": time_of(run), **columns, "w": run.channels["omega_el"]}
+    units = dict.fromkeys(columns, "p.u.") if said_by == "file" else {}
+    table = Table(columns, {n: u for n, u in units.items() if n not in ("time", "w")})
+    found = guess_study(table)
+    assert found.bases == ("u_base", "i_base")
+    assert {found.channels[name].unit for name in ("u_d", "u_q", "i_d", "i_q")} == {"1"}
+    text = study_text(found, "run.csv", "study.toml")
+    assert "# not found, and needed: i_base, what 1 is in A of a column per unit.\n" in text
+    text = text.replace("# u_base =", "u_base = 230").replace("# i_base =", "i_base = 300")
+    config = tmp_path / "study.toml"
+    config.write_text(text)
+    read_back = load_study(config).load(logger(tmp_path, columns))
+    for name in ("i_d", "i_q", "u_d", "u_q", "omega_el"):
+        np.testing.assert_allclose(read_back.channels[name], run.channels[name], atol=1e-9)
+
+
+def test_a_small_machine_with_units_is_not_per_unit(run):
+    columns = {"time": time_of(run), **per_unit(run), "n": rpm(run)}
+    found = guess_study(Table(columns, {"id": "A"}))
+    assert found.bases == ()
+    assert {found.channels[name].unit for name in ("u_d", "i_q")} == {"V", "A"}
+
+
+def test_duties_without_their_link_ask_for_it(run, tmp_path):
+    table, _ = read(drive_log(run, tmp_path))
+    del table.columns["Vdc"]
+    found = guess_study(table)
+    assert found.missing == ("u_dc",)
+    text = study_text(found, "log.csv", "study.toml")
+    assert "# not found, and needed, as a column or as a number: u_dc in V.\n# u_dc =\n" in text
+    config = tmp_path / "study.toml"
+    config.write_text(text.replace("# u_dc =\n", "u_dc = 380\n"))
+    assert "u_dc" in load_study(config).load(tmp_path / "log.csv").channels
+
+
 def test_an_angle_with_a_gap_in_it_tells_nothing_and_breaks_nothing(run):
     theta = run.channels["theta_el"].copy()
     theta[7] = np.nan
@@ -236,6 +334,11 @@ NAMES = {
     "u_q": ["Spannung_q_V", "UqSoll", "VqRef", "Spannung q"],
     "i_a": ["ia", "Ia", "I_U", "i_u", "i_A", "I1", "Phase A Current (A)", "Phasenstrom_a"],
     "u_b": ["Vb", "u_V", "U_B [V]"],
+    "u_alpha": ["u_alpha", "uAlpha", "v_al", "Spannung alpha [V]"],
+    "i_beta": ["ibeta", "I_beta_A", "iBetaMeas"],
+    "u_ab": ["u_ab", "Uab", "V_UV", "Voltage UV (V)"],
+    "duty_a": ["dutyA", "duty_u", "PWM1", "d_a", "Tastgrad_U [%]", "mod_a", "DutyCycle_A"],
+    "u_dc": ["Udc", "u_dc", "Vdc_V", "U_ZK", "Zwischenkreisspannung", "DC link voltage", "Vbus"],
     "omega_el": ["n", "n_mech", "speed_rpm", "omegaEl", "Drehzahl [1/min]", "Motor Speed", "w_el"],
     "theta_el": ["theta", "theta_mech", "Rotorlage_Grad", "position_deg", "phi_el [rad]"],
 }
@@ -250,7 +353,11 @@ def test_names(channel):
 
 
 @pytest.mark.parametrize(
-    "name", ["Udc", "u_dc", "Temp_rotor", "I_max", "torque_Nm", "t_amb", "dutyA", "idq", "", "17"]
+    "name",
+    [
+        *("Idc", "DC current", "Temp_rotor", "I_max", "torque_Nm", "t_amb"),
+        *("idq", "iab", "duty_q", "duty", "bus", "17", ""),
+    ],
 )
 def test_names_of_something_else(name):
     assert read_name(name) is None

@@ -10,8 +10,9 @@ from penode.data.table import Table
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.recording.accuracy import DEFAULT_ACCURACY
+from penode.pmsm.recording.channel_guess import ChannelGuess
 from penode.pmsm.recording.drive_mapping import RECORDED
-from penode.pmsm.recording.guess import ChannelGuess, StudyGuess, guess_study
+from penode.pmsm.recording.guess import StudyGuess, guess_study
 from penode.pmsm.recording.study_text import study_text
 from penode.pmsm.study import DEFAULT_STUDY
 from penode.pmsm.study_file import load_study

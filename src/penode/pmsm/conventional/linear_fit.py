@@ -14,7 +14,7 @@ from penode.models.learned_map import LearnedMap
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.model import Machine
-from penode.pmsm.machine.terms import Resistance
+from penode.pmsm.machine.terms import Resistance, Term
 from penode.predictors.base import Predictor
 from penode.validation.coverage import thin
 from penode.validation.free_run import compare
@@ -45,6 +45,10 @@ class LinearFit:
         A key of `penode.pmsm.machine.holds.HOLDS`.
     facts : mapping
         Further provenance.
+    terms : tuple of Term
+        Of the voltage equation beside resistance and rotation.
+    beside : mapping of str to Estimate
+        Their physical parameters.
     """
 
     method: str
@@ -56,6 +60,8 @@ class LinearFit:
     reason: str
     hold: str = "dq"
     facts: Mapping[str, Any] = field(default_factory=dict)
+    terms: tuple[Term, ...] = ()
+    beside: Mapping[str, Estimate] = field(default_factory=dict)
 
     def to_fit(self, experiments: Sequence[Experiment], validation: Sequence[Experiment]) -> Fit:
         """Return the fit, every recording predicted by the classic Runge-Kutta method.
@@ -65,9 +71,12 @@ class LinearFit:
         experiments, validation : sequence of Experiment
             With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
         """
-        model = Machine(
-            FluxMap(self.network, self.current_scale, 1.0), (Resistance(self.resistance),)
+        flux_map = FluxMap(self.network, self.current_scale, 1.0)
+        model = Machine(flux_map, (Resistance(self.resistance), *self.terms))
+        estimate = Estimate.of(
+            self.resistance, self.deviation, "ohm", self.identifiability, "stator resistance"
         )
+        parameters = {"R": estimate, **self.beside}
         predictor = Predictor(experiments[0].time_step, hold=HOLDS[self.hold])
         seen = [compare(predictor, model, e, "train") for e in experiments]
         unseen = [compare(predictor, model, e) for e in validation]
@@ -75,19 +84,16 @@ class LinearFit:
         free = float(np.sqrt(np.mean([c.free_run_rmse**2 for c in seen])))
         rung = HorizonSummary(
             horizon=1,
-            parameters={"R": self.resistance},
-            std={"R": self.deviation},
+            parameters={name: one.value for name, one in parameters.items()},
+            std={name: one.std for name, one in parameters.items()},
             rmse=float(np.sqrt(np.mean(squares))),
             free_run_rmse=free if np.isfinite(free) else None,
             iterations=1,
             outcome=_SOLVED,
         )
-        estimate = Estimate.of(
-            self.resistance, self.deviation, "ohm", self.identifiability, "stator resistance"
-        )
         return Fit(
             model=model,
-            parameters={"R": estimate},
+            parameters=parameters,
             horizon=HorizonChoice(1, "fixed", self.reason, (rung,), (1,)),
             excited=thin(np.concatenate([e.stack(Machine.states) for e in experiments])),
             comparisons=(*seen, *unseen),

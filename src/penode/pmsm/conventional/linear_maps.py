@@ -170,7 +170,28 @@ def polynomial(degree: int = 6, reciprocal: bool = False) -> LinearMap:
     network = partial(Monomials, degree)
     if not reciprocal:
         return LinearMap("polynomial", len(monomials), network)
-    coenergy = exponents(2, degree + 1)[1:]  # its constant has no slope
+    return coenergy_polynomial(degree + 1, mirrored=False)
+
+
+def coenergy_polynomial(degree: int = 8, mirrored: bool = True) -> LinearMap:
+    """Return the slopes of all monomials of a coenergy up to a total degree.
+
+    Parameters
+    ----------
+    degree : int
+        Of the coenergy.
+    mirrored : bool
+        Whether it is even in i_q, as that of a machine that is symmetric about its d axis.
+
+    Raises
+    ------
+    InputError
+        If the degree is below 2.
+    """
+    _at_least(degree, 2, "degree")
+    monomials = exponents(2, degree - 1)
+    # A constant has no slope.
+    coenergy = [p for p in exponents(2, degree)[1:] if not (mirrored and p[1] % 2)]
     slopes = np.zeros((2, len(monomials), len(coenergy)))
     for column, powers in enumerate(coenergy):
         for axis, power in enumerate(powers):
@@ -178,6 +199,7 @@ def polynomial(degree: int = 6, reciprocal: bool = False) -> LinearMap:
                 lowered = tuple(p - (k == axis) for k, p in enumerate(powers))
                 slopes[axis, monomials.index(lowered), column] = power
     constraint = slopes.reshape(2 * len(monomials), -1)
+    network = partial(Monomials, degree - 1)
     return LinearMap("reciprocal polynomial", len(monomials), network, constraint)
 
 

@@ -22,6 +22,7 @@ from penode.pmsm.conventions.phases import judge_phases, judge_turns
 from penode.pmsm.conventions.scales import judge_rms_by_phases, judge_rms_by_plate, judge_units
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
+from penode.pmsm.recording.stationary_frame import with_phases
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ def check_conventions(
         If a channel is missing or never moves; see
         `penode.pmsm.recording.channels.drive_recording`.
     """
+    experiment = with_phases(experiment)
     kinds = "".join(kind for kind in "ui" if _in_phases(experiment, kind))
     broken, mended = _judge_motion(experiment, kinds)
     broken += judge_rms_by_phases(mended)
@@ -119,6 +121,7 @@ def _corrected(experiment: Experiment, calibration: Calibration) -> Experiment:
     """
     if calibration == AS_RECORDED:
         return experiment
+    experiment = with_phases(experiment)
     made = [kind for kind in "ui" if _in_phases(experiment, kind)]
     drive = calibration.acting(calibration.applied(drive_recording(experiment)))
     left_out = {f"{kind}_{phase}" for kind in made for phase in "abc"}

@@ -51,7 +51,7 @@ def judge_units(experiment: Experiment, trial: TrialBalance) -> tuple[BrokenConv
                 _NAMES["u"],
                 f"no voltage is above {voltage:.3g} V, and {current:.4g} A drop {drop:.2g} V in R, "
                 "as if the voltages were shares of the dc link",
-                'name its column as times = "..." of the voltages, or give scale = its volts '
+                'name its column as times = "..." of the voltages, or give u_base, what 1 is in V '
                 '(unit = "kV" if they are kV)',
             )
         )

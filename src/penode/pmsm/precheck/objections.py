@@ -58,7 +58,7 @@ def per_unit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]
                 "per unit",
                 f"{experiment.name}: no current is above {current:.2g} A and no voltage above "
                 f"{voltage:.2g} V, as if they were given per unit.",
-                "Give scale = BASE for these channels in the study file.",
+                "Give u_base and i_base, what 1 is in V and A, in the study file.",
             )
 
 

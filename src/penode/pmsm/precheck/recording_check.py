@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
@@ -18,6 +18,7 @@ from penode.pmsm.precheck.excitation import Excitation, excitation_of
 from penode.pmsm.precheck.identifiability import Identifiability, identifiability_of
 from penode.pmsm.recording.channels import drive_recording, require_channels
 from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
+from penode.pmsm.recording.stationary_frame import LINK
 
 _INSPECTED = ("u", "i")
 
@@ -124,13 +125,41 @@ class RecordingCheck:
         return document
 
 
+class AskedModel(Protocol):
+    """What a model was asked to be; a `penode.pmsm.Study` is one."""
+
+    @property
+    def flux_map(self) -> str:
+        """A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`."""
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Terms of the voltage equation that are certain."""
+
+    @property
+    def candidates(self) -> tuple[Term, ...]:
+        """Terms that the data decide."""
+
+    @property
+    def hold(self) -> str | None:
+        """Frame in which the voltage of a row is held; None decides from the data."""
+
+
+@dataclass(frozen=True)
+class _DefaultModel:
+    """What is asked for where nothing is said."""
+
+    flux_map: str = "coenergy"
+    terms: tuple[Term, ...] = ()
+    candidates: tuple[Term, ...] = CANDIDATES
+    hold: str | None = None
+
+
 @one_blas_thread
 def check_recordings(
     recordings: Sequence[Experiment],
+    study: AskedModel = _DefaultModel(),  # frozen
     *,
-    flux_map: str = "coenergy",
-    terms: Sequence[Term] = (),
-    candidates: Sequence[Term] = CANDIDATES,
     pole_pairs: int | None = None,
     plate: NamePlate = NO_PLATE,
 ) -> RecordingCheck:
@@ -140,10 +169,8 @@ def check_recordings(
     ----------
     recordings : sequence of Experiment
         As a study file maps them.
-    flux_map : str
-        A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
-    terms, candidates : sequence of Term
-        Of the voltage equation: those that are certain, and those that the data decide.
+    study : AskedModel
+        Flux map, terms and hold; the defaults of a `penode.pmsm.Study` if not given.
     pole_pairs : int, optional
         Of the machine.
     plate : NamePlate
@@ -155,14 +182,16 @@ def check_recordings(
         If a recording cannot be used at all.
     """
     quality = tuple(f for e in recordings for f in inspect(e, _electrical(e)))
-    calibration = _calibration(recordings, terms)
+    calibration = _calibration(recordings, study)
     judged = check_all(recordings, calibration, pole_pairs, plate)
     broken = tuple(b for one in judged for b in one.broken)
     untold = tuple(dict.fromkeys(sentence for one in judged for sentence in one.untold))
     if broken:
         return RecordingCheck(tuple(recordings), quality, broken, untold)
-    drives = tuple(calibration.acting(calibration.applied(e)) for e in _drives(recordings, terms))
-    structure = structure_of(drives, flux_map, terms, candidates)
+    drives = tuple(
+        calibration.acting(calibration.applied(e)) for e in _drives(recordings, study.terms)
+    )
+    structure = structure_of(drives, study.flux_map, study.terms, study.candidates)
     return RecordingCheck(
         tuple(recordings),
         quality,
@@ -170,7 +199,7 @@ def check_recordings(
         untold,
         drives,
         excitation_of(drives),
-        identifiability_of(drives, flux_map, structure.terms),
+        identifiability_of(drives, study.flux_map, structure.terms),
         (*calibration.reasons, *structure.term_reasons, *structure.angle_reasons),
     )
 
@@ -181,13 +210,16 @@ def _drives(recordings: Sequence[Experiment], terms: Sequence[Term]) -> list[Exp
     return drives
 
 
-def _calibration(recordings: Sequence[Experiment], terms: Sequence[Term]) -> Calibration:
+def _calibration(recordings: Sequence[Experiment], study: AskedModel) -> Calibration:
     """Return when the voltage acts; of what cannot be mapped yet a convention is named first."""
+    if study.hold is not None:
+        return Calibration(hold=study.hold)
     try:
-        return calibration_of(_drives(recordings, terms), terms)
+        return calibration_of(_drives(recordings, study.terms), study.terms)
     except InputError:
         return AS_RECORDED
 
 
 def _electrical(experiment: Experiment) -> list[str]:
-    return [n for n in experiment.channels if n.split("_")[0] in _INSPECTED]
+    """Return the voltages and currents; that of the DC link may stand still."""
+    return [n for n in experiment.channels if n.split("_")[0] in _INSPECTED and n != LINK]

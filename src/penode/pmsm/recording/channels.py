@@ -11,15 +11,13 @@ from penode.errors import InputError
 from penode.pmsm.machine.frames import dq_from_abc
 from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.machine.terms import ANGLE, Channel, Term
+from penode.pmsm.recording.stationary_frame import form_of, turns_with_rotor, with_phases
 
 #: Channel -> unit. Currents and voltages are peak values in the amplitude-invariant dq frame.
 CANONICAL = {
     **{"u_d": "V", "u_q": "V", "i_d": "A", "i_q": "A", "omega_el": "rad/s", "theta_el": "rad"},
     **{c.name: c.unit for kind in TERMS.values() for c in kind.channels},
 }
-
-#: The same for phase quantities, which may stand instead of those in dq.
-PHASES = {"u_a": "V", "u_b": "V", "u_c": "V", "i_a": "A", "i_b": "A", "i_c": "A"}
 
 #: Electrical angle turned in one sample beyond which the recording cannot be what it says.
 _LARGEST_TURN = np.pi / 2
@@ -31,13 +29,14 @@ def drive_recording(experiment: Experiment) -> Experiment:
     Parameters
     ----------
     experiment : Experiment
-        Has the dq channels and omega_el; voltages, currents or both may be in phase channels
-        (u_a, u_b, u_c and i_a, i_b, i_c) instead, with theta_el.
+        Has the dq channels and omega_el; voltages, currents or both may be in the stationary
+        frame instead, with theta_el: in phases, in alpha and beta, line to line, as duty cycles
+        (`penode.pmsm.recording.stationary_frame.FORMS`).
 
     Returns
     -------
     Experiment
-        The same recording; phase quantities are transformed to dq, and the speed is the
+        The same recording; what is not in dq is transformed, and the speed is the
         derivative of the angle where it is not recorded.
 
     Raises
@@ -46,9 +45,9 @@ def drive_recording(experiment: Experiment) -> Experiment:
         If a channel is missing, a current never moves, or the machine turns more than a quarter
         electrical turn a sample (a time column in ms, or a speed in rpm).
     """
-    kinds = _kinds_in_phases(experiment.channels)
+    kinds = stationary_kinds(experiment.channels)
     if kinds:
-        experiment = _from_phases(experiment, kinds)
+        experiment = _from_phases(with_phases(experiment), kinds)
     experiment.stack(("i_d", "i_q", "u_d", "u_q", "omega_el"))
     check_excitation(experiment, ("i_d", "i_q", "u_d", "u_q"))
     speed = np.abs(experiment.channels["omega_el"])
@@ -75,10 +74,14 @@ def missing_channels(present: Collection[str]) -> list[str]:
     list of str
         Canonical names; empty where `drive_recording` finds all that it needs.
     """
-    kinds = _kinds_in_phases(present)
-    wanted = [f"{kind}_{axis}" for kind in "ui" for axis in ("abc" if kind in kinds else "dq")]
-    wanted.append("theta_el" if kinds else "omega_el")
+    wanted = [name for kind in "ui" for name in form_of(kind, present)]
+    wanted.append("theta_el" if stationary_kinds(present) else "omega_el")
     return [name for name in wanted if name not in present]
+
+
+def stationary_kinds(present: Collection[str]) -> str:
+    """Return which of u and i are there in the stationary frame alone."""
+    return "".join(k for k in "ui" if not turns_with_rotor(form_of(k, present)))
 
 
 def require_channels(
@@ -122,15 +125,6 @@ def _require(experiment: Experiment, channel: Channel, purpose: str) -> None:
             f"where {channel.meaning} lies between {channel.lowest:g} and {channel.highest:g} "
             f"{channel.unit}; give its column and unit in the study file."
         )
-
-
-def _kinds_in_phases(present: Collection[str]) -> str:
-    """Return which of u and i are there in phase quantities alone."""
-    return "".join(
-        kind
-        for kind in "ui"
-        if f"{kind}_d" not in present and any(f"{kind}_{phase}" in present for phase in "abc")
-    )
 
 
 def _from_phases(experiment: Experiment, kinds: str) -> Experiment:

@@ -1,23 +1,33 @@
 """Which columns of a user's file are the channels of a drive, and in what convention."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.data.load import experiment_of, read
 from penode.data.mapping import Origin
-from penode.data.table import TIME, list_names
+from penode.data.table import TIME, Table, list_names
+from penode.data.units import unit_name
 from penode.errors import InputError
-from penode.pmsm.recording.channels import CANONICAL, PHASES, missing_channels
+from penode.pmsm.recording.channels import CANONICAL, missing_channels
+from penode.pmsm.recording.stationary_frame import LINK, STATIONARY
 
 #: Channel of a recorded file -> SI unit, the time included.
-RECORDED = {TIME: "s", **CANONICAL, **PHASES}
+RECORDED = {TIME: "s", **CANONICAL, **STATIONARY}
+
+#: SI unit of the channels that may be recorded per unit -> entry that says what 1 is.
+BASES = {"V": "u_base", "A": "i_base", "rad/s": "omega_base"}
 
 #: Channels that may be given as rms values, and those that may be given of the shaft.
 IN_RMS = ("u_d", "u_q", "i_d", "i_q")
 OF_SHAFT = ("omega_el", "theta_el")
+
+#: Units of a column that is a fraction of something.
+FRACTIONS = ("1", "%")
 
 
 @dataclass(frozen=True)
@@ -52,16 +62,21 @@ class DriveMapping:
     resample : bool
         Put channels of different sampling times onto one clock; see
         `penode.data.mapping.map_channels`.
+    constants : mapping of str to float
+        ``u_dc`` in V where no channel holds it, and what 1 is in V, A and rad/s of channels that
+        were recorded per unit: values of `BASES`.
 
     Raises
     ------
     InputError
-        If a channel cannot be rms or mechanical, or pole_pairs is needed and missing.
+        If a channel cannot be rms or mechanical, pole_pairs is needed and missing, or u_dc is both
+        a constant and a channel.
     """
 
     channels: Mapping[str, DriveOrigin] = field(default_factory=dict)
     pole_pairs: int | None = None
     resample: bool = False
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, channel in self.channels.items():
@@ -79,6 +94,11 @@ class DriveMapping:
                     f"{name} is mechanical and pole_pairs is missing; add pole_pairs of the "
                     "machine, as a whole number."
                 )
+
+        if LINK in self.constants and LINK in self.channels:
+            raise InputError(
+                f"{LINK} = {self.constants[LINK]:g} came beside a channel {LINK}; remove one."
+            )
 
     def load(self, path: str | Path) -> Experiment:
         """Load a recording into the channels of `RECORDED`.
@@ -102,7 +122,17 @@ class DriveMapping:
         origins = {name: channel.origin for name, channel in self.channels.items()}
         if not self.channels:
             origins = {n: Origin(n, si) for n, si in RECORDED.items() if n in table.columns}
-        missing = missing_channels(origins)
+        constant = {n: v for n, v in self.constants.items() if n == LINK and n not in origins}
+        self._require(path, table, {*origins, *constant})
+        origins = {n: self._in_base(str(path), table, n, o) for n, o in origins.items()}
+        run = experiment_of(table, source, origins, self.resample)
+        channels = {name: values * self._factor(name) for name, values in run.channels.items()}
+        channels |= {name: np.full(len(run), value) for name, value in constant.items()}
+        return replace(run, channels=channels)
+
+    def _require(self, path: str | Path, table: Table, present: Collection[str]) -> None:
+        """Refuse a file from which no drive recording can be made."""
+        missing = missing_channels(present)
         if missing and not self.channels:
             raise InputError(
                 f"{path}: no column {', '.join(missing)}; the columns are "
@@ -114,14 +144,32 @@ class DriveMapping:
                 f"{path}: the study file maps no channel {', '.join(missing)}; name its column "
                 "in [channels]."
             )
-        run = experiment_of(table, source, origins, self.resample)
-        channels = {name: values * self._factor(name) for name, values in run.channels.items()}
-        return replace(run, channels=channels)
+
+    def _in_base(self, file: str, table: Table, name: str, origin: Origin) -> Origin:
+        """Return an origin that gives fractions of the base where there is a base."""
+        base = BASES.get(origin.si)
+        given = origin.unit or table.units.get(origin.column, "")
+        fraction = unit_name(given) in FRACTIONS
+        if base is None or origin.times:
+            return origin
+        if base in self.constants and given and not fraction:
+            raise InputError(
+                f"{file}: channel {name}: unit {given!r} came for column {origin.column} beside "
+                f'{base}; remove {base}, or give unit = "1" for a column per unit.'
+            )
+        if base in self.constants:
+            return replace(origin, si="1")
+        if fraction:
+            raise InputError(
+                f"{file}: channel {name}: column {origin.column} is per unit ({given}) and {base} "
+                f"is missing; give {base}, what 1 is in {origin.si}, in the study file."
+            )
+        return origin
 
     def _factor(self, name: str) -> float:
-        channel = self.channels.get(name)
-        if channel is None:
-            return 1.0
+        channel = self.channels.get(name, DriveOrigin(Origin(name)))
+        base = "" if channel.origin.times else BASES.get(RECORDED[name], "")
+        factor = self.constants.get(base, 1.0)
         if channel.mechanical and self.pole_pairs is not None:
-            return float(self.pole_pairs)
-        return math.sqrt(2.0) if channel.rms else 1.0
+            factor *= self.pole_pairs
+        return factor * math.sqrt(2.0) if channel.rms else factor

@@ -8,41 +8,23 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.data.table import TIME, Table
 from penode.data.units import UNITS, unit_name
-from penode.pmsm.recording.channels import missing_channels
+from penode.pmsm.recording.channel_guess import ChannelGuess
+from penode.pmsm.recording.channels import missing_channels, stationary_kinds
 from penode.pmsm.recording.drive_mapping import OF_SHAFT, RECORDED
 from penode.pmsm.recording.guess_motion import Turning, electrical_turns, motion_of
 from penode.pmsm.recording.guess_names import NameHint, read_name
+from penode.pmsm.recording.guess_scale import with_duty_range, with_fractions
+from penode.pmsm.recording.stationary_frame import FORMS, LINK, form_of, phases_of
 
 _SPEED, _ANGLE = "omega_el", "theta_el"
+# First letters of what a controller asks for: voltages and duty cycles.
+_COMMANDED = "ud"
+# Currents in the order in which the file's times are taken from them.
+_CURRENTS = ("i_q", "i_a", "i_b", "i_alpha")
 # Units of time, and the sampling step up to which a drive's times are taken for it.
 _TIME_UNITS = {"s": 5e-3, "ms": 5.0, "us": 5e3, "ns": np.inf}
 # Units of an angle, and the range that it then covers at most: it starts again after a turn.
 _ANGLE_UNITS = {"turn": 1.0005, "rad": 2.001 * np.pi, "deg": 360.5}
-
-
-@dataclass(frozen=True)
-class ChannelGuess:
-    """Where one channel probably comes from.
-
-    Attributes
-    ----------
-    column : str
-        Column of the file.
-    unit : str
-        Key of `penode.data.units.UNITS`.
-    reasons : tuple of str
-        Why, a clause each.
-    sign : {1, -1}
-        -1 where the column counts backwards.
-    mechanical : bool
-        The column belongs to the shaft.
-    """
-
-    column: str
-    unit: str
-    reasons: tuple[str, ...]
-    sign: int = 1
-    mechanical: bool = False
 
 
 @dataclass(frozen=True)
@@ -61,6 +43,8 @@ class StudyGuess:
         None where the recording does not show it.
     resample : bool
         The channels have different sampling times.
+    bases : tuple of str
+        Entries that are needed for what is recorded per unit.
     """
 
     channels: Mapping[str, ChannelGuess]
@@ -68,6 +52,7 @@ class StudyGuess:
     unused: tuple[str, ...]
     pole_pairs: int | None
     resample: bool
+    bases: tuple[str, ...] = ()
 
     @property
     def lacks_pole_pairs(self) -> bool:
@@ -92,7 +77,9 @@ def guess_study(table: Table) -> StudyGuess:
     channels = {name: _from_name(table, name, pick) for name, pick in picks.items()}
     if TIME in channels:
         channels[TIME] = _in_likely_time_unit(table, channels[TIME])
+    channels |= {n: with_duty_range(table, g) for n, g in channels.items() if n[:5] == "duty_"}
     pole_pairs = _decide_motion(table, picks, channels)
+    channels, bases = with_fractions(table, channels)
     used = {guess.column for guess in channels.values()} | set(table.clocks.values())
     measured = [guess.column for name, guess in channels.items() if name != TIME]
     clocks = {table.clocks.get(column) for column in measured}
@@ -102,6 +89,7 @@ def guess_study(table: Table) -> StudyGuess:
         tuple(column for column in table.columns if column not in used),
         pole_pairs,
         len(clocks) > 1 and len({_times_key(table, clock) for clock in clocks}) > 1,
+        bases,
     )
 
 
@@ -140,28 +128,25 @@ def _may_be(table: Table, column: str, hint: NameHint) -> bool:
     given = unit_name(table.units.get(column, ""))
     if given is not None and UNITS[given].si not in (RECORDED[hint.channel], "1"):
         return False
-    return hint.channel[0] == "u" or not hint.asked_for
+    return hint.channel[0] in _COMMANDED or not hint.asked_for
 
 
 def _unlikeliness(pick: _Pick) -> tuple[bool, bool]:
     """Order candidates: our own name first; a voltage asked for before one measured."""
-    is_voltage = pick.hint.channel[0] == "u"
-    return pick.column != pick.hint.channel, is_voltage and not pick.hint.asked_for
+    commanded = pick.hint.channel[0] in _COMMANDED and pick.hint.channel != LINK
+    return pick.column != pick.hint.channel, commanded and not pick.hint.asked_for
 
 
 def _one_frame(picks: dict[str, _Pick]) -> dict[str, _Pick]:
-    """Leave phase quantities out where the dq quantities are there, or what is left of those."""
-    left_out: set[str] = set()
-    for kind in "ui":
-        dq, phases = {f"{kind}_d", f"{kind}_q"}, {f"{kind}_{phase}" for phase in "abc"}
-        in_phases = phases <= set(picks) or not dq & set(picks)
-        left_out |= dq if in_phases and not dq <= set(picks) else phases
-    return {name: pick for name, pick in picks.items() if name not in left_out}
+    """Leave one form of the voltages, and one of the currents."""
+    kept = {name for kind in FORMS for name in form_of(kind, picks)}
+    others = {name for forms in FORMS.values() for form in forms for name in form} - kept
+    return {name: pick for name, pick in picks.items() if name not in others}
 
 
 def _with_clock(table: Table, picks: dict[str, _Pick]) -> dict[str, _Pick]:
     """Take the times that the file ties to a current, if it does."""
-    current = next((picks[name] for name in ("i_q", "i_a") if name in picks), None)
+    current = next((picks[name] for name in _CURRENTS if name in picks), None)
     clock = None if current is None else table.clocks.get(current.column)
     if clock is None:
         return picks
@@ -215,7 +200,7 @@ def _decide_motion(
         why = "so that its slope is the speed" if motion.agrees else usual
         if turns is not None:
             why += " and the dq quantities have a mean"
-        if {"u_a", "i_a"} & set(channels):
+        if stationary_kinds(channels):
             why += "; zero where the d axis is that of phase a, as no file shows it"
         decided = (motion.angle_unit, motion.angle_side, motion.angle_sign)
         channels[_ANGLE] = _decided(channels[_ANGLE], *decided, why)
@@ -266,11 +251,12 @@ def _angle_units(values: FloatArray) -> tuple[str, ...]:
 
 def _turns(table: Table, angle: Turning, channels: Mapping[str, ChannelGuess]) -> int | None:
     """Return the electrical turns in one of the angle, where phase currents show it."""
-    kinds = []
-    for kind in "ui" if len(angle.values) else "":
-        names = [f"{kind}_{phase}" for phase in "abc"]
-        phases = [table.columns[channels[name].column] for name in names if name in channels]
-        if len(phases) == 3 and {len(values) for values in phases} == {len(angle.values)}:
-            kinds.append(np.stack(phases, axis=1))
+    columns = {
+        name: guess.sign * table.columns[guess.column]
+        for name, guess in channels.items()
+        if len(table.columns[guess.column]) == len(angle.values) > 0
+    }
+    found = (phases_of(kind, columns) for kind in "ui")
+    kinds = [phases for phases in found if phases is not None]
     theta = UNITS[angle.units[0]].to_si(angle.values)
     return electrical_turns(kinds, theta) if kinds else None

@@ -1,7 +1,8 @@
 """What the name of a column says: quantity, axis, unit, shaft or electrical, measured or asked for.
 
 English and German names are read, such as ``id_A``, ``Iq_meas``, ``ud_ref``, ``Strom_d``,
-``Spannung q``, ``n_mech``, ``Drehzahl [1/min]``, ``omegaEl``, ``theta``, ``i_U``.
+``Spannung q``, ``n_mech``, ``Drehzahl [1/min]``, ``omegaEl``, ``theta``, ``i_U``, ``u_alpha``,
+``V_UV``, ``duty_a``, ``Udc``.
 """
 
 import re
@@ -9,17 +10,19 @@ from dataclasses import dataclass
 
 from penode.data.units import unit_name
 
-_CURRENT, _VOLTAGE, _SPEED, _ANGLE = "i", "u", "omega_el", "theta_el"
+_CURRENT, _VOLTAGE, _DUTY, _SPEED, _ANGLE = "i", "u", "duty", "omega_el", "theta_el"
 # Whole words, and parts of words that are long enough not to be something else.
 _WORDS = {
     _CURRENT: {"i", "is", "curr", "amps"},
     _VOLTAGE: {"u", "v", "us", "vs", "volt"},
+    _DUTY: {"pwm", "mod"},
     _SPEED: {"n", "w", "om", "rpm", "nmech", "nm", "wm", "wmech", "wel", "we", "omegae"},
     _ANGLE: {"pos", "phi", "gamma", "eps", "epsilon", "rho", "th", "thetae"},
 }
 _PARTS = {
     _CURRENT: ("strom", "current"),
     _VOLTAGE: ("spannung", "voltage"),
+    _DUTY: ("duty", "tastgrad", "tastverh", "aussteuer", "modulation"),
     _SPEED: ("drehzahl", "speed", "omega", "velocity", "frequency"),
     _ANGLE: ("theta", "winkel", "angle", "position", "lage"),
 }
@@ -27,15 +30,21 @@ _TIME = {"t", "time", "zeit", "times", "timestamp", "stamp"}
 _AXES = {
     **{axis: axis for axis in "dqabc"},
     **{"sd": "d", "sq": "q", "u": "a", "v": "b", "w": "c", "1": "a", "2": "b", "3": "c"},
+    **{"alpha": "alpha", "al": "alpha", "beta": "beta", "be": "beta"},
+    **{"ab": "ab", "bc": "bc", "ca": "ca", "uv": "ab", "vw": "bc", "wu": "ca"},
 }
-_JOINED = re.compile(r"(i|is|u|us|v|vs)([dqabcuvw]|s[dq])")
+_LINES = {"ab", "bc", "ca"}
+# Words of the DC link, in the name of a voltage.
+_LINK_WORDS = {"dc", "zk", "bus", "link", "udc", "vdc", "uzk", "vbus", "ubus"}
+_JOINED = re.compile(r"(i|is|u|us|v|vs)([dqabcuvw]|s[dq]|alpha|beta|ab|bc|ca|uv|vw|wu)")
+_LONE_DUTY = re.compile(r"d [abc123]")
 _SIDES = {
     "mechanical": ("mech", "shaft", "welle", "nmech", "nm", "wm", "wmech", "m"),
     "electrical": ("el", "elec", "elek", "electric", "wel", "we", "omegae", "thetae", "e"),
 }
 _ASKED = {"ref", "soll", "set", "cmd", "command", "target", "setpoint", "desired", "des", "star"}
 _OTHER = ("temp", "torque", "moment", "power", "leistung", "limit", "error", "fault", "status")
-_OTHER_WORDS = {"max", "min", "flag", "dc", "udc", "idc", "vdc", "alpha", "beta", "rms", "eff"}
+_OTHER_WORDS = {"max", "min", "flag", "idc", "rms", "eff"}
 
 # Splits camel case and digits: IqMeas, omegaEl, I1, IDRef.
 _TOKEN = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöü]+|\d+")
@@ -104,17 +113,41 @@ def _channel(tokens: list[str]) -> str | None:
         return None
     if set(tokens) <= _TIME:
         return "t"
+    if _LONE_DUTY.fullmatch(" ".join(tokens)):
+        return _with_axis(_DUTY, tokens[1:])
+    if _LINK_WORDS & set(tokens) or any("zwischenkreis" in token for token in tokens):
+        return _of_link(tokens)
+    return _with_quantity(tokens)
+
+
+def _with_quantity(tokens: list[str]) -> str | None:
+    """Return the channel of the first quantity that is named."""
     for place, token in enumerate(tokens):
         joined = _JOINED.fullmatch(token)
         if joined:
-            return f"{_CURRENT if joined[1][0] == 'i' else _VOLTAGE}_{_AXES[joined[2]]}"
+            return _with_axis(_CURRENT if joined[1][0] == "i" else _VOLTAGE, [joined[2]])
         quantity = _quantity(token)
-        if quantity in (_CURRENT, _VOLTAGE):
-            axes = [_AXES[t] for t in (*tokens[place + 1 :], *tokens[:place]) if t in _AXES]
-            return f"{quantity}_{axes[0]}" if axes else None
+        if quantity in (_CURRENT, _VOLTAGE, _DUTY):
+            return _with_axis(quantity, [*tokens[place + 1 :], *tokens[:place]])
         if quantity:
             return quantity
     return None
+
+
+def _with_axis(quantity: str, tokens: list[str]) -> str | None:
+    """Return the channel of a quantity along the first axis that is named, if it has that axis."""
+    axis = next((_AXES[token] for token in tokens if token in _AXES), None)
+    allowed = axis is not None and (quantity, axis in _LINES) != (_CURRENT, True)
+    if quantity == _DUTY:
+        allowed = axis in ("a", "b", "c")
+    return f"{quantity}_{axis}" if allowed else None
+
+
+def _of_link(tokens: list[str]) -> str | None:
+    """Return the channel of the DC link where it is its voltage."""
+    joined = _LINK_WORDS - {"dc", "zk", "bus", "link"}
+    voltage = any(_quantity(token) == _VOLTAGE for token in tokens) or joined & set(tokens)
+    return "u_dc" if voltage else None
 
 
 def _quantity(token: str) -> str | None:

@@ -4,8 +4,10 @@ import json
 from dataclasses import fields
 
 from penode.pmsm.recording.accuracy import Accuracy
-from penode.pmsm.recording.drive_mapping import IN_RMS, RECORDED
-from penode.pmsm.recording.guess import ChannelGuess, StudyGuess
+from penode.pmsm.recording.channel_guess import ChannelGuess
+from penode.pmsm.recording.drive_mapping import BASES, IN_RMS, RECORDED
+from penode.pmsm.recording.guess import StudyGuess
+from penode.pmsm.recording.stationary_frame import LINK
 
 _HEAD = """\
 # Study file, begun by penode init from {recording}. Use it with
@@ -51,6 +53,11 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
             "# guess: linear interpolation will do; the channels have different sampling times.\n"
             'resample = "linear"\n'
         )
+    parts += [_base(name, unit) for unit, name in BASES.items() if name in guess.bases]
+    if LINK in guess.missing:
+        parts.append(
+            f"# not found, and needed, as a column or as a number: {LINK} in V.\n# {LINK} =\n"
+        )
     parts.append("\n[channels]\n")
     parts += [_channel(name, channel) for name, channel in guess.channels.items()]
     for name in guess.missing:
@@ -77,8 +84,16 @@ def _pole_pairs(guess: StudyGuess) -> str:
     return ""
 
 
+def _base(name: str, unit: str) -> str:
+    return (
+        f"# not found, and needed: {name}, what 1 is in {unit} of a column per unit.\n# {name} =\n"
+    )
+
+
 def _channel(name: str, guess: ChannelGuess) -> str:
     entries = [f"column = {_quoted(guess.column)}", f"unit = {_quoted(guess.unit)}"]
+    if guess.scale != 1.0:
+        entries.append(f"scale = {guess.scale:g}")
     if guess.sign < 0:
         entries.append("sign = -1")
     if guess.mechanical:

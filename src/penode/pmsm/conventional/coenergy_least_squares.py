@@ -1,0 +1,151 @@
+"""Linear least squares of the voltage equation over short windows, with a polynomial coenergy.
+
+With a flux map that is linear in its coefficients the voltage equation d psi/dt = u - R i - J omega
+psi is linear in R and these. Multiplied by a Hann window and integrated by parts over two periods
+of the sixth harmonic (`penode.training.weak_form`) it needs no derivative of a measurement, and
+what slotting and dead time add to all orders that the window nulls leaves R and the map alone. The
+coenergy makes the map reciprocal, which is what separates R from it at one speed. Nothing is
+trained: this is what a trained map has to be better than.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from penode.data.experiment import Experiment
+from penode.errors import InputError
+from penode.fit.fit import Estimate, Fit
+from penode.horizon.ladder import Observer, ignore_events
+from penode.pmsm.balance.calibration import Calibration
+from penode.pmsm.balance.equations import balance_equations
+from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.conventional.linear_fit import LinearFit, largest_current
+from penode.pmsm.conventional.linear_maps import LinearMap, coenergy_polynomial
+from penode.pmsm.machine.holds import check_hold
+from penode.pmsm.machine.space_vectors import CURRENTS
+from penode.pmsm.machine.term_registry import completed
+from penode.pmsm.machine.terms import DeadTime, Term
+from penode.pmsm.recording.channels import drive_recording, require_channels
+from penode.training.weak_form import WeakRegression, join
+
+_REASON = "Linear least squares over short windows predicts nothing, so there is no horizon."
+
+
+@dataclass(frozen=True)
+class CoenergyLeastSquares:
+    """Least squares of the voltage equation over short windows.
+
+    Attributes
+    ----------
+    degree : int
+        Of the polynomial coenergy.
+    mirrored : bool
+        Whether the machine is symmetric about its d axis, so that the coenergy is even in i_q.
+    inverter : bool
+        Whether the dead-time voltage is identified too; the recordings then need theta_el.
+    hold : str
+        Frame in which the voltage is held: ``"dq"`` or ``"stationary"``.
+
+    Raises
+    ------
+    InputError
+        If the degree is below 2 or the hold unknown.
+    """
+
+    degree: int = 8
+    mirrored: bool = True
+    inverter: bool = False
+    hold: str = "dq"
+
+    def __post_init__(self) -> None:
+        check_hold(self.hold)
+        coenergy_polynomial(self.degree, self.mirrored)
+
+    def identify(
+        self,
+        experiments: Sequence[Experiment],
+        validation: Sequence[Experiment] = (),
+        observer: Observer = ignore_events,
+    ) -> Fit:
+        """Return resistance and map; see `penode.pmsm.conventional.method.Method`.
+
+        Raises
+        ------
+        InputError
+            If a recording cannot be used, or has fewer equations than there are unknowns.
+        """
+        if not experiments:
+            raise InputError("no recording came; give at least one.")
+        runs = [drive_recording(e) for e in experiments]
+        return self.solved(runs).to_fit(runs, [drive_recording(e) for e in validation])
+
+    def solved(self, runs: Sequence[Experiment]) -> LinearFit:
+        """Return resistance and map before anything is predicted.
+
+        Parameters
+        ----------
+        runs : sequence of Experiment
+            With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
+
+        Raises
+        ------
+        InputError
+            As in `identify`.
+        """
+        scale, basis = largest_current(runs), coenergy_polynomial(self.degree, self.mirrored)
+        dead_time = (DeadTime().prepared(scale),) if self.inverter else ()
+        require_channels(runs, dead_time)
+        acting = [Calibration(hold=self.hold).acting(e) for e in runs]
+        equations = join([coenergy_equations(e, basis, scale, dead_time) for e in acting])
+        rows, unknowns = equations.matrix.shape
+        if rows < unknowns:
+            raise InputError(
+                f"{runs[0].name}: {rows} equations came for {unknowns} unknowns; record for "
+                f"longer, or use a coenergy of a smaller degree than {self.degree}."
+            )
+        solution = equations.solve()
+        first = 1 + len(dead_time)
+        return LinearFit(
+            method="least squares of a polynomial coenergy",
+            network=basis.weighted(solution[first:]),
+            current_scale=scale,
+            resistance=float(solution[0]),
+            deviation=equations.deviation(0),
+            identifiability=equations.independence(0),
+            reason=_REASON,
+            hold=self.hold,
+            terms=tuple(replace(t, dead_time_voltage=solution[1]) for t in dead_time),
+            beside=_dead_time(equations, float(solution[1])) if dead_time else {},
+        )
+
+
+def coenergy_equations(
+    experiment: Experiment, basis: LinearMap, scale: float, terms: Sequence[Term] = ()
+) -> WeakRegression:
+    """Return the voltage equation over short windows, linear in R and the map's coefficients.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With i_d, i_q (A), omega_el (rad/s), the channels of the terms, and u_d, u_q (V), the mean
+        voltages of each sample in the rotor frame.
+    basis : LinearMap
+        The map, with `scale` in A for one unit of its inputs.
+    scale : float
+        A.
+    terms : sequence of Term
+        Beside resistance and rotation, prepared.
+
+    Returns
+    -------
+    WeakRegression
+        Two rows a window, d and q in Vs; columns R in ohm, the terms' physical parameters in SI
+        units, then the coefficients in Vs.
+    """
+    columns = basis.columns(experiment.stack(CURRENTS) / scale)
+    return balance_equations(experiment, completed(terms), columns, harmonic_window(experiment))
+
+
+def _dead_time(equations: WeakRegression, value: float) -> dict[str, Estimate]:
+    meaning = "dead-time voltage of a phase"
+    deviation, share = equations.deviation(1), equations.independence(1)
+    return {"dead_time_voltage": Estimate.of(value, deviation, "V", share, meaning)}
