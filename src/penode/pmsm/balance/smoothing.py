@@ -39,16 +39,21 @@ class Roughness:
         S, positive semidefinite.
     rank : int
         Of S.
+    volume : float
+        Log of the product of its eigenvalues that are not zero.
     """
 
     first: int
     matrix: FloatArray
     rank: int
+    volume: float
 
     @classmethod
     def of(cls, first: int, matrix: FloatArray) -> "Roughness":
-        """Return the penalty with the rank of its matrix."""
-        return cls(first, matrix, int(np.linalg.matrix_rank(matrix, hermitian=True)))
+        """Return the penalty with rank and volume of its matrix."""
+        eigenvalues = np.linalg.eigvalsh(matrix)
+        kept = eigenvalues[eigenvalues > len(matrix) * np.finfo(float).eps * eigenvalues[-1]]
+        return cls(first, matrix, len(kept), float(np.sum(np.log(kept))))
 
     @property
     def place(self) -> slice:
@@ -70,7 +75,8 @@ class Smoothed:
     prior_variance : ndarray, shape (penalty,)
         Variance of a coefficient along the eigenvectors of S, over its eigenvalue.
     evidence : float
-        -2 log restricted likelihood, up to a constant: smaller is better.
+        -2 log restricted likelihood: smaller is better. It compares models that differ in what is
+        penalised; those that differ in what is not it does not.
     """
 
     solution: FloatArray
@@ -209,7 +215,6 @@ class _Normal:
         left = max(self.energy - float(self.right @ solution), 1e-14 * self.energy) / _OVERLAP
         rank = sum(penalty.rank for penalty in self.penalties)
         free = max(self.count - (len(self.right) - rank), 1.0)
-        prior = sum(
-            p.rank * np.log(10.0) * log for p, log in zip(self.penalties, logs, strict=True)
-        )
+        strengths = np.log(self.balance) + np.log(10.0) * logs
+        prior = sum(p.rank * s + p.volume for p, s in zip(self.penalties, strengths, strict=True))
         return free * np.log(left / free) + volume - float(prior), solution, _OVERLAP * left / free

@@ -34,6 +34,9 @@ from penode.training.penalties import GaussianPrior
 from penode.training.weak_form import WeakRegression, join
 from penode.validation.free_run import look_ahead
 
+#: Derivatives that are held down. All of those of the odd part are: it vanishes where nothing shows
+#: it, so that the likelihoods of a map with and without it compare.
+_ORDERS = {True: (3,), False: (1, 2, 3)}
 #: Gain of -2 log likelihood from which the mean map is not taken for mirror symmetric.
 _ASYMMETRIC = 20.0
 #: Points at which the differential inductance is taken for the weight of the prior in training.
@@ -134,7 +137,7 @@ class _Setting:
         """Return physical parameters and mean map of the parts that come first in equations."""
         first, penalties = len(physical_values(self.terms)), []
         for part in parts:
-            penalties.append(Roughness.of(first, roughness(part)))
+            penalties.append(Roughness.of(first, roughness(part, _ORDERS[part.even])))
             first += part.coefficients.size
         equations = WeakRegression(whole.matrix[:, :first], whole.target)
         return _Mean(equations, tuple(penalties), smoothed(equations, penalties))

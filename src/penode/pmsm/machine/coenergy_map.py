@@ -1,6 +1,7 @@
 """The flux map that is linear in what it learns: gradient of a coenergy of tensor splines."""
 
 import functools
+import math
 import operator
 from dataclasses import replace
 from typing import ClassVar
@@ -175,10 +176,16 @@ def columns(part: CoenergyPart, points: FloatArray) -> tuple[FloatArray, FloatAr
     return gradient, np.stack([product(2, 0), product(1, 1), product(0, 2)], axis=1)
 
 
-def roughness(part: CoenergyPart) -> FloatArray:
-    """Return the matrix of the integral of all squared third derivatives, for one table of a part.
+def roughness(part: CoenergyPart, orders: tuple[int, ...] = (3,)) -> FloatArray:
+    """Return the matrix of the integral of all squared derivatives of some orders, for one table.
 
-    It is zero for a quadratic coenergy, the linear machine.
+    That of the third alone is zero for a quadratic coenergy, the linear machine.
+
+    Parameters
+    ----------
+    part : CoenergyPart
+    orders : tuple of int
+        Of differentiation, 0 to 3.
 
     Returns
     -------
@@ -191,5 +198,7 @@ def roughness(part: CoenergyPart) -> FloatArray:
         every = splines if fold is None else np.asarray(folded(splines, fold))
         grams.append([np.einsum("ip,jp,p->ij", one, one, weights) for one in every])
     along_d, along_q = grams
-    binomial = (1.0, 3.0, 3.0, 1.0)
-    return np.asarray(sum(b * np.kron(along_d[m], along_q[3 - m]) for m, b in enumerate(binomial)))
+    parts = [
+        math.comb(n, m) * np.kron(along_d[m], along_q[n - m]) for n in orders for m in range(n + 1)
+    ]
+    return np.asarray(sum(parts))
