@@ -49,6 +49,10 @@ def test_pipes_and_devices_are_refused_before_they_are_opened(tmp_path, suffix):
         assert "pipe or a device" in refusal(read, path)
 
 
+def test_a_name_that_the_system_refuses_is_refused(tmp_path):
+    assert "cannot be read (File name too long)" in refusal(read, tmp_path / f"{'x' * 5000}.csv")
+
+
 def test_a_link_to_a_file_is_a_file(tmp_path):
     (tmp_path / "file.csv").write_bytes(CSV)
     (tmp_path / "run.csv").symlink_to(tmp_path / "file.csv")
@@ -227,7 +231,17 @@ def test_groups_that_hold_each_other_are_refused(decode):
         group = file.create_group("a")
         group["a"] = group
 
-    assert "damaged" in refusal(decode, "mat", "run.mat", hdf5(build))
+    assert "(RecursionError)" in refusal(decode, "mat", "run.mat", hdf5(build))
+
+
+def test_groups_within_groups_by_many_ways_are_refused(decode):
+    def build(file):
+        for _ in range(14):
+            file["b"] = inner = file.create_group("a")
+            file = inner
+        file["x"] = X
+
+    assert "(RecursionError)" in refusal(decode, "mat", "run.mat", hdf5(build))
 
 
 def test_complex_vectors_and_structs_within_structs(decode):

@@ -141,6 +141,15 @@ def test_a_child_that_waits_for_ever_is_ended(tmp_path, child_does, monkeypatch)
     assert time.monotonic() - begin < 10
 
 
+def test_what_a_library_prints_is_no_answer(tmp_path, monkeypatch):
+    (tmp_path / "nptdms.py").write_text(
+        "print('{}', flush=True); raise ValueError('of the library')"
+    )
+    (tmp_path / "run.tdms").write_bytes(b"TDSm")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert "(ValueError)" in refusal(tmp_path / "run.tdms")
+
+
 def test_what_a_library_prints_is_not_seen(tmp_path, capfd):
     refusal(crashing(tmp_path))
     read(mat_file(tmp_path))

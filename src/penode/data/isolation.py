@@ -42,7 +42,7 @@ _LIBRARIES = {
 _MEMORY = 3 << 29
 _MEMORY_PER_BYTE = 8
 #: Seconds of computing that a file may take, and those for each of its bytes.
-_SECONDS = 4
+_SECONDS = 3
 _SECONDS_PER_BYTE = 1e-6
 #: Seconds by the clock for each of computing: the machine has other things to do.
 _WAIT = 6

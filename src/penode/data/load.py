@@ -81,8 +81,8 @@ def read(path: str | os.PathLike[str]) -> tuple[Table, Source]:
         reads its kind is not installed.
     """
     file = str(path)
-    reader = _reader_for(Path(path), file)
     try:
+        reader = _reader_for(Path(path), file)
         with Content(file) as content:
             table = reader(content)
             return table, Source(path=file, sha256=content.sha256)

@@ -11,7 +11,7 @@ import numpy as np
 from penode.errors import InputError
 
 # Beyond so many objects, or groups within each other, a file is no recording.
-_OBJECTS = 100_000
+_OBJECTS = 10_000
 _DEPTH = 32
 # Beyond so many letters or references a dataset is no label and no list of signals.
 _LIST = 1000

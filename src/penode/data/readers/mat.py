@@ -85,7 +85,8 @@ def _variables(file: str, content: bytes) -> dict[str, _Variable]:
 
 def _put(file: str, table: Table, vectors: dict[str, Column], clock: str | None) -> None:
     """Add columns to the table, refusing a name that is there."""
-    clean_names(file, [*table.columns, *vectors])
+    twice = [name for name in vectors if name in table.columns]
+    clean_names(file, [*vectors, *twice])
     table.columns.update(vectors)
     if clock is not None:
         table.clocks.update(dict.fromkeys(vectors, clock))
