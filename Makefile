@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: demo test check format bench validate setup clean
+.PHONY: demo test check format bench validate fuzz setup clean
 
 setup: $(STAMP)
 
@@ -39,6 +39,10 @@ validate: $(STAMP)
 	$(BIN)/python -m validate.conventions
 	$(BIN)/python -m validate.imperfections
 	$(BIN)/python -m validate.aliasing
+	$(BIN)/python -m fuzz.readers --seconds 300
+
+fuzz: $(STAMP)
+	$(BIN)/python -m fuzz.readers --seconds 3600
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

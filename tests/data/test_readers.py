@@ -16,6 +16,7 @@ from scipy.io import savemat
 
 from penode.data import load
 from penode.data.load import read
+from penode.data.readers import mdf, tdms
 from penode.errors import InputError
 
 TIME = np.arange(12) * 1e-3
@@ -103,9 +104,10 @@ def test_vectors_structs_and_matrices(tmp_path):
     log = {"time": TIME, "x": X, "gain": 3.0, "deep": {"y": X}, "name": "motor"}
     savemat(path, {"log": log, "abc": np.stack([X, 2 * X, 3 * X], axis=1), "n": np.arange(12)})
     table, _ = read(path)
-    assert list(table.columns) == ["log.time", "log.x", "abc_1", "abc_2", "abc_3", "n"]
+    inside = ["log.time", "log.x", "log.deep.y"]
+    assert list(table.columns) == [*inside, "abc_1", "abc_2", "abc_3", "n"]
     np.testing.assert_array_equal(table.columns["abc_2"], 2 * X)
-    assert table.clocks == {"log.time": "log.time", "log.x": "log.time"}
+    assert table.clocks == dict.fromkeys(inside, "log.time")
     assert {values.dtype for values in table.columns.values()} == {np.dtype(np.float64)}
 
 
@@ -205,26 +207,27 @@ def test_tdms_waveforms_and_groups_with_a_time_channel(tmp_path):
     np.testing.assert_allclose(table.columns["t_2"], TIME + 2e-3, rtol=1e-12)
 
 
-@pytest.mark.parametrize(("suffix", "library"), [("mf4", "asammdf"), ("tdms", "nptdms")])
-def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, suffix, library):
-    path = tmp_path / f"run.{suffix}"
-    path.write_bytes(b"MDF     4.10    " if suffix == "mf4" else b"TDSm")
+@pytest.mark.parametrize(
+    ("reader", "library", "start"),
+    [(mdf, "asammdf", b"MDF     4.10    "), (tdms, "nptdms", b"TDSm")],
+)
+def test_a_missing_library_is_named_with_its_extra(monkeypatch, reader, library, start):
     monkeypatch.setitem(sys.modules, library, None)
-    extra = {"mf4": "mdf", "tdms": "tdms"}[suffix]
-    assert f"pip install 'penode[{extra}]'" in refusal(path)
+    extra = reader.__name__.rpartition(".")[2]
+    with pytest.raises(InputError, match=rf"pip install 'penode\[{extra}\]'"):
+        reader.read("run.mf4", start)
 
 
 @pytest.mark.parametrize("suffix", ["mat", "mf4", "tdms"])
-def test_other_content_is_refused(tmp_path, suffix):
-    path = tmp_path / f"run.{suffix}"
-    path.write_text("t,x\n0,1\n")
-    assert "MATLAB" in refusal(path) or suffix.replace("mf4", "mdf").upper() in refusal(path)
-    path.write_bytes(b"")
-    refusal(path)
+def test_other_content_is_refused(decode, suffix):
+    reader = suffix.replace("mf4", "mdf")
+    for content in (b"t,x\n0,1\n", b""):
+        with pytest.raises(InputError, match=f"^run: .*(MATLAB|{reader.upper()})"):
+            decode(reader, "run", content)
 
 
 @pytest.mark.parametrize("suffix", ["mat", "hdf5", "mf4", "tdms"])
-def test_a_file_cut_short_never_crashes(tmp_path, suffix):
+def test_a_file_cut_short_never_crashes(tmp_path, decode, suffix):
     path = tmp_path / ("run.mat" if suffix == "hdf5" else f"run.{suffix}")
     if suffix == "mat":
         savemat(path, {"t": TIME, "x": X})
@@ -236,10 +239,10 @@ def test_a_file_cut_short_never_crashes(tmp_path, suffix):
     else:
         with TdmsWriter(path) as file:
             file.write_segment([ChannelObject("g", "t", TIME), ChannelObject("g", "x", X)])
-    whole = path.read_bytes()
+    whole, reader = path.read_bytes(), {"hdf5": "mat", "mf4": "mdf"}.get(suffix, suffix)
     for share in (0.1, 0.3, 0.5, 0.7, 0.9):
-        path.write_bytes(whole[: int(share * len(whole))])
-        refusal(path)
+        with pytest.raises(InputError, match=r"^run: "):
+            decode(reader, "run", whole[: int(share * len(whole))])
 
 
 def test_parquet_is_read_as_before(tmp_path):

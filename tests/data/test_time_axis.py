@@ -1,5 +1,7 @@
 """The time step: rounding passes, everything else that is not uniform is refused by row."""
 
+import warnings
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -134,3 +136,14 @@ def test_drifting_clock_is_refused() -> None:
 
 def test_times_too_coarse_for_the_step_are_refused() -> None:
     assert "more digits" in refusal(np.round(np.arange(1000) / 8000.0, 4))
+
+
+def test_times_beyond_reason_are_refused_and_tiny_ones_do_not_overflow():
+    with pytest.raises(InputError, match=r"^run.csv: t reaches 1.1e\+300 s where at most 1e\+12 s"):
+        uniform_step("run.csv", np.arange(12) * 1e299)
+    tiny = np.arange(12) * 1e-310
+    tiny[5] *= 1.04
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InputError, match="t jitters"):
+            uniform_step("run.csv", tiny)

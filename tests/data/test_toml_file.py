@@ -1,6 +1,8 @@
 """Entries of TOML files: what each kind takes, and what is said of everything else."""
 
 import math
+import os
+import sys
 
 import pytest
 
@@ -75,3 +77,54 @@ def test_letters_beyond_ascii_are_read(tmp_path):
     path = tmp_path / "study.toml"
     path.write_bytes('"Drehzahl_n [1/min]" = "T_Kühler"'.encode())
     assert read_toml(path) == {"Drehzahl_n [1/min]": "T_Kühler"}
+
+
+def refusal(path):
+    with pytest.raises(InputError) as caught:
+        read_toml(path)
+    sentence = str(caught.value)
+    assert sentence.startswith(f"{path}: ")
+    assert sentence.endswith(".")
+    assert "\n" not in sentence
+    return sentence
+
+
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_bytes(b"\xef\xbb\xbfseed = 3\n")
+    assert read_toml(path) == {"seed": 3}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"a = " + b"[" * 5000 + b"]" * 5000, "too deep"),
+        (b"a = " + b"9" * 5000, "not a TOML file"),
+        (b"# " + b"x" * (1 << 20), "1048578 bytes came"),
+    ],
+    ids=["deep", "many digits", "long"],
+)
+def test_what_is_too_much_is_refused(tmp_path, content, words):
+    (tmp_path / "study.toml").write_bytes(content)
+    assert words in refusal(tmp_path / "study.toml")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such files there")
+def test_a_pipe_or_a_device_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / "study.toml")
+    assert "pipe or a device" in refusal(tmp_path / "study.toml")
+    (tmp_path / "zero.toml").symlink_to("/dev/zero")
+    assert "pipe or a device" in refusal(tmp_path / "zero.toml")
+
+
+@pytest.mark.parametrize("kind", ["FACTOR", "POSITIVE", "WHOLE", "COUNT", "NUMBER"])
+def test_a_number_beyond_64_bits_is_none(kind):
+    with pytest.raises(InputError, match=r"^study.toml: entry = 10000"):
+        require("study.toml: entry", 10**400, getattr(toml_file, kind))
+    require("study.toml: entry", 2**63 - 1, getattr(toml_file, kind))
+
+
+def test_a_long_value_is_cut_in_the_sentence():
+    with pytest.raises(InputError) as caught:
+        require("study.toml: entry", ["word"] * 10_000, toml_file.NUMBER)
+    assert len(str(caught.value)) < 300

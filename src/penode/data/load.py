@@ -1,26 +1,28 @@
 """Load a recording from a file into an Experiment."""
 
-import hashlib
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
+from penode.data.content import Content
 from penode.data.experiment import Experiment, Source
+from penode.data.isolation import isolated
 from penode.data.mapping import Origin, map_channels, own_names
-from penode.data.readers import csv, mat, mdf, parquet, tdms
+from penode.data.readers import csv
 from penode.data.table import TIME, Table, list_names
 from penode.errors import InputError
 
-#: Reader of each file suffix. A reader takes a path and returns the file's columns.
-READERS: Mapping[str, Callable[[Path], Table]] = MappingProxyType(
+#: Reader of each file suffix, from the content to the columns; binary files are decoded apart.
+READERS: Mapping[str, Callable[[Content], Table]] = MappingProxyType(
     {
-        ".csv": csv.read,
-        ".parquet": parquet.read,
-        ".mat": mat.read,
-        ".mf4": mdf.read,
-        ".tdms": tdms.read,
+        ".csv": lambda content: csv.read(content.file, content.all()),
+        ".parquet": isolated("parquet"),
+        ".mat": isolated("mat"),
+        ".mf4": isolated("mdf"),
+        ".tdms": isolated("tdms"),
+        ".csv.gz": lambda content: csv.read_packed(content.file, content.all()),
     }
 )
 
@@ -35,7 +37,7 @@ def load(path: str | os.PathLike[str], name: str | None = None) -> Experiment:
     Parameters
     ----------
     path : str or path-like
-        A ``.csv``, ``.parquet``, ``.mat``, ``.mf4`` or ``.tdms`` file.
+        A ``.csv``, ``.csv.gz``, ``.parquet``, ``.mat``, ``.mf4`` or ``.tdms`` file.
     name : str, optional
         Label of the experiment in messages and reports; the file's name if not given.
 
@@ -57,7 +59,7 @@ def load(path: str | os.PathLike[str], name: str | None = None) -> Experiment:
 
 
 def read(path: str | os.PathLike[str]) -> tuple[Table, Source]:
-    """Read the columns of a file as they are.
+    """Read the columns of a file as they are; binary files are decoded in a process of their own.
 
     Parameters
     ----------
@@ -69,24 +71,24 @@ def read(path: str | os.PathLike[str]) -> tuple[Table, Source]:
     Table
         Columns in the units of the file.
     Source
-        The file's path and SHA-256.
+        The file's path, and the SHA-256 of the bytes that were decoded.
 
     Raises
     ------
     InputError
-        If the file is not found, is of an unknown kind, damaged or empty, or a library that reads
-        its kind is not installed.
+        If the file is not found, no regular file, of an unknown kind, damaged or empty, changes
+        while it is read, takes far more memory or time than files of its size, or a library that
+        reads its kind is not installed.
     """
     file = str(path)
-    location = Path(path)
-    reader = _reader_for(location, file)
     try:
-        table = reader(location)
-        digest = hashlib.sha256(location.read_bytes()).hexdigest()
+        reader = _reader_for(Path(path), file)
+        with Content(file) as content:
+            table = reader(content)
+            return table, Source(path=file, sha256=content.sha256)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise InputError(f"{file}: the file cannot be read ({reason}); check it.") from error
-    return table, Source(path=file, sha256=digest)
 
 
 def experiment_of(
@@ -123,21 +125,28 @@ def experiment_of(
         )
     if not channels:
         raise InputError(f"{file}: no column besides {time}; add the measured channels.")
-    used = [table.columns[column] for column in channels if column in table.columns]
-    if used and not any(map(len, used)):
+    used = [column for column in channels if column in table.columns]
+    empty = [column for column in used if not len(table.columns[column])]
+    if empty and empty == used:
         raise InputError(f"{file}: a header but no data rows; record or export the data again.")
+    if empty:
+        raise InputError(
+            f"{file}: column {empty[0]} has no values where another has some; record or export the "
+            "data again, or remove it."
+        )
     time_step, values = map_channels(file, table, origins, resample)
     return Experiment(Path(file).name, time_step, values, source)
 
 
-def _reader_for(location: Path, file: str) -> Callable[[Path], Table]:
+def _reader_for(location: Path, file: str) -> Callable[[Content], Table]:
     """Choose the reader by suffix, refusing what is not a file."""
     wanted = " or ".join(READERS)
     if not location.exists():
         raise InputError(f"{file}: file not found; check the path.")
     if location.is_dir():
         raise InputError(f"{file}: this is a directory; name one {wanted} file.")
-    reader = READERS.get(location.suffix.lower())
+    suffixes = [suffix.lower() for suffix in location.suffixes[-2:]]
+    reader = READERS.get("".join(suffixes)) or READERS.get("".join(suffixes[-1:]))
     if reader is None:
         came = f"suffix {location.suffix!r}" if location.suffix else "no suffix"
         raise InputError(f"{file}: {came} where {wanted} was wanted; export it as one of these.")

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from penode.arrays import FloatArray
-from penode.data.table import TIME, Table, clean_names, clocks_within
+from penode.data.table import TIME, Column, Table, clean_names, clocks_within
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +26,8 @@ class Signal:
     group: str
     name: str
     unit: str
-    values: FloatArray
-    times: FloatArray | None
+    values: Column
+    times: Column | None
 
 
 def table_of(file: str, signals: Sequence[Signal]) -> Table:
@@ -53,11 +52,11 @@ def table_of(file: str, signals: Sequence[Signal]) -> Table:
     InputError
         If a group has two channels of one name.
     """
-    clocks: dict[str, FloatArray] = {}
+    clocks: dict[str, Column] = {}
     ticks = [None if signal.times is None else _clock(clocks, signal.times) for signal in signals]
     often = Counter([*clocks, *(signal.name for signal in signals)])
     names = [f"{s.group}/{s.name}" if often[s.name] > 1 else s.name for s in signals]
-    clean_names(file, [*clocks, *names])
+    names = clean_names(file, [*clocks, *names])[len(clocks) :]
     table = Table(dict(clocks), dict.fromkeys(clocks, "s"), {name: name for name in clocks})
     groups: dict[str, dict[str, str]] = {}
     for name, signal, tick in zip(names, signals, ticks, strict=True):
@@ -73,7 +72,7 @@ def table_of(file: str, signals: Sequence[Signal]) -> Table:
     return table
 
 
-def _clock(clocks: dict[str, FloatArray], times: FloatArray) -> str:
+def _clock(clocks: dict[str, Column], times: Column) -> str:
     """Return the name of these times, which are added where they are new."""
     for name, clock in clocks.items():
         if np.array_equal(times, clock):

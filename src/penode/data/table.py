@@ -3,9 +3,15 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
-from penode.arrays import FloatArray
-from penode.errors import InputError
+import numpy as np
+from numpy.typing import NDArray
+
+from penode.errors import InputError, printable
+
+#: Values of one column; not that of `penode.arrays`, as readers start without JAX.
+Column: TypeAlias = NDArray[np.float64]
 
 #: Column that holds the time in s.
 TIME = "t"
@@ -31,7 +37,7 @@ class Table:
         columns have the time column of the file.
     """
 
-    columns: dict[str, FloatArray]
+    columns: dict[str, Column]
     units: dict[str, str] = field(default_factory=dict)
     clocks: dict[str, str] = field(default_factory=dict)
 
@@ -55,7 +61,7 @@ def clocks_within(members: Mapping[str, str]) -> dict[str, str]:
 
 
 def clean_names(file: str, names: Sequence[str]) -> list[str]:
-    """Strip the spaces around column names and refuse unusable ones.
+    """Strip the spaces around column names, escape what is not printable, refuse unusable ones.
 
     Parameters
     ----------
@@ -67,14 +73,14 @@ def clean_names(file: str, names: Sequence[str]) -> list[str]:
     Returns
     -------
     list of str
-        The stripped names, in the same order.
+        The names, in the same order.
 
     Raises
     ------
     InputError
         If a name is empty or appears twice.
     """
-    stripped = [name.strip() for name in names]
+    stripped = [printable(name.strip()) for name in names]
     if "" in stripped:
         raise InputError(
             f"{file}: column {stripped.index('') + 1} of {len(stripped)} has no name; "

@@ -9,8 +9,11 @@ from penode.errors import InputError
 MINIMUM_SAMPLES = 8
 #: Largest deviation of a step from the median step, relative.
 STEP_TOLERANCE = 0.01
+#: Largest time in s, some 30 000 years.
+LARGEST_TIME = 1e12
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of digits of times that are almost zero
 def uniform_step(file: str, t: FloatArray) -> float:
     """Return the time step of uniformly sampled times.
 
@@ -33,13 +36,19 @@ def uniform_step(file: str, t: FloatArray) -> float:
     Raises
     ------
     InputError
-        If there are fewer than 8 samples, or the times repeat, decrease, leave a gap or jitter;
-        the message names the data rows (from 1, header not counted).
+        If there are fewer than 8 samples, or the times are beyond 1e12 s, repeat, decrease, leave a
+        gap or jitter; the message names the data rows (from 1, header not counted).
     """
     if len(t) < MINIMUM_SAMPLES:
         raise InputError(
             f"{file}: only {len(t)} samples came where at least {MINIMUM_SAMPLES} were wanted; "
             "record for longer."
+        )
+    largest = float(np.abs(t).max())
+    if largest > LARGEST_TIME:
+        raise InputError(
+            f"{file}: t reaches {largest:.3g} s where at most {LARGEST_TIME:.0e} s was wanted; "
+            "export t in s, or name its unit in a mapping."
         )
     steps = np.diff(t)
     if steps.min() <= 0.0:

@@ -7,8 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from penode.data.content import Content
 from penode.data.units import did_you_mean
 from penode.errors import InputError
+
+# Bytes of the longest file; people write these.
+_LONGEST = 1 << 20
+# Whole numbers of TOML.
+_WHOLES = range(-(2**63), 2**63)
+_VALUE_SHOWN = 200
 
 
 @dataclass(frozen=True)
@@ -28,8 +35,8 @@ class Kind:
 
 
 def is_whole(value: object) -> bool:
-    """Return whether a value is a whole number; true and false are none."""
-    return isinstance(value, int) and not isinstance(value, bool)
+    """Return whether a value is a whole number of 64 bits; true and false are none."""
+    return isinstance(value, int) and not isinstance(value, bool) and value in _WHOLES
 
 
 def is_number(value: object) -> bool:
@@ -63,19 +70,31 @@ def read_toml(path: Path) -> dict[str, Any]:
     Parameters
     ----------
     path : Path
-        UTF-8 text.
+        UTF-8 text, with or without a byte-order mark.
 
     Raises
     ------
     InputError
-        If the file cannot be read or is not TOML.
+        If the file cannot be read, is longer than 1 MiB or not TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        with Content(str(path)) as content:
+            if content.size > _LONGEST:
+                raise InputError(
+                    f"{path}: {content.size} bytes came where at most {_LONGEST} were wanted; name "
+                    "a text file with settings."
+                )
+            return tomllib.loads(content.all().decode("utf-8-sig"))
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise InputError(f"{path}: the file cannot be read ({reason}); check the path.") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except RecursionError as error:
+        raise InputError(
+            f"{path}: brackets or tables lie too deep within each other; write fewer."
+        ) from error
+    except InputError:
+        raise
+    except ValueError as error:  # not TOML, not UTF-8, or a number of thousands of digits
         raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
 
 
@@ -96,7 +115,16 @@ def require(where: str, value: object, kind: Kind) -> None:
         If it is of another kind.
     """
     if not kind.holds(value):
-        raise InputError(f"{where} = {value!r} came; give {kind.words}.")
+        raise InputError(f"{where} = {_shown(value)} came; give {kind.words}.")
+
+
+def _shown(value: object) -> str:
+    """Return a value as TOML text has it, cut where it is long."""
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):  # too deep, or a number of thousands of digits
+        return f"a {type(value).__name__}"
+    return text if len(text) <= _VALUE_SHOWN else text[:_VALUE_SHOWN] + "..."
 
 
 def require_known(where: str, entries: Collection[str], known: Collection[str]) -> None:

@@ -1,73 +1,60 @@
 """Reader of MATLAB files: version 7 and older by scipy, version 7.3 (HDF5) by h5py."""
 
-import zlib
-from collections.abc import Mapping
-from pathlib import Path
+import io
+import math
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias
 
-import h5py
 import numpy as np
-from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
 
-from penode.arrays import FloatArray
-from penode.data.table import Table, clocks_within
-from penode.errors import InputError
+from penode.data.table import Column, Table, clean_names, clocks_within
+from penode.errors import InputError, printable
 
 # A variable is an array, or a struct of such variables by name, or a list of structs.
 _Variable: TypeAlias = Any
 
-# What the two libraries raise at a damaged file.
-_DAMAGED = (
-    ValueError,
-    TypeError,
-    LookupError,
-    AttributeError,
-    RuntimeError,
-    OSError,
-    MatReadError,
-    zlib.error,
-)
-
-# Beyond so many columns a matrix is no bundle of channels.
+# Beyond so many columns a matrix is no bundle of channels; so are structs in an array.
 _COLUMNS = 16
+_STRUCTS = 256
+# Structs within each other.
+_DEPTH = 16
+# What a file of version 7.3 begins with, behind a header of one of these sizes.
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_HEADERS = (0, 512, 1024, 2048, 4096)
+# Values that one byte can be unpacked to.
+_COMPRESSION = 1040
 
 
-def read(path: Path) -> Table:
+def read(file: str, content: bytes) -> Table:
     """Read the numeric vectors of a MATLAB file.
 
     Parameters
     ----------
-    path : Path
-        File to read.
+    file : str
+        Name of the file, for messages.
+    content : bytes
 
     Returns
     -------
     Table
-        Vectors as float64. The fields of a struct are called ``struct.field``, the columns of a
-        matrix ``matrix_1`` and so on. A field ``time`` or ``t`` is the clock of the other fields.
-        The signals of a Simulink structure with time are fields called by their labels,
-        ``signals1`` and so on where they have none. Scalars, text and objects are left out.
+        Vectors as float64. The fields of a struct are called ``struct.field``, those of an array
+        of structs ``struct1.field`` and so on, the columns of a matrix ``matrix_1`` and so on. A
+        complex vector with an imaginary part becomes ``vector.real`` and ``vector.imag``. A field
+        ``time`` or ``t`` is the clock of the other fields, and of structs within as far as they
+        are as long. The signals of a Simulink structure with time are fields called by their
+        labels, ``signals1`` and so on where they have none. Scalars, text, objects and links are
+        left out.
 
     Raises
     ------
     InputError
-        If the file is no MATLAB file, damaged, or holds no numeric vector.
-    OSError
-        If the file cannot be opened.
+        If the file is no MATLAB file, holds no numeric vector, or less than it declares. A
+        damaged file makes the libraries raise what they will.
     """
-    file = str(path)
-    with path.open("rb") as opened:
-        start = opened.read(128)
-    try:
-        variables = _read_hdf5(path) if h5py.is_hdf5(path) else _read_old(path, start)
-    except _DAMAGED as error:
-        raise InputError(
-            f"{file}: not a MATLAB file, or damaged; save it from MATLAB again."
-        ) from error
     table = Table({})
-    for name, variable in variables.items():
-        _add(table, name, variable)
+    for name, variable in _variables(file, content).items():
+        for vectors, clock in _vectors_within(printable(name), variable, None):
+            _put(file, table, vectors, clock)
     if not table.columns:
         raise InputError(
             f"{file}: no numeric vector in this MATLAB file; save vectors or structs of vectors "
@@ -76,73 +63,98 @@ def read(path: Path) -> Table:
     return table
 
 
-def _add(table: Table, name: str, variable: _Variable) -> None:
-    """Add what a variable holds to the table."""
-    if isinstance(variable, Mapping):
-        fields = {f"{name}.{field}": part for field, part in _fields(variable).items()}
-        columns = {k: v for field, part in fields.items() for k, v in _vectors(field, part).items()}
-        table.clocks.update(clocks_within({n.removeprefix(f"{name}."): n for n in columns}))
+def _variables(file: str, content: bytes) -> dict[str, _Variable]:
+    """Return the variables of a file of any version; only its library is imported."""
+    if any(content.startswith(_HDF5, header) for header in _HEADERS):
+        from penode.data.readers.hdf5 import variables
+
+        return variables(file, content)
+    if not content.startswith(b"MATLAB"):
+        raise InputError(f"{file}: not a MATLAB file, or damaged; save it from MATLAB again.")
+    from scipy.io import loadmat, whosmat
+
+    for name, shape, kind in whosmat(io.BytesIO(content)):
+        if kind != "sparse" and math.prod(shape) > _COMPRESSION * len(content):
+            raise InputError(
+                f"{file}: variable {name} declares {math.prod(shape)} values in a file of "
+                f"{len(content)} bytes; the file is damaged, so save it from MATLAB again."
+            )
+    held = loadmat(io.BytesIO(content), simplify_cells=True)
+    return {name: value for name, value in held.items() if not name.startswith("__")}
+
+
+def _put(file: str, table: Table, vectors: dict[str, Column], clock: str | None) -> None:
+    """Add columns to the table, refusing a name that is there."""
+    twice = [name for name in vectors if name in table.columns]
+    clean_names(file, [*vectors, *twice])
+    table.columns.update(vectors)
+    if clock is not None:
+        table.clocks.update(dict.fromkeys(vectors, clock))
+
+
+def _vectors_within(
+    name: str, variable: _Variable, clock: tuple[str, int] | None, depth: int = 0
+) -> Iterator[tuple[dict[str, Column], str | None]]:
+    """Yield the vectors of a variable and of structs in it, with the column of their times.
+
+    The clock is that of the struct around it: its column and length.
+    """
+    if depth > _DEPTH:
+        raise RecursionError
+    if isinstance(variable, list) and len(variable) <= _STRUCTS:
+        for number, part in enumerate(variable, start=1):
+            yield from _vectors_within(f"{name}{number}", part, clock, depth + 1)
+    elif isinstance(variable, Mapping):
+        fields = {f"{name}.{printable(part)}": held for part, held in _fields(variable).items()}
+        own = {path: _vectors(path, held) for path, held in fields.items()}
+        found = {column: len(v) for vectors in own.values() for column, v in vectors.items()}
+        ties = clocks_within({column.removeprefix(f"{name}."): column for column in found})
+        inner = next(((tie, found[tie]) for tie in ties.values()), clock)
+        for path, held in fields.items():
+            if own[path]:
+                yield _tied(own[path], None if ties else clock, next(iter(ties.values()), None))
+            else:
+                yield from _vectors_within(path, held, inner, depth + 1)
     else:
-        columns = _vectors(name, variable)
-    table.columns.update(columns)
+        yield _tied(_vectors(name, variable), clock, None)
+
+
+def _tied(
+    vectors: dict[str, Column], outer: tuple[str, int] | None, own: str | None
+) -> tuple[dict[str, Column], str | None]:
+    """Return vectors and their clock; those of another length than an outer clock are none."""
+    if outer is None:
+        return vectors, own
+    clock, length = outer
+    return {name: v for name, v in vectors.items() if len(v) == length}, clock
 
 
 def _fields(struct: Mapping[str, _Variable]) -> dict[str, _Variable]:
     """Return the fields of a struct, the signals of a Simulink structure among them."""
     signals = struct.get("signals")
     signals = [signals] if isinstance(signals, Mapping) else signals
+    if not isinstance(signals, list) or not all(isinstance(s, Mapping) for s in signals):
+        return dict(struct)
     fields = {name: part for name, part in struct.items() if name != "signals"}
-    for number, signal in enumerate(signals if isinstance(signals, list) else [], start=1):
+    for number, signal in enumerate(signals, start=1):
         label = signal.get("label")
         named = isinstance(label, str) and label.strip()
         fields[label.strip() if named else f"signals{number}"] = signal.get("values")
     return fields
 
 
-def _vectors(name: str, variable: _Variable) -> dict[str, FloatArray]:
+def _vectors(name: str, variable: _Variable) -> dict[str, Column]:
     """Return the vectors in a variable: itself, the columns of a matrix, or none."""
-    if not isinstance(variable, np.ndarray) or variable.dtype.kind not in "biuf":
+    if not isinstance(variable, np.ndarray) or variable.dtype.kind not in "biufc":
         return {}
-    values = np.atleast_1d(variable.squeeze()).astype(np.float64)
+    if variable.dtype.kind == "c":
+        if variable.imag.any():
+            return _vectors(f"{name}.real", variable.real) | _vectors(f"{name}.imag", variable.imag)
+        variable = variable.real
+    values = np.atleast_1d(variable.squeeze())
     if values.ndim == 1 and len(values) > 1:
-        return {name: values}
+        return {name: values.astype(np.float64)}
     if values.ndim != 2 or min(values.shape) > _COLUMNS:
         return {}
     rows = values if values.shape[0] < values.shape[1] else values.T
-    return {f"{name}_{k}": row for k, row in enumerate(rows, start=1)}
-
-
-# --- version 7 and older ------------------------------------------------------------------------
-
-
-def _read_old(path: Path, start: bytes) -> dict[str, _Variable]:
-    if not start.startswith(b"MATLAB"):
-        raise ValueError("no MATLAB header")
-    variables = loadmat(path, simplify_cells=True)
-    return {name: value for name, value in variables.items() if not name.startswith("__")}
-
-
-# --- version 7.3 --------------------------------------------------------------------------------
-
-
-def _read_hdf5(path: Path) -> dict[str, _Variable]:
-    with h5py.File(path) as content:
-        return {name: _hdf5(content, node) for name, node in content.items() if name[0] != "#"}
-
-
-def _hdf5(content: Any, node: Any) -> _Variable:
-    """Return one variable: a struct is a group, a list of structs a group of references."""
-    if isinstance(node, h5py.Group):
-        fields = {name: _hdf5(content, part) for name, part in node.items()}
-        lists = [part for part in fields.values() if isinstance(part, list)]
-        if lists and len(lists) == len(fields):
-            return [dict(zip(fields, parts, strict=True)) for parts in zip(*lists, strict=True)]
-        return fields
-    kind = node.attrs.get("MATLAB_class", b"")
-    if kind == b"cell" or "MATLAB_empty" in node.attrs:
-        return None
-    if node.dtype == h5py.ref_dtype:
-        return [_hdf5(content, content[reference]) for reference in np.ravel(node[()])]
-    if kind == b"char":
-        return "".join(chr(code) for code in np.ravel(node[()]))
-    return node[()].T
+    return {f"{name}_{k}": row.astype(np.float64) for k, row in enumerate(rows, start=1)}

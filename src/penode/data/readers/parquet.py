@@ -1,25 +1,24 @@
 """Reader of parquet files with flat numeric columns."""
 
 import io
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from penode.arrays import FloatArray
-from penode.data.table import Table, cell_error, clean_names
+from penode.data.table import Column, Table, cell_error, clean_names
 from penode.errors import InputError
 
 _MAGIC = b"PAR1"
 
 
-def read(path: Path) -> Table:
+def read(file: str, content: bytes) -> Table:
     """Read the columns of a parquet file.
 
     Parameters
     ----------
-    path : Path
-        File to read.
+    file : str
+        Name of the file, for messages.
+    content : bytes
 
     Returns
     -------
@@ -32,26 +31,23 @@ def read(path: Path) -> Table:
         If the file is empty, not parquet or damaged, has a bad column name, a column that is not
         numeric, or a value that is missing or not finite; the message names the data row (from 1)
         and the channel.
-    OSError
-        If the file cannot be opened.
     """
-    file = str(path)
-    frame = _frame(file, path.read_bytes())
+    frame = _frame(file, content)
     names = clean_names(file, frame.columns)
     return Table({name: _column(file, name, frame.to_series(i)) for i, name in enumerate(names)})
 
 
-def _frame(file: str, raw: bytes) -> pl.DataFrame:
+def _frame(file: str, content: bytes) -> pl.DataFrame:
     """Decode the bytes of the file."""
-    if not raw:
+    if not content:
         raise InputError(f"{file}: the file is empty; a parquet file was wanted.")
-    if not raw.startswith(_MAGIC):
+    if not content.startswith(_MAGIC):
         raise InputError(
             f"{file}: the content is not parquet; rename a text file to end in .csv, "
             "or export the recording again."
         )
     try:
-        return pl.read_parquet(io.BytesIO(raw))
+        return pl.read_parquet(io.BytesIO(content))
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(
@@ -60,7 +56,7 @@ def _frame(file: str, raw: bytes) -> pl.DataFrame:
         ) from error
 
 
-def _column(file: str, name: str, series: pl.Series) -> FloatArray:
+def _column(file: str, name: str, series: pl.Series) -> Column:
     """Convert one column to float64, refusing what is not a finite number."""
     if series.null_count():
         row = int(series.is_null().arg_true()[0]) + 1

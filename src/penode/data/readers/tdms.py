@@ -1,27 +1,31 @@
 """Reader of TDMS measurement files, by the library npTDMS."""
 
 import importlib
-from pathlib import Path
-from typing import Any
+import io
+from typing import Any, Literal
 
 import numpy as np
 
-from penode.arrays import FloatArray
 from penode.data.signals import Signal, table_of
-from penode.data.table import Table
+from penode.data.table import Column, Table
 from penode.errors import InputError
 
+# A segment begins with a tag, a mask, a version, and the lengths of all of it and of its header.
+_TAG = b"TDSm"
+_LEAD_IN = 28
+_BIG_ENDIAN = 1 << 6
 # Where programs write the unit of a channel.
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "unit")
 
 
-def read(path: Path) -> Table:
+def read(file: str, content: bytes) -> Table:
     """Read the numeric channels of a TDMS file.
 
     Parameters
     ----------
-    path : Path
-        File to read.
+    file : str
+        Name of the file, for messages.
+    content : bytes
 
     Returns
     -------
@@ -32,32 +36,37 @@ def read(path: Path) -> Table:
     Raises
     ------
     InputError
-        If npTDMS is not installed, or the file is no TDMS file or damaged.
-    OSError
-        If the file cannot be opened.
+        If npTDMS is not installed, or the file is no TDMS file or cut short. A damaged file makes
+        the library raise what it will.
     """
-    file = str(path)
-    with path.open("rb") as opened:
-        if opened.read(4) != b"TDSm":
-            raise InputError(f"{file}: the content is no TDMS file; export the recording as TDMS.")
+    if not content.startswith(_TAG):
+        raise InputError(f"{file}: the content is no TDMS file; export the recording as TDMS.")
     try:
         library = importlib.import_module("nptdms")
     except ImportError as error:
         raise InputError(
             f"{file}: reading TDMS needs the library npTDMS; pip install 'penode[tdms]'."
         ) from error
-    try:
-        signals = _signals(library.TdmsFile.read(path))
-    except Exception as error:  # the library has no base class for what a damaged file raises
-        raise InputError(
-            f"{file}: the TDMS file is damaged ({type(error).__name__}); export it again."
-        ) from error
-    return table_of(file, signals)
+    if not _is_complete(content):
+        raise InputError(f"{file}: the TDMS file is cut short; copy or export it again.")
+    return table_of(file, _signals(library.TdmsFile.read(io.BytesIO(content))))
 
 
-def _signals(content: Any) -> list[Signal]:
+def _is_complete(content: bytes) -> bool:
+    """Return whether the last segment ends where the file does; the library reads what is left."""
+    end = 0
+    while end < len(content):
+        head = content[end : end + _LEAD_IN]
+        if len(head) < _LEAD_IN or not head.startswith(_TAG):
+            return False
+        order: Literal["big", "little"] = "big" if head[4] & _BIG_ENDIAN else "little"
+        end += _LEAD_IN + int.from_bytes(head[12:20], order)
+    return end == len(content)
+
+
+def _signals(recording: Any) -> list[Signal]:
     """Return the numeric channels of all groups."""
-    channels = [channel for group in content.groups() for channel in group.channels()]
+    channels = [channel for group in recording.groups() for channel in group.channels()]
     begins = [c.properties["wf_start_time"] for c in channels if "wf_start_time" in c.properties]
     return [
         Signal(
@@ -77,7 +86,7 @@ def _unit(channel: Any) -> str:
     return str(next(units, ""))
 
 
-def _times(channel: Any, begin: Any) -> FloatArray | None:
+def _times(channel: Any, begin: Any) -> Column | None:
     """Return the times of a waveform in s, counted from the begin of the first one."""
     properties = channel.properties
     increment = float(properties.get("wf_increment", 0.0))

@@ -1,0 +1,1 @@
+"""Damaged recordings by the thousand: each is read, or refused in one sentence."""

@@ -1,0 +1,84 @@
+"""Content: the bytes of a file, read once and hashed on the way."""
+
+import hashlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+
+from penode.errors import InputError
+
+_BLOCK = 1 << 20
+
+
+class Content:
+    """The bytes of a regular file, to be read once, in a ``with`` block.
+
+    What was hashed is what was parsed: the file is not opened a second time.
+
+    Attributes
+    ----------
+    file : str
+        The file as the user named it, for messages.
+    size : int
+        Bytes, when it was opened.
+
+    Raises
+    ------
+    InputError
+        If this is a directory, a pipe or a device.
+    OSError
+        If the file cannot be opened.
+    """
+
+    def __init__(self, file: str) -> None:
+        location = Path(file)
+        if location.exists() and not location.is_file():
+            raise InputError(
+                f"{file}: this is a pipe or a device, not a file; save the recording in a file."
+            )
+        self.file = file
+        self._opened = location.open("rb")
+        self.size = os.fstat(self._opened.fileno()).st_size
+        self._digest = hashlib.sha256()
+
+    def __enter__(self) -> "Content":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._opened.close()
+
+    def blocks(self) -> Iterator[bytes]:
+        """Yield the bytes of the file in order.
+
+        Raises
+        ------
+        InputError
+            If they are not as many as when the file was opened.
+        """
+        came = 0
+        while block := self._opened.read(min(_BLOCK, self.size + 1 - came)):
+            came += len(block)
+            if came > self.size:
+                break
+            self._digest.update(block)
+            yield block
+        if came != self.size:
+            raise InputError(
+                f"{self.file}: the file changed while it was read; wait until it is written, "
+                "then read it again."
+            )
+
+    def all(self) -> bytes:
+        """Return the bytes of the file; see `blocks`."""
+        return b"".join(self.blocks())
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the bytes that were read."""
+        return self._digest.hexdigest()

@@ -1,0 +1,127 @@
+"""The child of `penode.data.isolation`: decodes files apart, under limits. Run as a script.
+
+It imports NumPy, one reader and that reader's library, and no other part of penode, whose
+`__init__` needs seconds. What it answers is text and numbers; the parent executes none of it.
+"""
+
+import importlib
+import json
+import math
+import os
+import signal
+import sys
+import threading
+import time
+import types
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+_OUT_OF_MEMORY = 3
+#: Bytes of the largest temporary file; libraries begin one and leave it empty.
+_TEMPORARY = 1 << 20
+
+
+def main() -> None:
+    """Answer requests until there are no more.
+
+    A request is a line of JSON and, after it, the bytes of the file. The answer is a line of JSON:
+    ``refused`` with a sentence, ``failed`` with what was raised, or names, lengths, units and
+    clocks of the columns, whose float64 values follow.
+    """
+    answers = os.fdopen(os.dup(1), "wb")
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for printed in (1, 2):  # libraries print
+        os.dup2(nowhere, printed)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is asked to stop, and ends its child
+    while line := sys.stdin.buffer.readline():
+        request = json.loads(line)
+        for block in _answer(request, sys.stdin.buffer):
+            answers.write(block)
+        answers.flush()
+
+
+def _answer(request: dict[str, Any], source: BinaryIO) -> Iterator[bytes | memoryview]:
+    """Yield the header of an answer and the values of the columns."""
+    columns = {}
+    content = source.read(request["size"])
+    try:
+        reader = _reader(request)
+        _limit(request["memory"], request["seconds"])
+        table = reader.read(request["file"], content)
+        columns = table.columns
+        header = {
+            "columns": [[name, len(values)] for name, values in columns.items()],
+            "units": table.units,
+            "clocks": table.clocks,
+        }
+    except Exception as error:  # libraries raise whatever damage leads them to
+        refused = type(error).__name__ == "InputError"
+        header = {"refused": str(error)} if refused else {"failed": type(error).__name__}
+    yield json.dumps(header).encode() + b"\n"
+    for values in columns.values():
+        yield memoryview(values.astype("<f8", order="C", copy=False)).cast("B")
+
+
+def _reader(request: dict[str, Any]) -> types.ModuleType:
+    """Import a reader without the rest of the package around it."""
+    sys.path[:] = request["path"]
+    folder = Path(__file__).parents[1]
+    for name in ("penode", "penode.data"):
+        if name not in sys.modules:
+            package = sys.modules[name] = types.ModuleType(name)
+            package.__path__ = [str(folder.joinpath(*name.split(".")[1:]))]
+    reader = importlib.import_module(f"penode.data.readers.{request['reader']}")
+    for library in request["libraries"]:
+        try:
+            importlib.import_module(library)
+        except ImportError:
+            break  # the reader says so
+    return reader
+
+
+# --- limits -------------------------------------------------------------------------------------
+
+
+def _limit(memory: int, seconds: int) -> None:
+    """Limit memory and computing time from here on, as far as the system can."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    spent = math.ceil(time.process_time())
+    wanted = {"RLIMIT_CPU": spent + seconds, "RLIMIT_FSIZE": _TEMPORARY, "RLIMIT_CORE": 0}
+    if sys.platform == "linux":
+        pages = int(Path("/proc/self/statm").read_text().split()[5])
+        wanted["RLIMIT_DATA"] = pages * resource.getpagesize() + memory
+    else:
+        threading.Thread(target=watch_memory, args=(memory,), daemon=True).start()
+    for name, value in wanted.items():
+        kind = getattr(resource, name)
+        hard = resource.getrlimit(kind)[1]
+        inside = value if hard == resource.RLIM_INFINITY else min(value, hard)
+        resource.setrlimit(kind, (inside, hard))
+
+
+def watch_memory(memory: int) -> None:
+    """End this process once it has taken so many bytes more, where the system has no limit.
+
+    Parameters
+    ----------
+    memory : int
+    """
+    import resource
+
+    unit = 1 if sys.platform == "darwin" else 1024
+
+    def taken() -> int:
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+
+    begin = taken()
+    while taken() < begin + memory:
+        time.sleep(0.02)
+    os._exit(_OUT_OF_MEMORY)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,245 @@
+"""Isolation: binary files are decoded in a child process with limits on memory and time.
+
+Libraries for binary formats trust their input. A damaged file makes them crash, loop or ask for
+more memory than there is, and one made for the purpose could do worse. The child gets the bytes of
+one file and answers with columns of numbers.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from penode.data.content import Content
+from penode.data.table import Column, Table
+from penode.errors import InputError, printable
+
+_CHILD = Path(__file__).with_name("isolated_decoder.py")
+_ENVIRONMENT = {
+    "OPENBLAS_NUM_THREADS": "1",  # threads that have nothing to do cost memory
+    "NUMEXPR_MAX_THREADS": "1",
+    "HDF5_PLUGIN_PRELOAD": "::",  # load no filter that a file asks for
+}
+#: What each reader imports, which counts neither as memory nor as time of a file.
+_LIBRARIES = {
+    "mat": (),
+    "mdf": ("asammdf",),
+    "parquet": (),
+    "tdms": ("nptdms",),
+}
+
+#: Bytes that a file may take to decode, and those for each of its own bytes.
+_MEMORY = 3 << 29
+_MEMORY_PER_BYTE = 8
+#: Seconds of computing that a file may take, and those for each of its bytes.
+_SECONDS = 3
+_SECONDS_PER_BYTE = 1e-6
+#: Seconds by the clock for each of computing: the machine has other things to do.
+_WAIT = 6
+_HEADER = 1 << 26
+_OUT_OF_MEMORY = 3
+
+
+def isolated(reader: str) -> Callable[[Content], Table]:
+    """Return a reader that runs in a child process of its own.
+
+    Parameters
+    ----------
+    reader : str
+        A module of `penode.data.readers`.
+
+    Returns
+    -------
+    callable
+        From the content of a file to its table. It raises InputError if the reader refuses the
+        file, crashes, or takes too much memory or time.
+    """
+
+    def read(content: Content) -> Table:
+        with Decoder(reader) as decoder:
+            return decoder.read(content.file, content.size, content.blocks())
+
+    return read
+
+
+class Decoder:
+    """A child process that decodes files one after the other, in a ``with`` block.
+
+    Parameters
+    ----------
+    reader : str
+        A module of `penode.data.readers`.
+    """
+
+    def __init__(self, reader: str) -> None:
+        self._reader = reader
+        self._expired = False
+        self._folder = tempfile.TemporaryDirectory(prefix="penode-", ignore_cleanup_errors=True)
+        self._child = subprocess.Popen(
+            [sys.executable, "-P", str(_CHILD)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **_ENVIRONMENT, "TMPDIR": self._folder.name},
+        )
+
+    def __enter__(self) -> "Decoder":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the child."""
+        self._child.kill()
+        for pipe in (self._child.stdin, self._child.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):
+                    pipe.close()
+        self._child.wait()
+        self._folder.cleanup()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the child can take another file."""
+        return self._child.poll() is None
+
+    def read(self, file: str, size: int, blocks: Iterable[bytes]) -> Table:
+        """Decode one file.
+
+        Parameters
+        ----------
+        file : str
+            Its name, for messages.
+        size : int
+            How many bytes it has.
+        blocks : iterable of bytes
+            Its content.
+
+        Returns
+        -------
+        Table
+
+        Raises
+        ------
+        InputError
+            If the reader refuses the file, crashes, or takes too much memory or time.
+        """
+        memory = _MEMORY + _MEMORY_PER_BYTE * size
+        seconds = _SECONDS + int(_SECONDS_PER_BYTE * size)
+        request = {
+            "reader": self._reader,
+            "libraries": _LIBRARIES[self._reader],
+            "path": [str(place) for place in sys.path],
+            "file": file,
+            "size": size,
+            "memory": memory,
+            "seconds": seconds,
+        }
+        timer = threading.Timer(_WAIT * seconds, self._expire)
+        timer.daemon = True
+        timer.start()
+        try:
+            self._send(request, blocks)
+            header = self._header(memory)
+            columns = {name: self._column(length) for name, length in header["columns"]}
+        except (_EndedError, MemoryError) as error:
+            raise InputError(f"{file}: {self._reason(memory, seconds)}") from error
+        finally:
+            timer.cancel()
+        if "refused" in header:
+            raise InputError(header["refused"])
+        if header.get("failed") == "MemoryError":
+            raise InputError(f"{file}: {_too_large(memory)}")
+        if "failed" in header:
+            raise InputError(
+                f"{file}: the file is damaged, or of a kind that penode cannot read "
+                f"({printable(header['failed'])}); copy or export it again."
+            )
+        return Table(columns, header["units"], header["clocks"])
+
+    def _expire(self) -> None:
+        self._expired = True
+        self._child.kill()
+
+    def _send(self, request: dict[str, Any], blocks: Iterable[bytes]) -> None:
+        """Send a request and the file; one that ended shows when it has to answer."""
+        assert self._child.stdin is not None
+        with contextlib.suppress(OSError):
+            self._child.stdin.write(json.dumps(request).encode() + b"\n")
+        for block in blocks:  # read to the end, so that all of the file is hashed and checked
+            with contextlib.suppress(OSError):
+                self._child.stdin.write(block)
+        with contextlib.suppress(OSError):
+            self._child.stdin.flush()
+
+    def _header(self, memory: int) -> dict[str, Any]:
+        """Return the header of the answer, which has to be what it should."""
+        assert self._child.stdout is not None
+        line = self._child.stdout.readline(_HEADER)
+        try:
+            header = {"columns": [], "units": {}, "clocks": {}, **json.loads(line)}
+            lengths = [int(length) for _, length in header["columns"]]
+            for entry in ("units", "clocks"):
+                header[entry] = {str(name): str(text) for name, text in header[entry].items()}
+        except (ValueError, TypeError, AttributeError, RecursionError) as error:
+            raise _EndedError from error
+        if any(length < 0 for length in lengths) or 8 * sum(lengths) > memory:
+            raise _EndedError
+        return header
+
+    def _column(self, length: int) -> Column:
+        """Return the next column of the answer."""
+        assert self._child.stdout is not None
+        values = np.empty(length, dtype="<f8")
+        room = values.view(np.uint8).data
+        if self._child.stdout.readinto(room) != values.nbytes:  # type: ignore[attr-defined]
+            raise _EndedError
+        return values
+
+    def _reason(self, memory: int, seconds: int) -> str:
+        """Return why the child ended before its answer did."""
+        try:
+            status = self._child.wait(timeout=1)
+        except subprocess.TimeoutExpired:  # it answered, but not as it should
+            self._child.kill()
+            status = self._child.wait()
+        if self._expired or -status == getattr(signal, "SIGXCPU", None):
+            return (
+                f"reading it took longer than {seconds} s of computing where a file of its size "
+                "takes far less, so it is damaged; copy or export it again."
+            )
+        if status == _OUT_OF_MEMORY:
+            return _too_large(memory)
+        return (
+            f"the library that reads such files crashed (status {status}), so the file is damaged; "
+            "copy or export it again."
+        )
+
+
+def _too_large(memory: int) -> str:
+    """Return why a file is refused that took more memory than it may."""
+    return (
+        f"reading it took more than {memory / 2**30:.1f} GiB of memory where a file of its size "
+        "takes far less, so it is damaged or has much to unpack; copy or export it again, without "
+        "compression."
+    )
+
+
+class _EndedError(Exception):
+    """The child ended before its answer did."""

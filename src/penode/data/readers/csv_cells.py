@@ -1,0 +1,177 @@
+"""Cells of text files: numbers as they are written, and rows parsed one cell at a time."""
+
+import csv
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.data.table import Column, cell_error
+from penode.errors import InputError
+
+_BOOLEANS = {"true": 1.0, "false": 0.0}
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How the cells of a file are written.
+
+    Attributes
+    ----------
+    separator : str
+    decimal_comma : bool
+    """
+
+    separator: str
+    decimal_comma: bool
+
+    def split(self, line: str) -> list[str]:
+        """Split one line into cells."""
+        return next(csv.reader([line.strip(" \r\n")], delimiter=self.separator), [])
+
+    def number(self, cell: str) -> float | None:
+        """Return the number a cell holds, None if it holds none."""
+        if self.decimal_comma:
+            # A point beside decimal commas separates thousands: 1.234 is no number then.
+            cell = cell.replace(".", "_").replace(",", ".")
+        try:
+            # Python reads 1_000 as a number; no other program that writes CSV does.
+            return None if "_" in cell else float(cell)
+        except ValueError:
+            return None
+
+
+@dataclass
+class _Seen:
+    """What came in one column so far.
+
+    Attributes
+    ----------
+    number : bool
+        A finite number.
+    other : bool
+        What is neither that nor a truth value.
+    first : (str, str) or None
+        Place and text of the first cell that is no finite number.
+    """
+
+    number: bool = False
+    other: bool = False
+    first: tuple[str, str] | None = None
+
+
+class Cells:
+    """The parse of a file's rows, block by block.
+
+    Parameters
+    ----------
+    file : str
+        File, for the messages.
+    names : sequence of str
+        Its columns.
+    dialect : Dialect
+    lines : int
+        Lines above the first row.
+    """
+
+    def __init__(self, file: str, names: Sequence[str], dialect: Dialect, lines: int) -> None:
+        self._file = file
+        self._dialect = dialect
+        self._rows = 0
+        self._lines = lines
+        self._seen = {name: _Seen() for name in names}
+        self._parts: dict[str, list[Column]] = {name: [] for name in names}
+
+    def add(self, block: dict[str, Column], lines: int) -> None:
+        """Add a block of rows whose cells are finite numbers, and how many lines it has."""
+        for name, values in block.items():
+            self._parts[name].append(values)
+            self._seen[name].number |= len(values) > 0
+        self._rows += len(next(iter(block.values())))
+        self._lines += lines
+
+    def parse(self, lines: Iterable[str]) -> None:
+        """Add a block of rows as text.
+
+        Truth values become 1 and 0; what is wrong with other cells is kept for `columns`, as a
+        row of another length is refused first.
+
+        Raises
+        ------
+        InputError
+            If a row has not one cell for each column, or cannot be split into cells.
+        """
+        reader = csv.reader(lines, delimiter=self._dialect.separator)
+        table: list[list[float]] = [[] for _ in self._seen]
+        try:
+            for cells in reader:
+                if not "".join(cells).strip() and len(cells) <= 1:
+                    continue  # a blank line
+                self._rows += 1
+                place = f"data row {self._rows} (line {self._lines + reader.line_num})"
+                if len(cells) != len(table):
+                    raise InputError(
+                        f"{self._file}: {place} has {len(cells)} cells where the header names "
+                        f"{len(table)} columns; write one cell for each column."
+                    )
+                for column, seen, cell in zip(table, self._seen.values(), cells, strict=True):
+                    column.append(self._value(seen, cell, place))
+        except csv.Error as error:
+            raise unsplittable(self._file, self._lines + reader.line_num, error) from error
+        self._lines += reader.line_num
+        for parts, column in zip(self._parts.values(), table, strict=True):
+            parts.append(np.array(column, dtype=np.float64))
+
+    def _value(self, seen: _Seen, cell: str, place: str) -> float:
+        number = self._dialect.number(cell)
+        if number is not None and math.isfinite(number):
+            seen.number = True
+            return number
+        seen.first = seen.first or (place, cell)
+        word = _BOOLEANS.get(cell.strip().lower())
+        seen.other |= word is None
+        return math.nan if word is None else word
+
+    def columns(self) -> dict[str, Column]:
+        """Return the columns.
+
+        Raises
+        ------
+        InputError
+            If a cell is not a finite number, nor a truth value in a column of truth values; the
+            message names the first in the first such column.
+        """
+        for name, seen in self._seen.items():
+            if seen.first is not None and (seen.other or seen.number):
+                place, cell = seen.first
+                raise cell_error(self._file, place, name, cell)
+        return {name: _joined(self._parts[name]) for name in self._seen}
+
+
+def _joined(parts: list[Column]) -> Column:
+    """Return the parts as one column, and let go of them."""
+    whole = np.concatenate(parts) if parts else np.empty(0)
+    parts.clear()
+    return whole
+
+
+def unsplittable(file: str, line: int, error: csv.Error) -> InputError:
+    """Make the refusal of a line that cannot be split into cells.
+
+    Parameters
+    ----------
+    file : str
+    line : int
+        From 1.
+    error : csv.Error
+
+    Returns
+    -------
+    InputError
+        To be raised by the caller.
+    """
+    return InputError(
+        f"{file}: line {line} cannot be split into cells ({error}); "
+        "look for an unclosed quotation mark."
+    )
