@@ -53,6 +53,14 @@ def test_a_file_that_cannot_be_written_is_the_users_to_mend(penode, run, monkeyp
     assert done.stderr.startswith("error: result.json: no space left on device; ")
 
 
+def test_what_does_not_fit_into_the_memory_is_the_users_to_mend(penode, run, monkeypatch):
+    big = MemoryError("Unable to allocate 7 TiB")
+    monkeypatch.setattr("penode.cli.check.load_study", failing(big))
+    done = penode("check", run)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: the memory does not suffice (Unable to allocate 7 TiB); ")
+
+
 def test_an_output_folder_that_is_a_file(penode, run, tmp_path):
     taken = tmp_path / "taken"
     taken.write_text("mine")

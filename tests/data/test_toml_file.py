@@ -75,3 +75,33 @@ def test_letters_beyond_ascii_are_read(tmp_path):
     path = tmp_path / "study.toml"
     path.write_bytes('"Drehzahl_n [1/min]" = "T_Kühler"'.encode())
     assert read_toml(path) == {"Drehzahl_n [1/min]": "T_Kühler"}
+
+
+# --- what Python's reader does not refuse in a sentence -----------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a = " + "[" * 2000 + "]" * 2000, "nested too deeply"),
+        ("a = " + "9" * 4301, "a whole number of thousands of digits"),
+        (
+            "a = " + "9" * 400,
+            r"999999999999\.\.\. \(400 digits\) came; give a whole number of 64 bits",
+        ),
+        ("a = { b = [1, -9223372036854775809] }", "-9223372036854775809 came; give a whole number"),
+    ],
+)
+def test_what_no_computer_should_read_is_refused(tmp_path, text, words):
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words) as said:
+        read_toml(path)
+    assert str(said.value).startswith(f"{path}: ")
+    assert len(str(said.value)) < 300
+
+
+def test_the_largest_whole_numbers_are_read(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text("a = [9223372036854775807, -9223372036854775808]")
+    assert read_toml(path) == {"a": [2**63 - 1, -(2**63)]}

@@ -18,7 +18,7 @@ from penode.cli.demo import demo_command
 from penode.cli.export import export_command
 from penode.cli.identify import identify_command
 from penode.cli.init import init_command
-from penode.cli.last_resort import FAILED, of_penode, of_the_system
+from penode.cli.last_resort import FAILED, of_memory, of_penode, of_the_system
 from penode.cli.loci import loci_command
 from penode.cli.progress import Interrupted
 from penode.cli.report import report_command
@@ -85,6 +85,9 @@ def main() -> None:
         sys.exit(130)
     except OSError as error:
         _say(f"error: {of_the_system(error)}")
+        sys.exit(2)
+    except MemoryError as error:
+        _say(f"error: {of_memory(error)}")
         sys.exit(2)
     except Exception as error:
         _say(f"error: {of_penode(error)}")

@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from penode.data.units import did_you_mean
 from penode.errors import InputError
@@ -27,7 +27,7 @@ class Kind:
     holds: Callable[[Any], bool]
 
 
-def is_whole(value: object) -> bool:
+def is_whole(value: object) -> TypeGuard[int]:
     """Return whether a value is a whole number; true and false are none."""
     return isinstance(value, int) and not isinstance(value, bool)
 
@@ -71,12 +71,35 @@ def read_toml(path: Path) -> dict[str, Any]:
         If the file cannot be read or is not TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        entries = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise InputError(f"{path}: the file cannot be read ({reason}); check the path.") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: tables or lists nested too deeply; nest them less.") from error
+    except ValueError as error:  # Python reads no number of more than 4300 digits
+        raise InputError(f"{path}: a whole number of thousands of digits; shorten it.") from error
+    _require_64_bits(path, entries)
+    return entries
+
+
+def _require_64_bits(path: Path, entry: object) -> None:
+    """Refuse a whole number that no TOML file may hold."""
+    if isinstance(entry, dict):
+        for item in entry.values():
+            _require_64_bits(path, item)
+    elif isinstance(entry, list):
+        for item in entry:
+            _require_64_bits(path, item)
+    elif is_whole(entry) and not -(2**63) <= entry < 2**63:
+        raise InputError(f"{path}: {_shortened(entry)} came; give a whole number of 64 bits.")
+
+
+def _shortened(number: int) -> str:
+    digits = str(number)
+    return digits if len(digits) < 30 else f"{digits[:12]}... ({len(digits)} digits)"
 
 
 def require(where: str, value: object, kind: Kind) -> None:

@@ -86,6 +86,8 @@ def parts_of(
 def _require_numbers(arrays: Mapping[str, FloatArray]) -> None:
     """Refuse a model or visited states that no training leaves."""
     for name, values in arrays.items():
+        if name.startswith(("model.", "comparison.")) and not values.size:
+            raise ValueError(f"{name} is empty")
         if name != "excited" and not name.startswith("model."):
             continue
         if values.dtype.kind not in "fiub" or not np.isfinite(values).all():

@@ -17,6 +17,9 @@ from penode.pmsm.bench.sensors import SpeedSensor
 from penode.pmsm.bench.shaft import FreeShaft, Speed
 from penode.pmsm.bench.winding import IronLoss, Warming, Winding
 
+#: Of a recording.
+_MOST_SAMPLES = 10**8
+
 # A rule says what was wanted, and whether a value is that.
 Rule: TypeAlias = tuple[str, Callable[[Any], bool]]
 
@@ -140,12 +143,17 @@ def sampling_instants(name: str, duration: float, time_step: float) -> FloatArra
     Raises
     ------
     InputError
-        If there is no sample.
+        If there is no sample, or more than a computer holds.
     """
     if not (np.isfinite(duration) and duration >= time_step > 0):
         raise InputError(
             f"{name}: {duration:g} s hold no sample at a time step of {time_step:g} s; "
             f"give a duration and a time step above zero, the duration being the longer."
+        )
+    if duration / time_step > _MOST_SAMPLES:
+        raise InputError(
+            f"{name}: {duration:g} s at a time step of {time_step:g} s are more than "
+            f"{_MOST_SAMPLES:.0e} samples; give a shorter duration."
         )
     return time_step * np.arange(round(duration / time_step) + 1, dtype=np.float64)
 
