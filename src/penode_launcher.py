@@ -34,3 +34,7 @@ def _leave(*signalled: object) -> NoReturn:
     sys.stderr.write("Stopped; nothing was written.\n")
     sys.stderr.flush()
     os._exit(_STOPPED)
+
+
+if __name__ == "__main__":
+    main()

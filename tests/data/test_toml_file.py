@@ -84,6 +84,7 @@ def test_letters_beyond_ascii_are_read(tmp_path):
     ("text", "words"),
     [
         ("a = " + "[" * 2000 + "]" * 2000, "nested too deeply"),
+        (".".join(["a"] * 5000) + " = 1", "nested too deeply"),
         ("a = " + "9" * 4301, "a whole number of thousands of digits"),
         (
             "a = " + "9" * 400,

@@ -72,6 +72,10 @@ def read_toml(path: Path) -> dict[str, Any]:
     """
     try:
         entries = tomllib.loads(path.read_text(encoding="utf-8"))
+        _require_64_bits(path, entries)
+        return entries
+    except InputError:
+        raise
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise InputError(f"{path}: the file cannot be read ({reason}); check the path.") from error
@@ -81,8 +85,6 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: tables or lists nested too deeply; nest them less.") from error
     except ValueError as error:  # Python reads no number of more than 4300 digits
         raise InputError(f"{path}: a whole number of thousands of digits; shorten it.") from error
-    _require_64_bits(path, entries)
-    return entries
 
 
 def _require_64_bits(path: Path, entry: object) -> None:

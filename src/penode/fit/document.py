@@ -60,7 +60,7 @@ def parts_of(
     _require_numbers(arrays)
     model = restore_module(document["model"], arrays, trust)
     if not isinstance(model, Model):
-        raise TypeError("its model is none")
+        raise TypeError("its model is no model")
     return {
         "model": model,
         "parameters": {n: estimate_of(p) for n, p in document["parameters"].items()},

@@ -17,6 +17,7 @@ from penode.pmsm.bench.sensors import SpeedSensor
 from penode.pmsm.bench.shaft import FreeShaft, Speed
 from penode.pmsm.bench.winding import IronLoss, Warming, Winding
 
+_MOST_RPM = 1e6
 #: Of a recording.
 _MOST_SAMPLES = 10**8
 
@@ -110,7 +111,8 @@ def check_speed(name: str, speed: Speed, time: FloatArray) -> None:
     Raises
     ------
     InputError
-        If the speed is not finite at an instant, or the shaft has no inertia.
+        If the speed is not finite at an instant, or beyond that of any machine, or the shaft has
+        no inertia.
     """
     if isinstance(speed, FreeShaft):
         _check_record(name, speed)
@@ -123,6 +125,10 @@ def check_speed(name: str, speed: Speed, time: FloatArray) -> None:
         )
     if not np.all(np.isfinite(rpm)):
         raise InputError(f"{name}: the speed is not finite; give it in revolutions per minute.")
+    if np.abs(rpm).max() > _MOST_RPM:
+        raise InputError(
+            f"{name}: a speed of {np.abs(rpm).max():g} rpm came; give at most {_MOST_RPM:g} rpm."
+        )
 
 
 def sampling_instants(name: str, duration: float, time_step: float) -> FloatArray:
