@@ -39,6 +39,7 @@ validate: $(STAMP)
 	$(BIN)/python -m validate.conventions
 	$(BIN)/python -m validate.imperfections
 	$(BIN)/python -m validate.aliasing
+	$(BIN)/python -m validate.interruption
 
 clean:
 	rm -rf .venv out .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

@@ -18,11 +18,14 @@ def main() -> None:
     if before is signal.default_int_handler:  # else it is ignored, as under nohup
         signal.signal(signal.SIGINT, _leave)
     try:
-        from penode.cli.main import main as run
+        try:
+            from penode.cli.main import main as run
 
-        signal.signal(signal.SIGINT, before)
-        run()
-    except KeyboardInterrupt:
+            signal.signal(signal.SIGINT, before)
+            run()
+        except KeyboardInterrupt:
+            _leave()
+    except KeyboardInterrupt:  # of one Ctrl-C polars makes an interrupt of its own beside Python's
         _leave()
     finally:
         # What the command had to do is done; closing down is not to be interrupted.

@@ -50,6 +50,18 @@ def test_ctrl_c_within_the_command_is_the_commands(tmp_path):
     assert (done.returncode, done.stderr) == (3, "")
 
 
+def test_ctrl_c_that_interrupts_twice(tmp_path):
+    """Polars raises an interrupt of its own, and Python's comes up where that one is answered."""
+    (tmp_path / "run.csv").write_text("a,b\n" + "1.0,2.0\n" * 20_000)
+    command = (
+        "import polars, threading; "
+        f"threading.Timer(0.1, lambda: {CTRL_C}).start()\n"
+        f"    while True: polars.read_csv({str(tmp_path / 'run.csv')!r})"
+    )
+    done = launched(tmp_path, command)
+    assert (done.returncode, done.stderr) == STOPPED
+
+
 def test_ctrl_c_while_closing_down_changes_nothing(tmp_path):
     command = f"import atexit; atexit.register(lambda: {CTRL_C}); sys.exit(1)"
     done = launched(tmp_path, command)

@@ -70,7 +70,7 @@ def test_what_a_dead_process_left_is_removed_and_what_a_live_one_writes_is_not(
 
 
 def failing(*_args, **_kwargs):
-    raise OSError("No space left on device")
+    raise OSError(28, "No space left on device")
 
 
 def break_the_disk(monkeypatch, step):
@@ -86,8 +86,9 @@ def test_a_failed_write_keeps_the_old_file(tmp_path, monkeypatch, step):
     write_atomically(path, "old")
     with monkeypatch.context() as broken:
         break_the_disk(broken, step)
-        with pytest.raises(OSError, match="No space left"):
+        with pytest.raises(OSError, match="No space left") as said:
             write_atomically(path, "new")
+    assert said.value.filename == str(path)
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["result.json"]
 

@@ -93,14 +93,16 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     asked = load_study(
         config, options if horizon is None else {**options, "horizon": _steps(horizon)}
     )
+    recordings = [asked.load(run) for run in runs]
+    unseen = [asked.load(run) for run in validate or []]
     checkpoint = _checkpoint(out, resume)
     stopped = False
     with watched(out, _errors, checkpoint) as observer:
         try:
             fit = identify(
-                [asked.load(run) for run in runs],
+                recordings,
                 study=asked.study,
-                validation=[asked.load(run) for run in validate or []],
+                validation=unseen,
                 observer=observer,
                 checkpoint=checkpoint,
             )

@@ -45,12 +45,19 @@ def write_atomically(path: Path, content: str | bytes) -> None:
     try:
         temporary.write_bytes(data)
         temporary.replace(path)
-    except BaseException:
+    except BaseException as error:
+        name_file(error, path)
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
             for folder in made:
                 folder.rmdir()
         raise
+
+
+def name_file(error: BaseException, path: Path) -> None:
+    """Tell an error of writing, which names no file, which one it was."""
+    if isinstance(error, OSError) and error.filename is None:
+        error.filename = str(path)
 
 
 def _alive(process: int) -> bool:

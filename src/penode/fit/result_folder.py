@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from penode.errors import InputError
-from penode.fit.archive import sha256
+from penode.fit.archive import name_file, sha256
 
 RESULT = "result.json"
 #: Inside the folder while something is written: held by the process that writes, the files that it
@@ -69,7 +69,8 @@ def replace_together(folder: Path, files: Mapping[str, bytes]) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
         staged.rename(folder / _COMMITTED)
-    except BaseException:
+    except BaseException as error:
+        name_file(error, folder / name)
         shutil.rmtree(staged, ignore_errors=True)
         raise
     try:
