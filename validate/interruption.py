@@ -102,7 +102,9 @@ def stopped(recording: Path, folder: Path, moments: np.ndarray) -> Iterator[bool
         try:
             found = Fit.load(out).horizon.verdict
         except InputError:
-            found = "none" if not out.exists() else "BROKEN"
+            # Horizons may be kept before there is a result of them.
+            nothing = rungs(out) > 0 and not (out / "result.json").exists()
+            found = "kept" if nothing else "BROKEN" if out.exists() else "none"
         lines = ended.said.splitlines()
         good = found != "BROKEN" and (ended.status, len(lines)) in ((130, 1), (0, 0))
         print(
