@@ -40,6 +40,7 @@ validate: $(STAMP)
 	$(BIN)/python -m validate.imperfections
 	$(BIN)/python -m validate.aliasing
 	$(BIN)/python -m fuzz.readers --seconds 300
+	$(BIN)/python -m validate.interruption
 
 fuzz: $(STAMP)
 	$(BIN)/python -m fuzz.readers --seconds 3600

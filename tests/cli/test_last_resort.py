@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from penode.cli import last_resort
+from penode.fit.result_folder import claimed
 
 RUN = "t,u_d,u_q,i_d,i_q,omega_el\n0,1,2,3,4,5\n"
 
@@ -53,6 +54,14 @@ def test_a_file_that_cannot_be_written_is_the_users_to_mend(penode, run, monkeyp
     assert done.stderr.startswith("error: result.json: no space left on device; ")
 
 
+def test_what_does_not_fit_into_the_memory_is_the_users_to_mend(penode, run, monkeypatch):
+    big = MemoryError("Unable to allocate 7 TiB")
+    monkeypatch.setattr("penode.cli.check.load_study", failing(big))
+    done = penode("check", run)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: the memory does not suffice (Unable to allocate 7 TiB); ")
+
+
 def test_an_output_folder_that_is_a_file(penode, run, tmp_path):
     taken = tmp_path / "taken"
     taken.write_text("mine")
@@ -60,6 +69,20 @@ def test_an_output_folder_that_is_a_file(penode, run, tmp_path):
     assert done.returncode == 2
     assert taken.read_text() == "mine"
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("command", ["identify", "sweep", "demo"])
+def test_a_folder_in_which_another_process_writes(penode, run, tmp_path, command):
+    out = tmp_path / "out"
+    row = RUN.splitlines()[1][1:]
+    run.write_text(RUN + "".join(f"{k / 1e4}{row}\n" for k in range(1, 20)))
+    recordings = () if command == "demo" else (run,)
+    with claimed(out):
+        done = penode(command, *recordings, "--out", out)
+        assert {path.name for path in out.iterdir()} == {".lock"}
+    assert done.returncode == 2
+    sentence = f"error: {out}: another process of penode writes there; "
+    assert done.stderr.splitlines()[-1].startswith(sentence)
 
 
 def test_the_sentence_without_a_name_still_says_why():

@@ -99,6 +99,15 @@ def drive(penode, folder, text, *options):
     return penode("simulate", folder / "drive.toml", "--out", folder / "drive.csv", *options)
 
 
+def test_a_map_of_another_result_is_not_driven(result, machine_fit, penode, tmp_path):
+    made = machine_fit.files(beside={"flux_map.csv": b"the map of another"})
+    (result / "result.json").write_bytes(made["result.json"])
+    done = drive(penode, tmp_path, DRIVE)
+    assert done.returncode == 2
+    assert f"{result}/flux_map.csv: not the file that result.json beside it" in done.stderr
+    assert not (tmp_path / "drive.csv").exists()
+
+
 def test_the_identified_machine_is_driven_and_drawn(result, machine_fit, penode, tmp_path):
     done = drive(penode, tmp_path, DRIVE, "--over-time", tmp_path / "drive.png")
     assert done.returncode == 0, done.stderr

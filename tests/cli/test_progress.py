@@ -65,8 +65,10 @@ def resumed(checkpoint):
 
 
 def test_every_event_is_a_line_at_once(tmp_path):
+    with watched(tmp_path / "out", quiet()):
+        pass
+    assert not (tmp_path / "out").exists(), "nothing happened, nothing is left"
     with watched(tmp_path / "out", quiet()) as observer:
-        assert not (tmp_path / "out").exists(), "nothing happened, nothing is left"
         observer(evaluation(1))
         assert logged(tmp_path / "out") == [("evaluation", 3)]
         observer(rung(1))

@@ -76,7 +76,7 @@ def folder(tmp_path, monkeypatch):
 
 def test_in_the_folder_of_the_module_the_report_is_written(folder, penode, monkeypatch):
     monkeypatch.chdir(folder)
-    done = penode("report", folder)
+    done = penode("report", folder, "--trust-classes")
     assert done.returncode == 0, done.stderr
     text = (folder / "report.html").read_text()
     assert "The mass of the cart is 1.50" in text
@@ -84,8 +84,19 @@ def test_in_the_folder_of_the_module_the_report_is_written(folder, penode, monke
     assert "one-step rmse of speed in" in text
 
 
-def test_elsewhere_one_sentence_names_the_module_and_the_way_out(folder, penode):
+def test_unasked_the_module_is_not_imported(folder, penode, monkeypatch):
+    monkeypatch.chdir(folder)
+    (folder / "own_cart.py").write_text("raise SystemExit('It was run.')")
     done = penode("report", folder)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "own_cart:Cart" in done.stderr
+    assert "add --trust-classes" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (folder / "report.html").exists()
+
+
+def test_elsewhere_one_sentence_names_the_module_and_the_way_out(folder, penode):
+    done = penode("report", folder, "--trust-classes")
     assert done.returncode == 2
     assert done.stdout == ""
     sentence = done.stderr.strip()
@@ -115,11 +126,11 @@ def test_a_fit_without_one_step_predictions_has_a_report(folder, penode, monkeyp
     """As with a state that no sensor measures: no residual, so no section on it."""
     monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(folder)
-    fit = Fit.load(folder)
+    fit = Fit.load(folder, trust=True)
     (run,) = fit.comparisons
     blind = replace(run, one_step=run.one_step * np.nan)
     replace(fit, comparisons=(blind,), spectrum=residual_spectrum(blind)).save(folder)
-    done = penode("report", folder)
+    done = penode("report", folder, "--trust-classes")
     assert done.returncode == 0, done.stderr
     text = (folder / "report.html").read_text()
     assert "Prediction against measurement" in text

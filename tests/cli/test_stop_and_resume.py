@@ -14,6 +14,7 @@ import penode as library
 from penode.cli import identify as command_line
 from penode.data.save import save
 from penode.fit.archive import write_atomically
+from penode.pmsm import study
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
@@ -115,8 +116,14 @@ def test_ctrl_c_leaves_the_best_so_far_as_a_whole_result(stopped):
     assert fit.flux_map(0.0, 0.0)[0] == pytest.approx(0.0577, rel=0.1)
 
 
-def test_the_same_command_with_resume_climbs_to_the_end(runs, folder, penode):
+def test_the_same_command_with_resume_climbs_to_the_end(runs, folder, penode, monkeypatch):
     """That it ends as an unbroken climb does is shown bit by bit in tests/horizon."""
+
+    def computed_anew(*_):
+        raise AssertionError("What the stopped fit began with is in its checkpoint.")
+
+    for name in ("_start", "structure_of", "calibration_of"):
+        monkeypatch.setattr(study, name, computed_anew)
     stopped = json.loads((folder / "result.json").read_text())["horizon"]["ladder"]
     begun = told(folder, "rung")
     done = penode("identify", runs[0], "--horizon", 40, "--out", folder, "--resume")
@@ -140,7 +147,12 @@ def test_other_recordings_and_other_options_are_refused_and_nothing_changes(runs
     before = files(folder)
     cases = {
         "recordings": (runs[1], "--horizon", 40),
-        "horizons": (runs[0], "--horizon", 41),
+        "horizon": (runs[0], "--horizon", 41),
+        "purpose ('parameters' there, 'simulation' here)": (
+            *(runs[0], "--horizon", 40, "--purpose", "simulation"),
+        ),
+        "seed": (runs[0], "--horizon", 40, "--seed", 1),
+        "flux map": (runs[0], "--horizon", 40, "--flux-map", "mlp"),
         "hold": (runs[0], "--horizon", 40, "--hold", "stationary"),
     }
     for what, arguments in cases.items():

@@ -79,9 +79,35 @@ def test_ctrl_c_stops_at_once_and_keeps_what_is_finished(recording, tmp_path):
     assert not (tmp_path / "sweep.csv").exists()
 
 
+PARENT = """
+import os, time
+from penode.cli.sweep import _workers
+if __name__ == "__main__":
+    with _workers(1, None) as executor:
+        print(executor.submit(os.getpid).result(), flush=True)
+        time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="No list of processes.")
+def test_the_workers_of_a_killed_sweep_end(tmp_path):
+    program = tmp_path / "parent.py"
+    program.write_text(PARENT)
+    with subprocess.Popen([sys.executable, program], stdout=subprocess.PIPE, text=True) as parent:
+        worker = int(parent.stdout.readline())
+        assert Path(f"/proc/{worker}").exists()
+        parent.kill()
+    limit = time.monotonic() + 5
+    while Path(f"/proc/{worker}").exists() and time.monotonic() < limit:
+        time.sleep(0.02)
+    assert not Path(f"/proc/{worker}").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (("--horizons", "1,1000000000"), "horizon 1000000000 with 1 past samples"),
+        (("--seeds", "1000000000000"), "1000000000000 seeds came"),
         (("--horizons", "1,a"), "--horizons 1,a came"),
         (("--horizons", "0"), "horizons [0] came"),
         (("--seeds", "0"), "0 seeds came"),

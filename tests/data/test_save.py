@@ -36,3 +36,10 @@ def test_another_suffix_is_refused_and_nothing_is_made(run, tmp_path):
     with pytest.raises(InputError, match=r"suffix '\.xls' came; use \.csv or \.parquet"):
         save(run, tmp_path / "new" / "run.xls")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_cannot_be_replaced_leaves_nothing_beside_it(run, tmp_path):
+    (tmp_path / "run.csv").mkdir()
+    with pytest.raises(OSError, match=r"run\.csv"):
+        save(run, tmp_path / "run.csv")
+    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]

@@ -1,23 +1,19 @@
 """Files are written whole or not at all, and damaged ones are refused in a sentence."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from penode.errors import InputError
-from penode.fit.archive import (
-    describe_module,
-    read_archive,
-    restore_module,
-    to_json,
-    write_archive,
-    write_atomically,
-)
+from penode.fit.archive import archive as archived
+from penode.fit.archive import read_archive, sha256, to_json, write_atomically
 
 # --- one file ---------------------------------------------------------------------------------
 
@@ -28,31 +24,81 @@ def test_write_replaces_the_file_whole(tmp_path, content):
     write_atomically(path, "an older and longer content")
     write_atomically(path, content)
     assert path.read_bytes() == (content if isinstance(content, bytes) else content.encode())
-    assert path.stat().st_mode & 0o777 == 0o644
     assert [p.name for p in path.parent.iterdir()] == ["file"]
 
 
+@pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])
+def test_a_written_file_has_the_permissions_of_any_other(tmp_path, mask):
+    before = os.umask(mask)
+    try:
+        write_atomically(tmp_path / "result.json", "new")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "result.json").stat().st_mode & 0o777 == 0o666 & ~mask
+
+
+def test_a_name_as_long_as_a_name_can_be_is_written(tmp_path):
+    path = tmp_path / ("x" * 251 + ".csv")
+    write_atomically(path, "new")
+    assert path.read_text() == "new"
+
+
+def part_of(path, monkeypatch, process):
+    """Leave what a process that was killed while it wrote leaves."""
+    with monkeypatch.context() as killed:
+        killed.setattr("penode.fit.archive.os.getpid", lambda: process)
+        killed.setattr(Path, "replace", failing)
+        killed.setattr(Path, "unlink", lambda *_, **__: None)
+        with pytest.raises(OSError, match="No space left"):
+            write_atomically(path, "part")
+    (part,) = path.parent.glob(".*.part")
+    return part
+
+
+def test_what_a_dead_process_left_is_removed_and_what_a_live_one_writes_is_not(
+    tmp_path, monkeypatch
+):
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    path = tmp_path / "result.json"
+    left = part_of(path, monkeypatch, dead.pid)
+    write_atomically(path, "new")
+    assert not left.exists()
+    written = part_of(path, monkeypatch, os.getppid())
+    write_atomically(path, "newer")
+    assert written.exists()
+
+
 def failing(*_args, **_kwargs):
-    raise OSError("No space left on device")
+    raise OSError(28, "No space left on device")
 
 
 def break_the_disk(monkeypatch, step):
     if step == "write":
-        monkeypatch.setattr("penode.fit.archive.os.fdopen", failing)
+        monkeypatch.setattr(Path, "write_bytes", failing)
     else:
         monkeypatch.setattr(Path, step, failing)
 
 
-@pytest.mark.parametrize("step", ["write", "chmod", "replace"])
+@pytest.mark.parametrize("step", ["write", "replace"])
 def test_a_failed_write_keeps_the_old_file(tmp_path, monkeypatch, step):
     path = tmp_path / "result.json"
     write_atomically(path, "old")
     with monkeypatch.context() as broken:
         break_the_disk(broken, step)
-        with pytest.raises(OSError, match="No space left"):
+        with pytest.raises(OSError, match="No space left") as said:
             write_atomically(path, "new")
+    assert said.value.filename == str(path)
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_a_failed_write_leaves_no_folder(tmp_path, monkeypatch):
+    with monkeypatch.context() as broken:
+        break_the_disk(broken, "write")
+        with pytest.raises(OSError, match="No space left"):
+            write_atomically(tmp_path / "new" / "folder" / "result.json", "new")
+    assert not (tmp_path / "new").exists()
 
 
 def refuse_constant(name):
@@ -84,48 +130,17 @@ def test_json_takes_numpy_scalars_and_tuples():
     assert json.loads(to_json(document)) == {"a": [1.5, 3], "7": None}
 
 
-# --- models -----------------------------------------------------------------------------------
-
-
-def test_models_round_trip(system):
-    arrays = {}
-    document = json.loads(to_json(describe_module(system.model, "model", arrays)))
-    back = restore_module(document, arrays)
-    assert type(back) is type(system.model)
-    assert jax.tree.structure(back) == jax.tree.structure(system.model)
-    for found, leaf in zip(jax.tree.leaves(back), jax.tree.leaves(system.model), strict=True):
-        np.testing.assert_array_equal(found, leaf)
-
-
-def test_static_fields_are_kept(systems):
-    arrays = {}
-    document = describe_module(systems["mlp machine"].model, "model", arrays)
-    back = restore_module(json.loads(to_json(document)), arrays)
-    assert (back.flux.current_scale, back.flux.flux_scale) == (100.0, 0.4)
-
-
-@pytest.mark.parametrize(
-    ("reference", "reason"),
-    [
-        ("penode_no_such_module:Model", "cannot be imported"),
-        ("penode.models.networks:NoSuchNetwork", "cannot be imported"),
-        ("penode_no_such_module:Model", "add that folder to PYTHONPATH"),
-        ("__main__:NoSuchModel", "move it into a module of its own"),
-        ("builtins:dict", "is no model"),
-        ("os:system", "is no model"),
-    ],
-)
-def test_only_importable_model_parts_are_restored(reference, reason):
-    with pytest.raises(InputError, match=rf"{reference}.*{reason}.*[.]$"):
-        restore_module({"class": reference, "fields": {}}, {})
-
-
 # --- both files -------------------------------------------------------------------------------
+
+
+def write(folder, document, arrays):
+    for name, content in archived(document, arrays).items():
+        (folder / name).write_bytes(content)
 
 
 @pytest.fixture
 def archive(tmp_path):
-    write_archive(tmp_path, {"schema": "x", "n": [1, None]}, {"a.b[0]": np.arange(500.0)})
+    write(tmp_path, {"schema": "x", "n": [1, None]}, {"a.b[0]": np.arange(500.0)})
     return tmp_path
 
 
@@ -134,17 +149,13 @@ def test_archive_round_trips(archive):
     assert document == {"schema": "x", "n": [1, None]}
     assert list(arrays) == ["a.b[0]"]
     np.testing.assert_array_equal(arrays["a.b[0]"], np.arange(500.0))
-    assert sorted(p.name for p in archive.iterdir()) == ["fit.json", "fit.npz"]
 
 
-def test_the_json_is_written_last(tmp_path, monkeypatch):
-    """A folder with a new document has the arrays it speaks of."""
-    order = []
-    monkeypatch.setattr(
-        "penode.fit.archive.write_atomically", lambda path, _: order.append(path.name)
-    )
-    write_archive(tmp_path, {}, {})
-    assert order == ["fit.npz", "fit.json"]
+def test_an_archive_of_before_the_document_had_a_digest_is_read(archive):
+    document = json.loads((archive / "fit.json").read_text())
+    del document["sha256"]
+    (archive / "fit.json").write_text(json.dumps(document))
+    assert read_archive(archive)[0] == {"schema": "x", "n": [1, None]}
 
 
 def shorten(path):
@@ -166,6 +177,16 @@ def flip(path):
     path.write_bytes(content)
 
 
+def change_a_number(path):
+    text = path.read_text()
+    path.write_text(text.replace("1,", "2,"))
+    assert path.read_text() != text
+
+
+def nest_deeply(path):
+    path.write_text("[" * 100_000)
+
+
 def put_an_object_in(path):
     """Store an array that only a pickle can hold."""
     np.savez(path, **{"a.b[0]": np.array([{}, None], dtype=object)})
@@ -177,6 +198,8 @@ def put_an_object_in(path):
         ("fit.json", shorten),
         ("fit.json", empty),
         ("fit.json", overwrite),
+        ("fit.json", change_a_number),
+        ("fit.json", nest_deeply),
         ("fit.npz", shorten),
         ("fit.npz", empty),
         ("fit.npz", overwrite),
@@ -199,20 +222,18 @@ def test_a_missing_file_is_named(archive, name):
         read_archive(archive)
 
 
-def test_a_write_that_fails_halfway_is_not_read_as_a_fit(archive, monkeypatch):
-    """New arrays beside the old document would be a fit that nobody made."""
-    before = read_archive(archive)[1]["a.b[0]"]
+def test_a_new_document_beside_old_arrays_is_refused(archive):
+    new = archived({"schema": "y"}, {"a.b[0]": np.zeros(500)})
+    (archive / "fit.json").write_bytes(new["fit.json"])
+    with pytest.raises(InputError, match="do not belong together"):
+        read_archive(archive)
 
-    def fail_at_json(path, content):
-        return failing() if path.name == "fit.json" else write_atomically(path, content)
 
-    with monkeypatch.context() as broken:
-        broken.setattr("penode.fit.archive.write_atomically", fail_at_json)
-        with pytest.raises(OSError, match="No space left"):
-            write_archive(archive, {"schema": "y"}, {"a.b[0]": np.zeros(500)})
-    try:
-        document, arrays = read_archive(archive)
-    except InputError:
-        return
-    assert document["schema"] == "x"
-    np.testing.assert_array_equal(arrays["a.b[0]"], before)
+def test_arrays_with_their_digest_that_are_no_archive_are_refused(archive):
+    document = json.loads((archive / "fit.json").read_text())
+    put_an_object_in(archive / "fit.npz")
+    document["arrays_sha256"] = sha256((archive / "fit.npz").read_bytes())
+    del document["sha256"]
+    (archive / "fit.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"damaged.*run the identification again\.$"):
+        read_archive(archive)

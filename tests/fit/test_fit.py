@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from penode import Fit, InputError
-from penode.fit.archive import read_archive, write_archive
+from penode.fit.archive import archive, read_archive
 from penode.fit.fit import Estimate, HorizonChoice
 from penode.report.fit_report import fit_report
 from penode.validation.coverage import supported
@@ -62,17 +62,25 @@ def test_comparisons_and_spectrum_round_trip(fit, loaded):
     assert loaded.spectrum.recording == "train.csv"
 
 
+def rewrite(folder, document, arrays):
+    """Replace the saved fit by another, as a version without digests of files would."""
+    (folder / "result.json").unlink()
+    for name, content in archive(document, arrays).items():
+        (folder / "fit" / name).write_bytes(content)
+
+
 def test_a_fit_saved_before_one_step_matrices_were_kept_is_read(fit, tmp_path):
     fit.save(tmp_path)
     document, arrays = read_archive(tmp_path / "fit")
     del arrays["transitions"]
-    write_archive(tmp_path / "fit", document, arrays)
+    rewrite(tmp_path, document, arrays)
     assert Fit.load(tmp_path).transitions.shape == (0, 0, 0)
 
 
 def test_result_is_the_saved_document(fit, tmp_path):
     fit.save(tmp_path)
     saved = strict((tmp_path / "result.json").read_text())
+    assert set(saved.pop("files")) == {"fit/fit.json", "fit/fit.npz"}
     assert saved == strict(json.dumps(fit.result()))
     assert saved["schema"] == "penode/1"
     assert set(saved) == {"schema", "horizon", "parameters", "metrics", "warnings", "provenance"}
@@ -145,8 +153,8 @@ def test_saving_again_replaces(fit, tmp_path):
 
 def test_another_schema_is_refused(fit, tmp_path):
     fit.save(tmp_path)
-    path = tmp_path / "fit" / "fit.json"
-    path.write_text(path.read_text().replace("penode/1", "penode/0"))
+    document, arrays = read_archive(tmp_path / "fit")
+    rewrite(tmp_path, {**document, "schema": "penode/0"}, arrays)
     with pytest.raises(InputError, match=r"schema 'penode/0' came, 'penode/1' was wanted"):
         Fit.load(tmp_path)
 
@@ -227,3 +235,47 @@ def test_an_unknown_deviation_of_a_horizon_is_still_unknown_when_loaded(fit, tmp
     assert loaded.horizon.ladder[0].std[name] == np.inf
     assert loaded.horizon.ladder[0].parameters == first.parameters
     assert fit_report(loaded)
+
+
+# --- what is no fit ---------------------------------------------------------------------------
+
+
+def nan(values):
+    return np.full(values.shape, np.nan)
+
+
+DAMAGES = {
+    "visited states that are nan": lambda d, a: a.update(excited=nan(a["excited"])),
+    "no visited states": lambda d, a: a.update(excited=np.empty((0, 2))),
+    "visited states in one row": lambda d, a: a.update(excited=np.ones(3)),
+    "words for visited states": lambda d, a: a.update(excited=np.array([["a", "b"]])),
+    "a model of nan": lambda d, a: a.update(
+        {n: nan(v) for n, v in a.items() if n.startswith("model.")}
+    ),
+    "no model": lambda d, a: d.update(model=None),
+    "a list for a model": lambda d, a: d.update(model=[]),
+    "a layer for a model": lambda d, a: d.update(
+        model={"class": "equinox.nn:Identity", "fields": {}}
+    ),
+    "no parameters": lambda d, a: d.pop("parameters"),
+    "a list of horizons": lambda d, a: d.update(horizon=[]),
+}
+
+
+@pytest.mark.parametrize("what", DAMAGES)
+def test_a_saved_fit_that_is_none_is_refused_in_a_sentence(fit, tmp_path, what):
+    fit.save(tmp_path)
+    document, arrays = read_archive(tmp_path / "fit")
+    DAMAGES[what](document, arrays)
+    rewrite(tmp_path, document, arrays)
+    with pytest.raises(InputError, match=r"lacks a part .*run the identification again\.$") as said:
+        Fit.load(tmp_path)
+    assert "\n" not in str(said.value)
+
+
+def test_a_fit_beside_the_result_of_another_is_refused(fit, tmp_path):
+    for name in ("one", "other"):
+        replace(fit, warnings=(name,)).save(tmp_path / name)
+    (tmp_path / "other" / "result.json").replace(tmp_path / "one" / "result.json")
+    with pytest.raises(InputError, match=r"fit\.(json|npz): not the file that result\.json beside"):
+        Fit.load(tmp_path / "one")

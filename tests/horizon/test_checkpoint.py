@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from penode import Contiguous, InputError, Plan, Stage, identify, ladder_plan
+from penode.fit.archive import sha256, to_json
+from penode.fit.outcome import Contribution
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.identify import Stopped
@@ -208,6 +210,55 @@ def test_a_file_of_another_climb_is_refused_by_name(climb, stopped, what):
 def test_a_start_that_another_processor_rounded_is_the_same(climb, unbroken, stopped):
     rungs = climb(checkpoint=Checkpoint(stopped, resume=True), raw=climb.raw * (1 + 1e-12))
     assert_equal(rungs, unbroken)
+
+
+# --- what a climb began with --------------------------------------------------------------------
+
+ASKED = {"purpose": "parameters", "seed": 0}
+BEGAN = (Contribution("gain", np.inf), {"anchor": (0.1, -np.inf)}, np.array([0.1, np.nan]))
+
+
+@pytest.fixture
+def begun(climb, path):
+    """Return the file of a stopped climb that keeps what it began with."""
+    checkpoint, watcher = Checkpoint(path), Person("evaluation", 2)
+    plan = checkpoint.over(climb.plan, watcher, ASKED, BEGAN)
+    assert climb.climbed(watcher, plan=plan).interrupted
+    return path
+
+
+def test_what_a_climb_began_with_is_returned_to_the_last_digit(begun):
+    record, anchor, values = Checkpoint(begun, resume=True).begun(ASKED)
+    assert (record, anchor) == BEGAN[:2]
+    np.testing.assert_array_equal(values, BEGAN[2])
+
+
+def test_nothing_is_returned_where_nothing_is_resumed(begun, tmp_path):
+    assert Checkpoint(begun).begun(ASKED) is None
+    assert Checkpoint(tmp_path / "none.json", resume=True).begun(ASKED) is None
+
+
+def test_something_else_asked_for_is_refused_by_name(begun):
+    with pytest.raises(InputError, match=r"its purpose \('parameters' there, 'simulation' here\)"):
+        Checkpoint(begun, resume=True).begun({**ASKED, "purpose": "simulation"})
+
+
+def test_the_start_of_a_climb_that_keeps_it_is_no_difference(climb, unbroken, begun):
+    """Another run rounds otherwise, and some directions of a start are hardly determined."""
+    plan = Checkpoint(begun, resume=True).over(climb.plan, ignore_events, ASKED)
+    assert_equal(climb(plan=plan, raw=climb.raw + 1e-3), unbroken)
+
+
+def test_a_file_of_the_earlier_schema_is_read(climb, unbroken, stopped):
+    document = json.loads(stopped.read_text())
+    for name in ("sha256", "began", "asked"):
+        del document[name]
+    document["schema"] = "penode-checkpoint/1"
+    document["sha256"] = sha256(to_json(document).encode())
+    stopped.write_text(to_json(document))
+    checkpoint = Checkpoint(stopped, resume=True)
+    assert checkpoint.begun(ASKED) is None
+    assert_equal(climb(checkpoint=checkpoint), unbroken)
 
 
 def test_a_damaged_file_is_refused_by_name(climb, stopped):

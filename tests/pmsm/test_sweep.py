@@ -107,8 +107,22 @@ def test_a_failure_is_told_and_spoils_no_other(run, asked, tmp_path):
 
 @pytest.mark.parametrize(
     ("horizons", "seeds", "words"),
-    [((), 1, "horizons"), ((0, 1), 1, "horizons"), ((2, 2), 1, "distinct"), ((1,), 0, "0 seeds")],
+    [
+        ((), 1, "horizons"),
+        ((0, 1), 1, "horizons"),
+        ((2, 2), 1, "distinct"),
+        ((1,), 0, "0 seeds"),
+        ((1,), 10**12, "give 1 to 10000"),
+    ],
 )
 def test_an_empty_grid_is_refused(horizons, seeds, words):
     with pytest.raises(InputError, match=words):
         grid_of(horizons, seeds)
+
+
+def test_a_horizon_that_no_recording_has_is_refused_before_any_training(run, asked, tmp_path):
+    grid = grid_of((1, 10**9), 1)
+    with pytest.raises(InputError, match=r"horizon 1000000000 .*shorten the horizon"):
+        swept([run], PLAIN, grid, tmp_path)
+    assert asked == []
+    assert list(tmp_path.iterdir()) == []

@@ -8,6 +8,7 @@ import typer
 from rich.console import Console
 
 from penode.cli.machine_fit import load_machine
+from penode.cli.options import TrustClasses
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.comparison.map_comparison import compare_maps, compare_resistances
@@ -21,6 +22,7 @@ def compare_command(
     second: Annotated[Path, typer.Argument(help="Another one, or a map such as flux_map.csv.")],
     out: Annotated[Path, typer.Option(help="PNG to write.")],
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead.")] = False,
+    trust: TrustClasses = False,
 ) -> None:
     """Hold a saved fit against another one, or against a map in a CSV file.
 
@@ -30,11 +32,11 @@ def compare_command(
     """
     if out.suffix.lower() != ".png":
         raise InputError(f"{out}: suffix {out.suffix!r} came; use .png.")
-    fit, resistance = load_machine(first), None
+    fit, resistance = load_machine(first, trust), None
     if second.suffix.lower() == ".csv":
         maps = compare_maps(fit, read_grid(second))
     else:
-        other = load_machine(second)
+        other = load_machine(second, trust)
         maps, resistance = compare_maps(fit, other), compare_resistances(fit, other)
     # Imported here: the plotting library takes a third of a second, and few commands draw.
     from penode.pmsm.comparison.comparison_picture import comparison_picture

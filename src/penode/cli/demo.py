@@ -11,8 +11,9 @@ from rich.console import Console
 from penode.cli.progress import watched
 from penode.cli.signature import signed
 from penode.cli.summary import print_demo, print_fit
+from penode.fit.result_folder import replace_together
 from penode.pmsm.demo import run_demo
-from penode.pmsm.result_files import write
+from penode.pmsm.result_files import result_files
 
 _output, _errors = Console(), Console(stderr=True)
 
@@ -30,7 +31,7 @@ def demo_command(
     _errors.print("Recording the built-in machine on the simulated bench ...", soft_wrap=True)
     with watched(out, _errors) as observer:
         story = run_demo(out / "recordings", observer)
-    story = replace(story, fit=signed(story.fit, began))
-    write(story.fit, out)
+        story = replace(story, fit=signed(story.fit, began))
+        replace_together(out, result_files(story.fit))
     print_fit(_output, story.fit, out)
     print_demo(_output, story)

@@ -47,7 +47,7 @@ class EventLog:
             self._file.close()
 
     def discard(self) -> None:
-        """Put back what was there before: an earlier log, or no file and no empty folder."""
+        """Put back what was there before: an earlier log, or no file."""
         self.close()
         if self._file is None:
             return
@@ -55,8 +55,6 @@ class EventLog:
             write_atomically(self._path, self._before)
             return
         self._path.unlink(missing_ok=True)
-        if not any(self._path.parent.iterdir()):
-            self._path.parent.rmdir()
 
     def _open(self) -> TextIO:
         self._path.parent.mkdir(parents=True, exist_ok=True)

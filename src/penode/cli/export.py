@@ -9,6 +9,7 @@ from rich.console import Console
 from penode.arrays import FloatArray
 from penode.cli.completion import formats
 from penode.cli.machine_fit import caution, load_machine
+from penode.cli.options import TrustClasses
 from penode.pmsm.exports.formats import FORMATS, export
 from penode.pmsm.machine.flux_grid import interpolation_error
 from penode.report.quantities import number
@@ -24,6 +25,7 @@ def export_command(
         int | None, typer.Option(help="Points a side of the grid; 41, but 256 for syre.")
     ] = None,
     pole_pairs: Annotated[int | None, typer.Option(help="Of the machine, for the torque.")] = None,
+    trust: TrustClasses = False,
 ) -> None:
     """Write the flux map of a saved fit for a controller or another program.
 
@@ -33,7 +35,7 @@ def export_command(
 
     Example: penode export result --to c --out machine.h
     """
-    fit = load_machine(folder)
+    fit = load_machine(folder, trust)
     grid = export(fit, to, out, points=points, pole_pairs=pole_pairs)
     lines = [f"map        {out}"]
     if to not in ("csv", "onnx"):

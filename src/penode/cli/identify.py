@@ -22,9 +22,10 @@ from penode.cli.progress import watched
 from penode.cli.signature import signed
 from penode.cli.summary import print_fit
 from penode.errors import InputError
+from penode.fit.result_folder import replace_together
 from penode.horizon.checkpoint import Checkpoint
 from penode.identify import Stopped
-from penode.pmsm.result_files import write
+from penode.pmsm.result_files import result_files
 from penode.pmsm.study import PURPOSES, identify
 from penode.pmsm.study_file import load_study
 
@@ -92,21 +93,25 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     asked = load_study(
         config, options if horizon is None else {**options, "horizon": _steps(horizon)}
     )
+    recordings = [asked.load(run) for run in runs]
+    unseen = [asked.load(run) for run in validate or []]
     checkpoint = _checkpoint(out, resume)
     stopped = False
     with watched(out, _errors, checkpoint) as observer:
         try:
             fit = identify(
-                [asked.load(run) for run in runs],
+                recordings,
                 study=asked.study,
-                validation=[asked.load(run) for run in validate or []],
+                validation=unseen,
                 observer=observer,
                 checkpoint=checkpoint,
             )
         except Stopped as stop:
             fit, stopped = stop.fit, True
         fit = signed(fit, began)
-        write(fit, out)
+        replace_together(out, result_files(fit))
+        if not stopped:
+            checkpoint.path.unlink(missing_ok=True)
     if as_json:
         typer.echo((out / "result.json").read_text())
     else:
@@ -114,7 +119,6 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     if stopped:
         _say("Stopped; this is the best so far. Add --resume to go on.")
         raise typer.Exit(130)
-    checkpoint.path.unlink(missing_ok=True)
     if not fit.horizon.answered:
         raise typer.Exit(1)
 

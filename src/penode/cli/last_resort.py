@@ -26,6 +26,17 @@ def of_the_system(error: OSError) -> str:
     )
 
 
+def of_memory(error: MemoryError) -> str:
+    """Return a sentence on what does not fit into the memory.
+
+    Parameters
+    ----------
+    error : MemoryError
+    """
+    what = f" ({error})" if str(error) else ""
+    return f"the memory does not suffice{what}; ask for less, or record for a shorter time."
+
+
 def of_penode(error: Exception) -> str:
     """Write the details of a failure into a file, and return a sentence that names it.
 

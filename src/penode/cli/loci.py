@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from penode.cli.machine_fit import caution, load_machine
+from penode.cli.options import TrustClasses
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.control.controlled_machine import ControlledMachine
@@ -28,6 +29,7 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     pole_pairs: Annotated[int | None, typer.Option(help="Of the machine.")] = None,
     csv: Annotated[Path | None, typer.Option(help="CSV of the loci to write as well.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead.")] = False,
+    trust: TrustClasses = False,
 ) -> None:
     """Compute what a controller needs: MTPA, MTPV, and most torque over speed with --u-max.
 
@@ -36,7 +38,7 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     for path, suffix in ((out, ".png"), (csv, ".csv")):
         if path is not None and path.suffix.lower() != suffix:
             raise InputError(f"{path}: suffix {path.suffix!r} came; use {suffix}.")
-    fit = load_machine(folder)
+    fit = load_machine(folder, trust)
     machine = ControlledMachine.of(fit, pole_pairs)
     loci = control_loci(machine, i_max, u_max)
     # Imported here: the plotting library takes a third of a second, and few commands draw.

@@ -6,13 +6,15 @@ from penode.errors import InputError
 from penode.fit.fit import Fit
 
 
-def load_machine(folder: Path) -> Fit:
+def load_machine(folder: Path, trust: bool = False) -> Fit:
     """Return the fit of a machine from the folder that identify or demo wrote.
 
     Parameters
     ----------
     folder : Path
         Folder with ``fit/`` in it.
+    trust : bool
+        Whether modules other than penode's are imported for the classes of the fit.
 
     Returns
     -------
@@ -23,7 +25,7 @@ def load_machine(folder: Path) -> Fit:
     InputError
         If there is no fit, or it is that of another model.
     """
-    fit = Fit.load(folder)
+    fit = Fit.load(folder, trust)
     maps = sorted(fit.model.maps())
     if "flux_map" not in maps:
         raise InputError(

@@ -5,9 +5,11 @@ Exit status 0 done, 1 the data cannot answer, 2 bad input, 70 a failure of penod
 
 import gc
 import sys
+from typing import Any
 
 import typer
 from rich.console import Console
+from typer.core import TyperGroup
 
 from penode.cli.check import check_command
 from penode.cli.compare import compare_command
@@ -16,16 +18,29 @@ from penode.cli.demo import demo_command
 from penode.cli.export import export_command
 from penode.cli.identify import identify_command
 from penode.cli.init import init_command
-from penode.cli.last_resort import FAILED, of_penode, of_the_system
+from penode.cli.last_resort import FAILED, of_memory, of_penode, of_the_system
 from penode.cli.loci import loci_command
 from penode.cli.progress import Interrupted
 from penode.cli.report import report_command
 from penode.cli.reproduce import reproduce_command
 from penode.cli.simulate import simulate_command
+from penode.cli.streams import flush_output, use_tolerant_streams
 from penode.cli.sweep import sweep_command
 from penode.errors import InputError
 
+
+class _Commands(TyperGroup):
+    """The commands; one that has no sentence of its own for Ctrl-C is given one."""
+
+    def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            raise Interrupted("Stopped; what was not finished is not written.") from error
+
+
 app = typer.Typer(
+    cls=_Commands,
     help="Identify the flux-linkage map and the resistance of a PMSM from an ordinary recording.",
     no_args_is_help=True,
     add_completion=True,
@@ -56,8 +71,12 @@ def main() -> None:
     gc.freeze()
     gc.set_threshold(_GARBAGE, 10, 10)
     use_compilation_cache()
+    use_tolerant_streams()
     try:
-        app(prog_name="penode")
+        try:
+            app(prog_name="penode")
+        finally:
+            flush_output()
     except InputError as error:
         _say(f"error: {error}")
         sys.exit(2)
@@ -66,6 +85,9 @@ def main() -> None:
         sys.exit(130)
     except OSError as error:
         _say(f"error: {of_the_system(error)}")
+        sys.exit(2)
+    except MemoryError as error:
+        _say(f"error: {of_memory(error)}")
         sys.exit(2)
     except Exception as error:
         _say(f"error: {of_penode(error)}")

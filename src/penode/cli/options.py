@@ -55,6 +55,13 @@ HoldOption = Annotated[
         autocompletion=holds,
     ),
 ]
+TrustClasses = Annotated[
+    bool,
+    typer.Option(
+        "--trust-classes",
+        help="Import the modules of the fit's own classes, which runs them.",
+    ),
+]
 
 
 def given(**options: Any) -> dict[str, Any]:

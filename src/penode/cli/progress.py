@@ -9,6 +9,7 @@ from rich.console import Console
 
 from penode.cli.event_log import EventLog
 from penode.cli.ladder_view import LadderView
+from penode.fit.result_folder import claimed
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.ladder import Observer
 
@@ -35,9 +36,17 @@ def watched(
 
     Raises
     ------
+    InputError
+        If another process writes into the folder.
     Interrupted
         On Ctrl-C that nothing within has handled.
     """
+    with claimed(folder), _logged(folder, console, checkpoint) as observer:
+        yield observer
+
+
+@contextmanager
+def _logged(folder: Path, console: Console, checkpoint: Checkpoint | None) -> Iterator[Observer]:
     resumed = checkpoint is not None and checkpoint.resume
     log, before = EventLog(folder, append=resumed), _stamp(checkpoint)
     try:

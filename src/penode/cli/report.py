@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from penode.cli.options import TrustClasses
 from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
 from penode.pmsm.machine.model import Machine
@@ -18,16 +19,20 @@ _output = Console()
 
 def report_command(
     folder: Annotated[Path, typer.Argument(help="Folder that identify, demo or Fit.save wrote.")],
+    trust: TrustClasses = False,
 ) -> None:
     """Write report.html from a saved fit, of a machine or of any other model.
 
-    A model of your own is imported from its module: run the command in that module's folder, or
-    name the folder in PYTHONPATH.
+    A model of your own is imported from its module with --trust-classes alone, as this runs the
+    module: give the command in that module's folder, or name the folder in PYTHONPATH.
 
     Example: penode report result
+
+    Example: penode report motor --trust-classes
     """
-    sys.path.append(str(Path.cwd()))
-    fit = Fit.load(folder)
+    if trust:
+        sys.path.append(str(Path.cwd()))
+    fit = Fit.load(folder, trust)
     of_kind = machine_report if isinstance(fit.model, Machine) else fit_report
     page = folder / "report.html"
     write_atomically(page, of_kind(fit))

@@ -1,11 +1,14 @@
 """The command ``penode sweep``."""
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from importlib import import_module
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,6 +31,7 @@ from penode.cli.options import (
 )
 from penode.cli.progress import Interrupted
 from penode.errors import InputError
+from penode.fit.result_folder import claimed
 from penode.pmsm.study_file import load_study
 from penode.pmsm.sweep import Swept, grid_of, sweep, write_sweep
 from penode.report.quantities import number, scale_for
@@ -73,15 +77,16 @@ def sweep_command(  # noqa: PLR0913 (an argument an option)
     recordings = [asked.load(run) for run in runs]
     swept = []
     try:
-        with _workers(jobs, dask) as executor:
-            for one in sweep(recordings, asked.study, grid, out, executor, resume):
-                _report(one)
-                swept.append(one)
+        with claimed(out):
+            with _workers(jobs, dask) as executor:
+                for one in sweep(recordings, asked.study, grid, out, executor, resume):
+                    _report(one)
+                    swept.append(one)
+            swept.sort(key=lambda one: grid.index((one.horizon, one.seed)))
+            write_sweep(swept, out)
     except KeyboardInterrupt as error:
         message = "Stopped; finished fits are kept. Add --resume to go on."
         raise Interrupted(message) from error
-    swept.sort(key=lambda one: grid.index((one.horizon, one.seed)))
-    write_sweep(swept, out)
     _print_table(swept)
     _output.print(f"table   {out / 'sweep.csv'}", soft_wrap=True, highlight=False)
     _output.print(f"figure  {out / 'sweep.png'}", soft_wrap=True, highlight=False)
@@ -110,9 +115,17 @@ def _workers(jobs: int, dask: str | None) -> Iterator[Executor]:
 
 
 def _begin() -> None:
-    """Prepare a worker: Ctrl-C is the parent's to handle."""
+    """Prepare a worker: Ctrl-C is the parent's to handle, and a dead parent ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     use_compilation_cache()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
 
 
 @contextmanager

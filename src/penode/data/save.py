@@ -43,5 +43,9 @@ def save(experiment: Experiment, path: str | Path) -> None:
     time = np.arange(len(experiment)) * experiment.time_step
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.partial")
-    writer(pl.DataFrame({"t": time, **experiment.channels}), partial)
-    partial.replace(path)
+    try:
+        writer(pl.DataFrame({"t": time, **experiment.channels}), partial)
+        partial.replace(path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise

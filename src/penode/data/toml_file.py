@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from penode.data.content import Content
 from penode.data.units import did_you_mean
@@ -34,7 +34,7 @@ class Kind:
     holds: Callable[[Any], bool]
 
 
-def is_whole(value: object) -> bool:
+def is_whole(value: object) -> TypeGuard[int]:
     """Return whether a value is a whole number of 64 bits; true and false are none."""
     return isinstance(value, int) and not isinstance(value, bool) and value in _WHOLES
 
@@ -84,18 +84,34 @@ def read_toml(path: Path) -> dict[str, Any]:
                     f"{path}: {content.size} bytes came where at most {_LONGEST} were wanted; name "
                     "a text file with settings."
                 )
-            return tomllib.loads(content.all().decode("utf-8-sig"))
+            entries = tomllib.loads(content.all().decode("utf-8-sig"))
+        _require_64_bits(path, entries)
+        return entries
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise InputError(f"{path}: the file cannot be read ({reason}); check the path.") from error
     except RecursionError as error:
-        raise InputError(
-            f"{path}: brackets or tables lie too deep within each other; write fewer."
-        ) from error
+        raise InputError(f"{path}: tables or lists nested too deeply; nest them less.") from error
     except InputError:
         raise
-    except ValueError as error:  # not TOML, not UTF-8, or a number of thousands of digits
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
+    except ValueError as error:  # Python reads no number of more than 4300 digits
+        raise InputError(f"{path}: a whole number of thousands of digits; shorten it.") from error
+
+
+def _require_64_bits(path: Path, entry: object) -> None:
+    """Refuse a whole number that no TOML file may hold."""
+    if isinstance(entry, dict):
+        for item in entry.values():
+            _require_64_bits(path, item)
+    elif isinstance(entry, list):
+        for item in entry:
+            _require_64_bits(path, item)
+    elif isinstance(entry, int) and entry not in _WHOLES:
+        digits = str(entry)
+        shown = digits if len(digits) < 30 else f"{digits[:12]}... ({len(digits)} digits)"
+        raise InputError(f"{path}: {shown} came; give a whole number of 64 bits.")
 
 
 def require(where: str, value: object, kind: Kind) -> None:

@@ -1,46 +1,76 @@
 """Files of a saved fit: one JSON document and one NPZ of arrays, written atomically, no pickle."""
 
 import hashlib
-import importlib
 import io
 import json
 import os
-import sys
-import tempfile
+import socket
+import threading
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import fields
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 
 from penode.arrays import FloatArray
 from penode.errors import InputError
 
-#: Key under which the document names the arrays it belongs to.
-_DIGEST = "arrays_sha256"
+#: Key under which the document names the arrays it belongs to, and that of its own digest.
+_ARRAYS, _OWN = "arrays_sha256", "sha256"
+_HOST = hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
 
 
-def _sha256(content: bytes) -> str:
+def sha256(content: bytes) -> str:
+    """Return the digest by which files of one result are recognised."""
     return hashlib.sha256(content).hexdigest()
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Replace a file in one step: a reader sees the old one or the new one, whole."""
+    """Replace a file in one step: a reader sees the old one or the new one, whole.
+
+    What processes that died left of this file is removed.
+    """
     data = content.encode() if isinstance(content, str) else content
+    made = [folder for folder in path.parents if not folder.exists()]
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    # The file's own name may be as long as a name can be.
+    stem = f".{sha256(path.name.encode())[:12]}.{_HOST}"
+    for left in path.parent.glob(f"{stem}.*.part"):
+        if not _alive(int(left.name.split(".")[3])):
+            left.unlink(missing_ok=True)
+    temporary = path.parent / f"{stem}.{os.getpid()}.{threading.get_ident()}.part"
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.write_bytes(data)
+        temporary.replace(path)
+    except BaseException as error:
+        name_file(error, path)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+            for folder in made:
+                folder.rmdir()
         raise
+
+
+def name_file(error: BaseException, path: Path) -> None:
+    """Tell an error of writing, which names no file, which one it was."""
+    if isinstance(error, OSError) and error.filename is None:
+        error.filename = str(path)
+
+
+def _alive(process: int) -> bool:
+    """Return whether a process of this machine runs, True where that cannot be asked."""
+    if os.name == "nt":  # signal 0 would end it there
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def to_json(document: Any) -> str:
@@ -60,80 +90,18 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def describe_module(module: Any, name: str, arrays: dict[str, FloatArray]) -> Any:
-    """Turn a model tree into JSON values, its arrays moved into `arrays` under dotted names."""
-    if isinstance(module, eqx.Module):
-        inner = {
-            f.name: describe_module(getattr(module, f.name), f"{name}.{f.name}", arrays)
-            for f in fields(module)
-        }
-        return {"class": f"{type(module).__module__}:{type(module).__qualname__}", "fields": inner}
-    if isinstance(module, tuple):
-        return [describe_module(item, f"{name}.{k}", arrays) for k, item in enumerate(module)]
-    if isinstance(module, np.ndarray):
-        arrays[name] = module
-        return {"array": name}
-    return module
-
-
-def restore_module(document: Any, arrays: Mapping[str, FloatArray]) -> Any:
-    """Rebuild a model tree from `describe_module`'s document.
-
-    Raises
-    ------
-    InputError
-        If a class named in the document cannot be imported or is not a model part.
-    """
-    if isinstance(document, list):
-        return tuple(restore_module(item, arrays) for item in document)
-    if not isinstance(document, dict):
-        return document
-    if "array" in document:
-        return arrays[document["array"]]
-    kind = _import_module_class(document["class"])
-    module = object.__new__(kind)
-    for name, value in document["fields"].items():
-        object.__setattr__(module, name, restore_module(value, arrays))
-    return module
-
-
-def _import_module_class(reference: str) -> type[eqx.Module]:
-    module_name, _, class_name = reference.partition(":")
-    needs = f"The saved fit needs {reference}, which"
-    if module_name == "__main__" and not hasattr(sys.modules["__main__"], class_name.split(".")[0]):
-        raise InputError(
-            f"{needs} a script or notebook defined; move it into a module of its own, import it "
-            "from there, and save the fit again."
-        )
-    try:
-        target: Any = importlib.import_module(module_name)
-        for part in class_name.split("."):
-            target = getattr(target, part)
-    except (ImportError, AttributeError, SyntaxError) as error:
-        raise InputError(
-            f"{needs} cannot be imported ({error}); run in the folder that holds "
-            f"{module_name}.py, or add that folder to PYTHONPATH."
-        ) from error
-    if not (isinstance(target, type) and issubclass(target, eqx.Module)):
-        raise InputError(
-            f"The saved fit names {reference}, which is no model; it was not written by penode."
-        )
-    return target
-
-
-def write_archive(folder: Path, document: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
-    """Write ``fit.json`` and ``fit.npz`` into a folder, the JSON last, each in one step."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile() as buffer:
-        np.savez_compressed(buffer, **arrays)
-        buffer.seek(0)
-        content = buffer.read()
-    write_atomically(folder / "fit.npz", content)
-    write_atomically(folder / "fit.json", to_json({**document, _DIGEST: _sha256(content)}))
+def archive(document: Mapping[str, Any], arrays: Mapping[str, Any]) -> dict[str, bytes]:
+    """Return ``fit.npz`` and ``fit.json`` by name, each with what shows that it is whole."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    content = buffer.getvalue()
+    whole = json.loads(to_json({**document, _ARRAYS: sha256(content)}))
+    text = to_json({**whole, _OWN: sha256(to_json(whole).encode())})
+    return {"fit.npz": content, "fit.json": text.encode()}
 
 
 def read_archive(folder: Path) -> tuple[dict[str, Any], dict[str, FloatArray]]:
-    """Read what `write_archive` wrote.
+    """Read what `archive` gave.
 
     Raises
     ------
@@ -141,18 +109,37 @@ def read_archive(folder: Path) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         If a file is missing or damaged; the message names it.
     """
     try:
-        document = json.loads((folder / "fit.json").read_text())
+        document = json.loads((folder / "fit.json").read_bytes())
         content = (folder / "fit.npz").read_bytes()
-        if not isinstance(document, dict) or document.pop(_DIGEST, None) != _sha256(content):
-            raise ValueError("its two files do not belong together")
+        _require_whole(document, content)
         with np.load(io.BytesIO(content), allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
     except FileNotFoundError as error:
         raise InputError(
             f"{error.filename}: no such file; give the folder that `penode identify --out` wrote."
         ) from error
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except (ValueError, OSError, EOFError, RecursionError, *_BROKEN_ZIP) as error:
         raise InputError(
-            f"{folder}: the saved fit is damaged ({error}); run the identification again."
+            f"{folder}: the saved fit is damaged ({_in_short(error)}); run the identification "
+            "again."
         ) from error
     return document, arrays
+
+
+#: What reading a damaged NPZ raises, beside errors of values and of the system.
+_BROKEN_ZIP = (zipfile.BadZipFile, zlib.error, NotImplementedError, SyntaxError)
+
+
+def _require_whole(document: Any, content: bytes) -> None:
+    """Take the digests out of a document, or refuse it; earlier ones have none of their own."""
+    if not isinstance(document, dict):
+        raise ValueError("its document is not a table")
+    own = document.pop(_OWN, None)
+    if own is not None and own != sha256(to_json(document).encode()):
+        raise ValueError("fit.json is not as it was written")
+    if document.pop(_ARRAYS, None) != sha256(content):
+        raise ValueError("its two files do not belong together")
+
+
+def _in_short(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__

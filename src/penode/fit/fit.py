@@ -1,8 +1,9 @@
 """Fit: parameters in physical units with their uncertainty, the horizon's story, provenance."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -11,17 +12,12 @@ import polars as pl
 
 from penode.arrays import BoolArray, FloatArray, float64
 from penode.errors import InputError
-from penode.fit.archive import (
-    describe_module,
-    read_archive,
-    restore_module,
-    to_json,
-    write_archive,
-    write_atomically,
-)
+from penode.fit.archive import archive, read_archive, to_json
+from penode.fit.document import document_of, parts_of
 from penode.fit.frames import ladder_frame, parameters_frame
 from penode.fit.learned_uncertainty import LearnedUncertainty
-from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary, estimate_of, horizon_of
+from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary
+from penode.fit.result_folder import claimed, digests, replace_together, require_one_result
 from penode.fit.summary import html, text
 from penode.models.base import Model
 from penode.validation.comparison import Comparison
@@ -196,35 +192,47 @@ class Fit:
         Parameters
         ----------
         folder : str or Path
-            Made if absent; files of an earlier fit are replaced, each in one step.
-        """
-        folder = Path(folder)
-        arrays = {"excited": self.excited, "transitions": self.transitions}
-        arrays |= {f"nuisance.{name}": values for name, values in self.nuisances.items()}
-        comparisons = [
-            _describe(c, f"comparison.{k}", arrays) for k, c in enumerate(self.comparisons)
-        ]
-        document = {
-            **self.result(),
-            "model": describe_module(self.model, "model", arrays),
-            "comparisons": comparisons,
-            "spectrum": _describe(self.spectrum, "spectrum", arrays),
-            "learned_uncertainty": _describe(self.learned_uncertainty, "uncertainty", arrays),
-            "correlations": _describe(self.correlations, "correlations", arrays),
-        }
-        write_archive(folder / "fit", document, arrays)
-        write_atomically(folder / "result.json", to_json(self.result()))
-
-    @classmethod
-    def load(cls, folder: str | Path) -> "Fit":
-        """Read a fit back from the folder that `save` wrote.
+            Made if absent; files of an earlier fit are replaced together.
 
         Raises
         ------
         InputError
-            If a file is missing, damaged or of another schema, or the model's class cannot be
-            imported.
+            If another process writes there.
         """
+        with claimed(Path(folder)):
+            replace_together(Path(folder), self.files())
+
+    def files(self, beside: Mapping[str, bytes] = MappingProxyType({})) -> dict[str, bytes]:
+        """Return what `save` writes: names in the folder to contents.
+
+        Parameters
+        ----------
+        beside : mapping of str to bytes
+            Other files of the same result; ``result.json`` has the digests of all.
+        """
+        archived = archive(*document_of(self))
+        made = {**beside, **{f"fit/{name}": content for name, content in archived.items()}}
+        result = to_json({**self.result(), "files": digests(made)})
+        return {**made, "result.json": result.encode()}
+
+    @classmethod
+    def load(cls, folder: str | Path, trust: bool = False) -> "Fit":
+        """Read a fit back from the folder that `save` wrote.
+
+        Parameters
+        ----------
+        folder : str or Path
+        trust : bool
+            Whether modules other than penode's are imported for the classes of the fit, which runs
+            them. Without it their classes are taken where the program has imported them already.
+
+        Raises
+        ------
+        InputError
+            If a file is missing, damaged, of another schema or of another result than the rest,
+            or the model's class is not trusted or cannot be imported.
+        """
+        require_one_result(Path(folder))
         document, arrays = read_archive(Path(folder) / "fit")
         schema = document.get("schema")
         if schema != SCHEMA:
@@ -233,36 +241,13 @@ class Fit:
                 "version of penode that wrote it."
             )
         try:
-            return cls._restored(document, arrays)
+            return cls(**parts_of(document, arrays, trust))
         except InputError:
             raise
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
+        except (LookupError, TypeError, AttributeError, ValueError, RecursionError) as error:
             raise InputError(
                 f"{folder}: the saved fit lacks a part ({error!r}); run the identification again."
             ) from error
-
-    @classmethod
-    def _restored(cls, document: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> "Fit":
-        return cls(
-            model=restore_module(document["model"], arrays),
-            parameters={n: estimate_of(p) for n, p in document["parameters"].items()},
-            horizon=horizon_of(document["horizon"]),
-            excited=arrays["excited"],
-            comparisons=tuple(_restore(Comparison, c, arrays) for c in document["comparisons"]),
-            spectrum=_restore(Spectrum, document["spectrum"], arrays),
-            transitions=arrays.get("transitions", np.empty((0, 0, 0))),
-            learned_uncertainty=_restore(
-                LearnedUncertainty, document.get("learned_uncertainty", {}), arrays
-            ),
-            correlations=_restore(Correlations, document.get("correlations", {}), arrays),
-            nuisances={
-                name.removeprefix("nuisance."): values
-                for name, values in arrays.items()
-                if name.startswith("nuisance.")
-            },
-            warnings=tuple(document["warnings"]),
-            provenance=document["provenance"],
-        )
 
 
 def _in_float64(learned: Callable[..., Any]) -> Callable[..., Any]:
@@ -281,12 +266,3 @@ def unused(name: str, taken: Mapping[str, Any]) -> str:
     while candidate in taken:
         number, candidate = number + 1, f"{name} ({number})"
     return candidate
-
-
-def _describe(record: Any, name: str, arrays: dict[str, FloatArray]) -> dict[str, Any]:
-    values = {f.name: getattr(record, f.name) for f in fields(record)}
-    return {k: describe_module(v, f"{name}.{k}", arrays) for k, v in values.items()}
-
-
-def _restore(kind: Any, document: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Any:
-    return kind(**{k: restore_module(v, arrays) for k, v in document.items()})

@@ -1,11 +1,11 @@
-"""Checkpoint: the finished rungs of a climb in one small file, from which a stopped fit goes on."""
+"""Checkpoint: start and finished rungs of a climb in one file, from which a stopped fit goes on."""
 
 import hashlib
-import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import jax
@@ -13,8 +13,9 @@ import numpy as np
 
 from penode.arrays import FloatArray, float64
 from penode.errors import InputError
-from penode.fit.archive import to_json, write_atomically
+from penode.fit.archive import write_atomically
 from penode.fit.provenance import penode_version
+from penode.horizon.checkpoint_file import Record, Rung, packed, read, text
 from penode.horizon.ladder import Observer
 from penode.training.plan import (
     DIVERGED,
@@ -26,10 +27,8 @@ from penode.training.plan import (
     ignore_progress,
 )
 
-SCHEMA = "penode-checkpoint/1"
-
-#: Starts that differ by less, relative to the largest entry, are one start: another processor
-#: rounds otherwise, and only the first rung, which is finished, began there.
+#: Starts that differ by less, relative to the largest entry, are one start where none is kept:
+#: another processor rounds otherwise, and only the first rung, which is finished, began there.
 _SAME_START = 1e-6
 
 #: Longer descriptions are not put into a sentence.
@@ -38,7 +37,7 @@ _LEGIBLE = 60
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A file that keeps the finished rungs of a climb.
+    """A file that keeps what a climb began with, and its finished rungs.
 
     Attributes
     ----------
@@ -52,7 +51,34 @@ class Checkpoint:
     path: Path
     resume: bool = False
 
-    def over(self, plan: Plan, observer: Observer) -> Plan:
+    def begun(self, asked: Mapping[str, object]) -> Any:
+        """Return what the climb in the file began with, or None where there is nothing to resume.
+
+        To compute it anew would give other last digits, and with them another climb.
+
+        Parameters
+        ----------
+        asked : mapping of str to object
+            What was asked for, by the name that a refusal gives it.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, is damaged, or something else was asked for there.
+        """
+        record = read(Path(self.path)) if self.resume else None
+        if record is None:
+            return None
+        _require_same(Path(self.path), record.asked, _words(asked))
+        return record.restored(Path(self.path))
+
+    def over(
+        self,
+        plan: Plan,
+        observer: Observer,
+        asked: Mapping[str, object] = MappingProxyType({}),
+        began: object = None,
+    ) -> Plan:
         """Return the plan with every rung kept as it is finished, and kept rungs taken over.
 
         A rung taken over costs one evaluation and comes out as it was, to the last digit. What a
@@ -64,6 +90,10 @@ class Checkpoint:
         plan : Plan
         observer : callable
             Receives the horizons taken over.
+        asked : mapping of str to object
+            As in `begun`.
+        began : object
+            What `begun` is to return: models, records, mappings, tuples, arrays, numbers and text.
 
         Raises
         ------
@@ -72,9 +102,9 @@ class Checkpoint:
             it belongs to other recordings, another model or another start.
         """
         path, given = Path(self.path), _given_by_plan(plan)
-        record = _Record(given, np.zeros(0))
+        record = Record(_words(asked), given, np.zeros(0), packed(began))
         if self.resume:
-            record = _read(path) or record
+            record = read(path) or record
             _require_same(path, record.given, given)
             observer({"event": "resume", "horizons": [rung.horizon for rung in record.rungs]})
         journal = _Journal(path, record)
@@ -85,29 +115,10 @@ class Checkpoint:
         return replace(plan, stages=tuple(stages))
 
 
-@dataclass(frozen=True, eq=False)
-class _Rung:
-    """Where a finished rung ended, and why; everything else follows from it by one evaluation."""
-
-    horizon: int
-    raw: FloatArray
-    evaluations: int
-    outcome: str
-
-
-@dataclass(frozen=True, eq=False)
-class _Record:
-    """Content of the file: what the climb was given, where it began, and its finished rungs."""
-
-    given: Mapping[str, str]
-    start: FloatArray
-    rungs: tuple[_Rung, ...] = ()
-
-
 class _Journal:
     """The record of one climb as it goes."""
 
-    def __init__(self, path: Path, record: _Record):
+    def __init__(self, path: Path, record: Record):
         self._path = path
         self._record = record
 
@@ -115,19 +126,21 @@ class _Journal:
         """Begin the record, or refuse the file's if it belongs to another climb."""
         given = {**self._record.given, **_given_by_problem(problem, raw)}
         if not self._record.rungs:
-            self._record = _Record(given, raw)
+            self._record = replace(self._record, given=given, start=raw)
             return
         _require_same(self._path, self._record.given, given)
+        if self._record.began["tree"] is not None:
+            return  # the start came out of the file
         gap = np.abs(self._record.start - raw).max(initial=0.0)
         if gap > _SAME_START * np.abs(raw).max(initial=1.0):
             raise _refusal(self._path, "start")
 
-    def rung(self, number: int) -> _Rung | None:
+    def rung(self, number: int) -> Rung | None:
         """Return a finished rung, or None if it is still to be climbed."""
         rungs = self._record.rungs
         return rungs[number] if number < len(rungs) else None
 
-    def keep(self, rung: _Rung) -> None:
+    def keep(self, rung: Rung) -> None:
         """Write the record with one more rung.
 
         Raises
@@ -137,7 +150,7 @@ class _Journal:
         """
         self._record = replace(self._record, rungs=(*self._record.rungs, rung))
         try:
-            write_atomically(self._path, _text(self._record))
+            write_atomically(self._path, text(self._record))
         except OSError as error:
             raise InputError(
                 f"{self._path}: the checkpoint cannot be written ({error.strerror or error}); "
@@ -167,9 +180,13 @@ class _Kept:
         solution = self.optimiser.minimise(problem, raw, progress)
         if solution.outcome != DIVERGED:
             self.journal.keep(
-                _Rung(self.horizon, solution.raw, solution.evaluations, solution.outcome)
+                Rung(self.horizon, solution.raw, solution.evaluations, solution.outcome)
             )
         return solution
+
+
+def _words(asked: Mapping[str, object]) -> dict[str, str]:
+    return {name: _readable(value) for name, value in asked.items()}
 
 
 def _given_by_plan(plan: Plan) -> dict[str, str]:
@@ -207,7 +224,7 @@ def _readable(thing: object) -> str:
 
 def _require_same(path: Path, saved: Mapping[str, str], came: Mapping[str, str]) -> None:
     for name, now in came.items():
-        before = saved.get(name, "")
+        before = saved.get(name, now)  # the earlier schema has fewer names
         if before == now:
             continue
         if max(len(before), len(now)) <= _LEGIBLE:
@@ -220,40 +237,3 @@ def _refusal(path: Path, difference: str) -> InputError:
         f"{path}: the stopped fit differs in its {difference}; give what it was given, or begin "
         "again without resuming."
     )
-
-
-def _text(record: _Record) -> str:
-    document = _listed({"schema": SCHEMA, **asdict(record)})
-    return to_json({**document, "sha256": _digest(document)})
-
-
-def _listed(value: Any) -> Any:
-    """Return the value with arrays as lists; each number in as many digits as give it back."""
-    if isinstance(value, dict):
-        return {key: _listed(item) for key, item in value.items()}
-    if isinstance(value, tuple):
-        return [_listed(item) for item in value]
-    return value.tolist() if isinstance(value, np.ndarray) else value
-
-
-def _digest(document: Any) -> str:
-    return hashlib.sha256(to_json(document).encode()).hexdigest()
-
-
-def _read(path: Path) -> _Record | None:
-    """Return the record in the file, or None where there is no file."""
-    try:
-        document = json.loads(path.read_text())
-        if not isinstance(document, dict) or document.pop("sha256", None) != _digest(document):
-            raise ValueError("it is not as it was written")
-        if document["schema"] != SCHEMA:
-            raise ValueError(f"its schema is {document['schema']}, not {SCHEMA}")
-        rungs = [_Rung(**{**rung, "raw": np.array(rung["raw"])}) for rung in document["rungs"]]
-        return _Record(document["given"], np.array(document["start"]), tuple(rungs))
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(
-            f"{path}: the checkpoint cannot be read ({reason}); begin again without resuming."
-        ) from error

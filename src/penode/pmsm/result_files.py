@@ -1,12 +1,11 @@
 """The files that an identification writes."""
 
-import tempfile
 from pathlib import Path
 
 import numpy as np
 
-from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
+from penode.fit.result_folder import claimed, replace_together
 from penode.pmsm.report.machine_report import machine_report
 
 #: Points a side of the grid in ``flux_map.csv``.
@@ -21,21 +20,24 @@ def write(fit: Fit, folder: str | Path) -> None:
     fit : Fit
         Of a machine.
     folder : str or Path
-        Gets ``result.json``, ``flux_map.csv``, ``fit/`` and ``report.html``, moved there together
-        when all are written: what interrupts the writing leaves an earlier result as it was.
+        Made if absent. Gets ``result.json``, ``flux_map.csv``, ``fit/`` and ``report.html``
+        together, or stays as it was.
+
+    Raises
+    ------
+    InputError
+        If another process writes there.
     """
-    folder = Path(folder)
-    report = machine_report(fit)
-    table = flux_map_csv(fit)
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".result.") as made:
-        staged = Path(made)
-        fit.save(staged)
-        write_atomically(staged / "flux_map.csv", table)
-        write_atomically(staged / "report.html", report)
-        (folder / "fit").mkdir(exist_ok=True)
-        for file in [path for path in staged.rglob("*") if path.is_file()]:
-            file.replace(folder / file.relative_to(staged))
+    files = result_files(fit)
+    with claimed(Path(folder)):
+        replace_together(Path(folder), files)
+
+
+def result_files(fit: Fit) -> dict[str, bytes]:
+    """Return what `write` writes: names in the folder to contents."""
+    made = fit.files(beside={"flux_map.csv": flux_map_csv(fit).encode()})
+    # The page is no part of the set that result.json has digests of: it may be made again.
+    return {**made, "report.html": machine_report(fit).encode()}
 
 
 def flux_map_csv(fit: Fit) -> str:

@@ -1,7 +1,7 @@
 """From drive recordings to a machine: the application's main path."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -196,17 +196,18 @@ def identify(
     unseen = [drive_recording(e) for e in validation]
     study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
     study.check([*recordings, *unseen])
-    calibration = study.calibration(recordings)
-    recordings, unseen = ([calibration.applied(e) for e in runs] for runs in (recordings, unseen))
-    acting = [calibration.acting(e) for e in recordings]
-    study, reasons = replace(study, hold=calibration.hold).decided(acting)
-    study.check([*recordings, *unseen])
     observer({"event": "start", "recordings": [e.name for e in recordings]})
+    asked = {entry.name.replace("_", " "): getattr(study, entry.name) for entry in fields(study)}
+    began = None if checkpoint is None else checkpoint.begun(asked)
+    began = began or _Beginning.of(recordings, study)
+    calibration, study = began.calibration, began.study
+    recordings, unseen = ([calibration.applied(e) for e in runs] for runs in (recordings, unseen))
+    study.check([*recordings, *unseen])
     plan = study.plan(recordings)
     if checkpoint is not None:
-        plan = checkpoint.over(plan, observer)
+        plan = checkpoint.over(plan, observer, asked, began)
     start = replace(
-        _start(acting, study, (*calibration.reasons, *reasons)),
+        began.start,
         checks=machine_checks(experiments, calibration, study.pole_pairs),
         imperfections=(
             *calibration.accuracy(study.accuracy).imperfections(recordings),
@@ -221,6 +222,36 @@ def identify(
         validation=unseen,
         observer=observer,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Beginning:
+    """What is decided and estimated before training; a checkpoint keeps it.
+
+    Attributes
+    ----------
+    calibration : Calibration
+        Of the channels.
+    study : Study
+        With what was left to the data decided.
+    start : Start
+        By the weak form.
+    """
+
+    calibration: Calibration
+    study: Study
+    start: Start
+
+    @classmethod
+    def of(cls, recordings: Sequence[Experiment], study: Study) -> "_Beginning":
+        """Return what recordings say of channels, model and start."""
+        calibration = study.calibration(recordings)
+        corrected = [calibration.applied(e) for e in recordings]
+        acting = [calibration.acting(e) for e in corrected]
+        study, reasons = replace(study, hold=calibration.hold).decided(acting)
+        study.check(corrected)
+        start = _start(acting, study, (*calibration.reasons, *reasons))
+        return cls(calibration, study, start)
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:

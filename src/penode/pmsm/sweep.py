@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from penode.data.experiment import Experiment
+from penode.data.windows import check_length
 from penode.errors import InputError
 from penode.fit.archive import to_json, write_atomically
 from penode.fit.provenance import penode_version
@@ -25,6 +26,7 @@ from penode.report.quantities import scale_for
 
 #: Seconds until Ctrl-C is noticed.
 _NOTICE = 0.2
+_MOST_SEEDS = 10_000
 _COLOURS = ("coenergy", "inverter", "harmonics")
 
 
@@ -88,9 +90,11 @@ def sweep(
     Raises
     ------
     InputError
-        If a recording cannot be used.
+        If a recording cannot be used, or is too short for a horizon.
     """
     recordings = [drive_recording(e) for e in experiments]
+    for recording in recordings:
+        check_length(recording, max(horizon for horizon, _ in grid), past=1)
     study, _ = study.decided(recordings)
     study.check(recordings)
     waiting: set[Future[Swept]] = set()
@@ -138,12 +142,13 @@ def grid_of(horizons: Sequence[int], seeds: int) -> list[tuple[int, int]]:
     Raises
     ------
     InputError
-        If there is none of either, or a horizon is below 1 or comes twice.
+        If there is none of either, a horizon is below 1 or comes twice, or seeds are more than
+        anyone waits for.
     """
     if not horizons or min(horizons) < 1 or len(set(horizons)) < len(horizons):
         raise InputError(f"horizons {list(horizons)} came; give distinct whole numbers from 1.")
-    if seeds < 1:
-        raise InputError(f"{seeds} seeds came; give at least 1.")
+    if not 1 <= seeds <= _MOST_SEEDS:
+        raise InputError(f"{seeds} seeds came; give 1 to {_MOST_SEEDS}.")
     return list(product(horizons, range(seeds)))
 
 

@@ -329,3 +329,13 @@ def test_a_speed_that_is_not_finite_is_refused():
 def test_a_reference_that_is_not_two_finite_currents_is_refused(rows):
     with pytest.raises(InputError, match="return finite i_d and i_q in A for each of the 4000"):
         simulate(TRACTION_300A, rows, speed_rpm=1500.0, duration=0.4)
+
+
+def test_a_speed_that_no_machine_has_is_refused():
+    with pytest.raises(InputError, match=r"a speed of 1e\+300 rpm came; give at most 1e\+06 rpm"):
+        simulate(TRACTION_300A, LISSAJOUS, speed_rpm=1e300, duration=0.4)
+
+
+def test_more_samples_than_a_computer_holds_are_refused():
+    with pytest.raises(InputError, match=r"1e\+300 s .* more than 1e\+08 samples"):
+        simulate(TRACTION_300A, Lissajous(100.0, 14.0, 15.0), speed_rpm=1500.0, duration=1e300)

@@ -202,6 +202,14 @@ def test_a_delay_that_does_not_show_is_said_to_be_untold():
     assert any("a delay of the voltage cannot be determined" in one for one in found.untold)
 
 
+@pytest.mark.parametrize("count", [8, 9, 15])
+def test_a_recording_shorter_than_a_window_leaves_the_delay_untold(slow_run, count):
+    """Eight samples are the fewest that are read."""
+    channels = {name: values[:count] for name, values in slow_run.channels.items()}
+    found = check_conventions(replace(slow_run, channels=channels))
+    assert f"cannot be determined from {count} samples" in " ".join(found.untold)
+
+
 @pytest.mark.parametrize(("lag", "deviation", "late"), [(0.7, 0.19, False), (0.7, 0.1, True)])
 def test_a_delay_is_named_from_five_deviations(slow_run, monkeypatch, lag, deviation, late):
     module = "penode.pmsm.conventions.balance.lag_of_voltage"

@@ -168,3 +168,9 @@ def test_csv_reads_back_as_a_grid(machine_fit, tmp_path):
     path, _ = written(machine_fit, "csv", tmp_path)
     grid = read_grid(path)
     np.testing.assert_allclose(grid.psi, machine_fit.flux_map(*grid.mesh), rtol=1e-7, atol=1e-9)
+
+
+def test_more_points_than_a_table_should_have_are_refused(machine_fit, tmp_path):
+    with pytest.raises(InputError, match=r"^1000000 points a side came; give at most 2000\.$"):
+        export(machine_fit, "npz", tmp_path / "map.npz", points=1_000_000)
+    assert list(tmp_path.iterdir()) == []

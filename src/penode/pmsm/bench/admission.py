@@ -17,6 +17,10 @@ from penode.pmsm.bench.sensors import SpeedSensor
 from penode.pmsm.bench.shaft import FreeShaft, Speed
 from penode.pmsm.bench.winding import IronLoss, Warming, Winding
 
+_MOST_RPM = 1e6
+#: Of a recording.
+_MOST_SAMPLES = 10**8
+
 # A rule says what was wanted, and whether a value is that.
 Rule: TypeAlias = tuple[str, Callable[[Any], bool]]
 
@@ -107,7 +111,8 @@ def check_speed(name: str, speed: Speed, time: FloatArray) -> None:
     Raises
     ------
     InputError
-        If the speed is not finite at an instant, or the shaft has no inertia.
+        If the speed is not finite at an instant, or beyond that of any machine, or the shaft has
+        no inertia.
     """
     if isinstance(speed, FreeShaft):
         _check_record(name, speed)
@@ -120,6 +125,10 @@ def check_speed(name: str, speed: Speed, time: FloatArray) -> None:
         )
     if not np.all(np.isfinite(rpm)):
         raise InputError(f"{name}: the speed is not finite; give it in revolutions per minute.")
+    if np.abs(rpm).max() > _MOST_RPM:
+        raise InputError(
+            f"{name}: a speed of {np.abs(rpm).max():g} rpm came; give at most {_MOST_RPM:g} rpm."
+        )
 
 
 def sampling_instants(name: str, duration: float, time_step: float) -> FloatArray:
@@ -140,12 +149,17 @@ def sampling_instants(name: str, duration: float, time_step: float) -> FloatArra
     Raises
     ------
     InputError
-        If there is no sample.
+        If there is no sample, or more than a computer holds.
     """
     if not (np.isfinite(duration) and duration >= time_step > 0):
         raise InputError(
             f"{name}: {duration:g} s hold no sample at a time step of {time_step:g} s; "
             f"give a duration and a time step above zero, the duration being the longer."
+        )
+    if duration / time_step > _MOST_SAMPLES:
+        raise InputError(
+            f"{name}: {duration:g} s at a time step of {time_step:g} s are more than "
+            f"{_MOST_SAMPLES:.0e} samples; give a shorter duration."
         )
     return time_step * np.arange(round(duration / time_step) + 1, dtype=np.float64)
 

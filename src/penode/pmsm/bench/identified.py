@@ -1,5 +1,6 @@
 """A machine of the bench from what an identification wrote; files are all that the two share."""
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import replace
@@ -55,6 +56,7 @@ def identified_machine(
     result = _read_result(folder / "result.json")
     if not source.is_file():
         raise InputError(f"{source}: no such file; give a folder that penode identify wrote.")
+    _require_same_result(source, result)
     if pole_pairs is None:
         pole_pairs = result.get("provenance", {}).get("pole_pairs")
     if pole_pairs is None:
@@ -94,6 +96,17 @@ def _read_result(path: Path) -> Mapping[str, Any]:
     if not isinstance(result, dict):
         raise InputError(f"{path}: not a result of penode identify; give its folder.")
     return result
+
+
+def _require_same_result(source: Path, result: Mapping[str, Any]) -> None:
+    """Refuse a map other than the one that the result was written with."""
+    files = result.get("files")
+    digest = files.get(source.name) if isinstance(files, dict) else None
+    if digest is not None and digest != hashlib.sha256(source.read_bytes()).hexdigest():
+        raise InputError(
+            f"{source}: not the file that result.json beside it was written with; put back the one "
+            "that was, or run the identification again."
+        )
 
 
 def _resistance(folder: Path, result: Mapping[str, Any]) -> float:

@@ -34,6 +34,8 @@ _CLEARER = 0.7
 _MOST_POLE_PAIRS = 12
 #: Lag in samples that is one, and its deviation up to which it is reported.
 _LATE, _DETERMINED = 0.6, 0.2
+#: Samples of which the shortest window that times a voltage can be cut.
+_SHORTEST = 16
 #: Angle in deg and deviations from which the magnet lies beside the d axis.
 _ASIDE, _SIGNIFICANT = 5.0, 5.0
 #: Least current, as a share of the largest, up to which the map at no current is determined.
@@ -171,6 +173,12 @@ def judge_delay(
     str
         Why nothing can be determined, empty where it can.
     """
+    if len(experiment) < _SHORTEST:
+        few = (
+            f"{experiment.name}: a delay of the voltage cannot be determined from "
+            f"{len(experiment)} samples; record for longer."
+        )
+        return None, experiment, few
     lag, deviation = lag_of_voltage(experiment, in_phases)
     if not deviation < _DETERMINED:
         return (

@@ -42,6 +42,10 @@ FORMATS: dict[str, Format] = {
 }
 
 
+#: A side; a table has as many values as the square of it, and a C header a word for each.
+_MOST_POINTS = 2000
+
+
 def export(
     fit: Fit,
     to: str,
@@ -73,7 +77,8 @@ def export(
     Raises
     ------
     InputError
-        If the format or the suffix is not known, or the format cannot hold this map.
+        If the format or the suffix is not known, the points are too many or too few, or the format
+        cannot hold this map.
     """
     path = Path(path)
     if to not in FORMATS:
@@ -83,6 +88,8 @@ def export(
         raise InputError(
             f"{path}: suffix {path.suffix!r} came for the format {to}; use {target.suffix}."
         )
+    if points is not None and points > _MOST_POINTS:
+        raise InputError(f"{points} points a side came; give at most {_MOST_POINTS}.")
     grid = tabulate(fit, target.points if points is None else points, pole_pairs)
     write_atomically(path, target.encode(fit, grid, path.stem))
     return grid

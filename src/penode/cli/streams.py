@@ -1,0 +1,74 @@
+"""Output that every terminal can show, and that a reader may stop reading."""
+
+import codecs
+import io
+import os
+import sys
+
+#: What encodings without these characters show in their place.
+_SPELLED = {
+    "Ω": "ohm",
+    "µ": "u",
+    "ψ": "psi",
+    "±": "+-",
+    "×": "x",
+    "·": "*",
+    "²": "^2",
+    "°": "deg",
+    "–": "-",
+    "−": "-",
+    "…": "...",
+    "\N{NO-BREAK SPACE}": " ",
+}
+
+
+class _Pipe(io.FileIO):
+    """An output whose reader may be gone: what nobody reads is dropped, and the work goes on."""
+
+    def write(self, data: object) -> int:
+        try:
+            return super().write(data)  # type: ignore[arg-type]
+        except BrokenPipeError:
+            return memoryview(data).nbytes  # type: ignore[arg-type]
+
+
+def use_tolerant_streams() -> None:
+    """Make standard output and error spell what they cannot encode and outlive their readers.
+
+    Streams that a program has put in their place stay.
+    """
+    codecs.register_error("penode.spelled", _spell)
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if isinstance(stream, io.TextIOWrapper) and stream is getattr(sys, f"__{name}__"):
+            stream.flush()
+            tolerant = io.TextIOWrapper(
+                io.BufferedWriter(_Pipe(stream.fileno(), "w", closefd=False)),
+                encoding=stream.encoding,
+                errors="penode.spelled",
+                line_buffering=stream.line_buffering,
+            )
+            setattr(sys, name, tolerant)
+
+
+def flush_output() -> None:
+    """Write what standard output still holds.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written, as on a full disk; it is dropped then.
+    """
+    if sys.stdout is None:
+        return
+    try:
+        sys.stdout.flush()
+    except OSError:
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (kept to the end)
+        raise
+
+
+def _spell(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(_SPELLED.get(c, "?") for c in error.object[error.start : error.end]), error.end

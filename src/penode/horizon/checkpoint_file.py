@@ -1,0 +1,115 @@
+"""The file of a checkpoint: one JSON document with a digest of its own."""
+
+import base64
+import hashlib
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.errors import InputError
+from penode.fit.archive import to_json
+from penode.fit.model_tree import describe_module, restore_module
+
+SCHEMA = "penode-checkpoint/2"
+#: The schema before what a climb began with was kept; it is read.
+_EARLIER = "penode-checkpoint/1"
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """Where a finished rung ended, and why; everything else follows from it by one evaluation."""
+
+    horizon: int
+    raw: FloatArray
+    evaluations: int
+    outcome: str
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Content of the file.
+
+    Attributes
+    ----------
+    asked, given : mapping of str to str
+        What was asked for, and what the climb was given, in words by name.
+    start : ndarray, shape (parameter,)
+        Raw parameters at which the climb began.
+    began : mapping
+        What it began with, as `packed` gives it.
+    rungs : tuple of Rung
+        Those that are finished.
+    """
+
+    asked: Mapping[str, str]
+    given: Mapping[str, str]
+    start: FloatArray
+    began: Mapping[str, Any]
+    rungs: tuple[Rung, ...] = ()
+
+    def restored(self, path: Path) -> Any:
+        """Return what the climb began with."""
+        try:
+            content = io.BytesIO(base64.b64decode(self.began["arrays"]))
+            with np.load(content, allow_pickle=False) as stored:
+                return restore_module(self.began["tree"], dict(stored))
+        except (LookupError, TypeError, ValueError) as error:
+            raise _unreadable(path, error) from error
+
+
+def text(record: Record) -> str:
+    """Return the content of the file."""
+    document = _listed({"schema": SCHEMA, **asdict(record)})
+    return to_json({**document, "sha256": _digest(document)})
+
+
+def _listed(value: Any) -> Any:
+    """Return the value with arrays as lists; each number in as many digits as give it back."""
+    if isinstance(value, dict):
+        return {key: _listed(item) for key, item in value.items()}
+    if isinstance(value, tuple):
+        return [_listed(item) for item in value]
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _digest(document: Any) -> str:
+    return hashlib.sha256(to_json(document).encode()).hexdigest()
+
+
+def read(path: Path) -> Record | None:
+    """Return the record in the file, or None where there is no file."""
+    try:
+        document = json.loads(path.read_text())
+        if not isinstance(document, dict) or document.pop("sha256", None) != _digest(document):
+            raise ValueError("it is not as it was written")
+        if document["schema"] not in (SCHEMA, _EARLIER):
+            raise ValueError(f"its schema is {document['schema']}, not {SCHEMA}")
+        rungs = [Rung(**{**rung, "raw": np.array(rung["raw"])}) for rung in document["rungs"]]
+        began = document.get("began", packed(None))
+        asked, start = document.get("asked", {}), np.array(document["start"])
+        return Record(asked, document["given"], start, began, tuple(rungs))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    reason = error.strerror if isinstance(error, OSError) else error
+    return InputError(
+        f"{path}: the checkpoint cannot be read ({reason}); begin again without resuming."
+    )
+
+
+def packed(began: object) -> dict[str, Any]:
+    """Return what a climb began with as JSON values, its arrays as the text of an NPZ."""
+    arrays: dict[str, FloatArray] = {}
+    tree, content = describe_module(began, "began", arrays), io.BytesIO()
+    np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
+    return {"tree": tree, "arrays": base64.b64encode(content.getvalue()).decode()}
