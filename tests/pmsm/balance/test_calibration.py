@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import lfilter, savgol_filter
 
 from penode.models.inputs import Inputs
 from penode.pmsm import Accuracy
@@ -164,6 +164,14 @@ def test_a_speed_that_lags_is_replaced_by_the_slope_of_the_angle(slow_run):
     turning |= {"theta_el": angle}
     sloped = with_speed_from_angle(replace(slow_run, channels=turning)).channels["omega_el"]
     np.testing.assert_allclose(sloped[100:-100], turning["omega_el"][100:-100], atol=0.05)
+
+
+def test_slopes_are_those_of_the_filter_of_savitzky_and_golay(slow_run, rng):
+    angle = np.cumsum(rng.uniform(0.0, 0.3, len(slow_run)))
+    run = replace(slow_run, channels={**slow_run.channels, "theta_el": angle})
+    wanted = savgol_filter(angle, 51, 3, deriv=1, delta=run.time_step)
+    speed = with_speed_from_angle(run).channels["omega_el"]
+    np.testing.assert_allclose(speed, wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
 
 
 def test_the_slope_is_taken_where_it_explains_more(unseen_run):

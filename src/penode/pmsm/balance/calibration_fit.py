@@ -1,37 +1,18 @@
 """Calibration of a drive from its own recording, estimated with the map by the weak form.
 
-A voltage that acts tau samples later than it is recorded, and turned by kappa omega T, is to first
-order u - tau T du/dt + kappa omega T J u, linear in both. With the d axis at delta before that of
-the recording the map is psi + delta (J psi - L J i), and with iron that takes g v of the current,
-v the induced voltage, it is psi - g L v: linear too, where psi and L are those of the round before.
-A mirror symmetric map of splines cannot stand in for any of these, as a free one would.
+A mirror symmetric map of splines cannot stand in for any of the errors, as a free one would.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
-from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.calibration import AS_RECORDED, SLOPE, Calibration, with_speed_from_angle
-from penode.pmsm.balance.equations import balance_equations
-from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
-from penode.pmsm.balance.voltage_balance import harmonic_window
-from penode.pmsm.machine.coenergy_map import (
-    MEAN,
-    CoenergyPart,
-    CoenergySplines,
-    columns,
-    roughness,
-)
-from penode.pmsm.machine.frames import quarter_turned
+from penode.pmsm.balance.calibration_equations import ERRORS, Balance, Estimate
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
-from penode.pmsm.machine.term_registry import completed, physical_values
-from penode.pmsm.machine.terms import ANGLE, SPEED, DeadTime, Term
-from penode.training.weak_form import WeakRegression, join
+from penode.pmsm.machine.terms import ANGLE, SPEED, Term
 
 #: -2 log likelihood by which another timing has to be better, and samples that it has to differ by.
 _CLEAR, _DIFFERENT = 25.0, 0.2
@@ -45,116 +26,10 @@ _STANDSTILL = 1e-4
 _SIGNIFICANT = 8.0
 #: Angle in rad, and share of the current, below which none is, and above which none is believed.
 _ANGLES, _SHARES = (np.deg2rad(0.2), np.deg2rad(12.0)), (1e-3, 0.2)
-#: Rounds in which map and errors follow each other.
-_ROUNDS = 2
 #: Share of the speed from which the slope of the angle is tried, and up to which it is one speed.
 _LAGS, _SAME = 1e-3, 0.2
 
 _TIMING = ("delay", "turn")
-_ERRORS = ("angle", "iron")
-
-
-@dataclass(frozen=True, eq=False)
-class _Estimate:
-    """Errors of recordings as the weak form gives them, and the map beside."""
-
-    values: Mapping[str, float]
-    deviation: Mapping[str, float]
-    evidence: float
-    resistance: float
-    maps: tuple[tuple[FloatArray, FloatArray], ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Balance:
-    """The weak form of recordings with a mirror symmetric map."""
-
-    experiments: Sequence[Experiment]
-    terms: tuple[Term, ...]
-    part: CoenergyPart
-    reach: float
-
-    @classmethod
-    def of(cls, experiments: Sequence[Experiment], terms: Sequence[Term]) -> "_Balance":
-        angle = all(ANGLE.name in e.channels for e in experiments)
-        roles = {term.role for term in terms}
-        extra = (DeadTime(),) if angle and DeadTime.role not in roles else ()
-        reach = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
-        every = tuple(term.prepared(reach) for term in completed((*terms, *extra)))
-        return cls(experiments, every, CoenergyPart.zero(MEAN, True), reach)
-
-    def solved(self, names: Sequence[str], before: _Estimate | None = None) -> _Estimate:
-        """Estimate the named errors; the map's own need the estimate of the round before."""
-        maps = before.maps if before else [None] * len(self.experiments)
-        resistance = before.resistance if before else 0.0
-        rows = [
-            self._equations(e, names, psi_and_slope, resistance)
-            for e, psi_and_slope in zip(self.experiments, maps, strict=True)
-        ]
-        whole, physical = join(rows), physical_values(self.terms)
-        first = len(names) + len(physical)
-        penalty = [Roughness.of(first, roughness(self.part))]
-        free = smoothed(whole, penalty)
-        own = deviations(whole, penalty, free)
-        return _Estimate(
-            dict(zip(names, free.solution.tolist(), strict=False)),
-            dict(zip(names, own.tolist(), strict=False)),
-            free.evidence,
-            dict(zip(physical, free.solution[len(names) :].tolist(), strict=False)).get("R", 0.0),
-            self._maps(free.solution[first:]),
-        )
-
-    def rounds(self, names: Sequence[str], before: _Estimate) -> _Estimate:
-        """Estimate errors that bend the map, which the map follows."""
-        for _ in range(_ROUNDS if set(names) & set(_ERRORS) else 1):
-            before = self.solved(names, before)
-        return before
-
-    def _maps(self, coefficients: FloatArray) -> tuple[tuple[FloatArray, FloatArray], ...]:
-        """Return psi (time, 2) in Vs and L (time, 2, 2) in H at the currents of each recording."""
-        table = coefficients.reshape(self.part.coefficients.shape)
-        splines = with_batch_axis(CoenergySplines((replace(self.part, coefficients=table),)))
-        maps = []
-        with float64():
-            for experiment in self.experiments:
-                at = jnp.asarray(experiment.stack(CURRENTS).T / self.reach)
-                psi, slope = (np.asarray(part) for part in splines.value_and_jacobian(at))
-                maps.append((psi.T, np.moveaxis(slope, -1, 0) / self.reach))
-        return tuple(maps)
-
-    def _equations(
-        self,
-        experiment: Experiment,
-        names: Sequence[str],
-        psi_and_slope: tuple[FloatArray, FloatArray] | None,
-        resistance: float,
-    ) -> WeakRegression:
-        current, voltage = experiment.stack(CURRENTS), experiment.stack(VOLTAGES)
-        nothing, step = np.zeros_like(voltage), experiment.time_step
-        speed = experiment.channels[SPEED.name][:, None]
-        further = {
-            "delay": (step * voltage, nothing),
-            "turn": (nothing, step * speed * _j(voltage)),
-        }
-        if psi_and_slope is not None:
-            psi, slope = psi_and_slope
-            bent = {
-                "angle": _j(psi) - _along(slope, _j(current)),
-                "iron": -_along(slope, voltage - resistance * current),
-            }
-            further |= {name: (psi, -speed * _j(psi)) for name, psi in bent.items()}
-        basis = columns(self.part, current / self.reach)[0]
-        length = harmonic_window(experiment)
-        chosen = [further[name] for name in names]
-        return balance_equations(experiment, self.terms, basis, length, chosen)
-
-
-def _j(vectors: FloatArray) -> FloatArray:
-    return quarter_turned(vectors.T).T
-
-
-def _along(slope: FloatArray, vectors: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("tij,tj->ti", slope, vectors))
 
 
 def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> Calibration:
@@ -167,7 +42,7 @@ def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
     terms : sequence of Term
         Of the voltage equation; a dead time is allowed for where the angle was recorded.
     """
-    balance = _Balance.of(experiments, terms)
+    balance = Balance.of(experiments, terms)
     turning = max(float(np.abs(e.channels[SPEED.name]).max()) * e.time_step for e in experiments)
     if turning <= _STANDSTILL:
         return _timing(balance.solved(("delay",)), ("delay",), balance.solved(()).evidence)
@@ -175,8 +50,8 @@ def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
     if lagging is not None:
         balance = replace(balance, experiments=lagging)
     first = balance.solved(_TIMING)
-    whole = balance.rounds((*_TIMING, *_ERRORS), first)
-    errors = tuple(name for name in _ERRORS if _credible(whole, name, balance.experiments))
+    whole = balance.rounds((*_TIMING, *ERRORS), first)
+    errors = tuple(name for name in ERRORS if _credible(whole, name, balance.experiments))
     result = None
     if errors and whole.evidence < first.evidence - _CLEAR:
         result = _with_errors(balance, errors, first)
@@ -192,9 +67,7 @@ def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
     return replace(result, speed_from_angle=True, reasons=(sentence, *result.reasons))
 
 
-def _with_errors(
-    balance: _Balance, errors: tuple[str, ...], first: _Estimate
-) -> Calibration | None:
+def _with_errors(balance: Balance, errors: tuple[str, ...], first: Estimate) -> Calibration | None:
     """Return the calibration by some errors, and by a timing where that is clear beside them.
 
     None where the errors are not credible by themselves.
@@ -227,7 +100,7 @@ def _with_errors(
     )
 
 
-def _credible(estimate: _Estimate, name: str, experiments: Sequence[Experiment]) -> bool:
+def _credible(estimate: Estimate, name: str, experiments: Sequence[Experiment]) -> bool:
     """Return whether an error is significant, large enough to matter, and not absurd."""
     size = estimate.values[name]
     if not abs(size) > _SIGNIFICANT * estimate.deviation[name]:
@@ -241,7 +114,7 @@ def _credible(estimate: _Estimate, name: str, experiments: Sequence[Experiment])
     return bool(_SHARES[0] < size * taken / whole < _SHARES[1])
 
 
-def _timing(free: _Estimate, estimated: Sequence[str], plain: float) -> Calibration:
+def _timing(free: Estimate, estimated: Sequence[str], plain: float) -> Calibration:
     """Return the timing of the voltages where it is clear, else none."""
     values = {name: free.values[name] for name in estimated}
     if max(map(abs, values.values())) > _MOST or free.evidence > plain - _CLEAR:
@@ -280,7 +153,7 @@ def _near_whole(value: float) -> float:
     return float(round(value)) if _is_near_whole(value) else value
 
 
-def _lagging_speed(balance: _Balance) -> list[Experiment] | None:
+def _lagging_speed(balance: Balance) -> list[Experiment] | None:
     """Return the recordings with the slope of their angle as speed, where that explains more."""
     if not all(ANGLE.name in e.channels and len(e) > SLOPE for e in balance.experiments):
         return None

@@ -12,7 +12,7 @@ from penode.arrays import FloatArray, JaxArray, float64
 from penode.models.base import Model
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
-from penode.pmsm.machine.flux_maps import FluxMap
+from penode.pmsm.machine.flux_maps import Flux, FluxMap
 from penode.pmsm.machine.frames import solved
 from penode.pmsm.machine.term_registry import channels_of, completed
 from penode.pmsm.machine.terms import ANGLE, SPEED, Channel, Term
@@ -63,7 +63,7 @@ class Machine(Model):
         u : Inputs, rows of shape (batch,)
             u_d and u_q (V), omega_el (rad/s), and what the terms need.
         """
-        flux = self.flux.at_angle(x, u[ANGLE.name]) if self.flux.angle_orders else self.flux.mean(x)
+        flux = _flux(self.flux, x, u[ANGLE.name] if self.flux.angle_orders else None)
         left = u["u_d", "u_q"]
         for term in self.terms:
             left = left - term.drop(x, u, flux)
@@ -84,6 +84,12 @@ class Machine(Model):
             "flux_map": lambda i_d, i_q: _evaluate(self, i_d, i_q)[0],
             "differential_inductance": lambda i_d, i_q: _evaluate(self, i_d, i_q)[1],
         }
+
+
+@jax.jit
+def _flux(flux: FluxMap, x: JaxArray, theta_el: JaxArray | None) -> Flux:
+    """Return the map at an angle; traced once for all stages of a solver."""
+    return flux.mean(x) if theta_el is None else flux.at_angle(x, theta_el)
 
 
 @jax.jit

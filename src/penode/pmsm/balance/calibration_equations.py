@@ -1,0 +1,160 @@
+"""Equations of what a recording has to be corrected by, beside those of the map.
+
+A voltage that acts tau samples later than it is recorded, and turned by kappa omega T, is to first
+order u - tau T du/dt + kappa omega T J u, linear in both. With the d axis at delta before that of
+the recording the map is psi + delta (J psi - L J i), and with iron that takes g v of the current,
+v the induced voltage, it is psi - g L v: linear too, where psi and L are those of the round before.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import FloatArray, float64
+from penode.data.experiment import Experiment
+from penode.models.parameters import with_batch_axis
+from penode.pmsm.balance.equations import balance_equations
+from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
+from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.machine.coenergy_map import (
+    MEAN,
+    CoenergyPart,
+    CoenergySplines,
+    columns,
+    roughness,
+)
+from penode.pmsm.machine.frames import quarter_turned
+from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
+from penode.pmsm.machine.term_registry import completed, physical_values
+from penode.pmsm.machine.terms import ANGLE, SPEED, DeadTime, Term
+from penode.training.weak_form import WeakRegression, join, weak_regression
+
+#: Rounds in which map and errors follow each other.
+_ROUNDS = 2
+#: Errors that bend the map.
+ERRORS = ("angle", "iron")
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Errors of recordings as the weak form gives them, and the map beside."""
+
+    values: Mapping[str, float]
+    deviation: Mapping[str, float]
+    evidence: float
+    resistance: float
+    maps: tuple[tuple[FloatArray, FloatArray], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """The weak form of recordings with a mirror symmetric map."""
+
+    experiments: Sequence[Experiment]
+    terms: tuple[Term, ...]
+    part: CoenergyPart
+    reach: float
+
+    @classmethod
+    def of(cls, experiments: Sequence[Experiment], terms: Sequence[Term]) -> "Balance":
+        """Return the balance of recordings with some terms, dead time beside them if it can be."""
+        angle = all(ANGLE.name in e.channels for e in experiments)
+        roles = {term.role for term in terms}
+        extra = (DeadTime(),) if angle and DeadTime.role not in roles else ()
+        reach = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
+        every = tuple(term.prepared(reach) for term in completed((*terms, *extra)))
+        return cls(experiments, every, CoenergyPart.zero(MEAN, True), reach)
+
+    def solved(self, names: Sequence[str], before: Estimate | None = None) -> Estimate:
+        """Estimate the named errors; the map's own need the estimate of the round before."""
+        maps = before.maps if before else [None] * len(self.experiments)
+        resistance = before.resistance if before else 0.0
+        rows = [
+            WeakRegression(
+                np.concatenate([self._columns(e, names, of_map, resistance), own.matrix], axis=1),
+                own.target,
+            )
+            for e, of_map, own in zip(self.experiments, maps, self._without_errors, strict=True)
+        ]
+        whole, physical = join(rows), physical_values(self.terms)
+        first = len(names) + len(physical)
+        penalty = [Roughness.of(first, roughness(self.part))]
+        free = smoothed(whole, penalty)
+        own = deviations(whole, penalty, free)
+        return Estimate(
+            dict(zip(names, free.solution.tolist(), strict=False)),
+            dict(zip(names, own.tolist(), strict=False)),
+            free.evidence,
+            dict(zip(physical, free.solution[len(names) :].tolist(), strict=False)).get("R", 0.0),
+            self._maps(free.solution[first:]),
+        )
+
+    def rounds(self, names: Sequence[str], before: Estimate) -> Estimate:
+        """Estimate errors that bend the map, which the map follows."""
+        for _ in range(_ROUNDS if set(names) & set(ERRORS) else 1):
+            before = self.solved(names, before)
+        return before
+
+    def _maps(self, coefficients: FloatArray) -> tuple[tuple[FloatArray, FloatArray], ...]:
+        """Return psi (time, 2) in Vs and L (time, 2, 2) in H at the currents of each recording."""
+        table = coefficients.reshape(self.part.coefficients.shape)
+        splines = with_batch_axis(CoenergySplines((replace(self.part, coefficients=table),)))
+        maps = []
+        with float64():
+            for experiment in self.experiments:
+                at = jnp.asarray(experiment.stack(CURRENTS).T / self.reach)
+                psi, slope = (np.asarray(part) for part in splines.value_and_jacobian(at))
+                maps.append((psi.T, np.moveaxis(slope, -1, 0) / self.reach))
+        return tuple(maps)
+
+    @cached_property
+    def _without_errors(self) -> tuple[WeakRegression, ...]:
+        """The equations of each recording with the columns of the terms and the map alone."""
+        return tuple(
+            balance_equations(
+                e,
+                self.terms,
+                columns(self.part, e.stack(CURRENTS) / self.reach)[0],
+                harmonic_window(e),
+            )
+            for e in self.experiments
+        )
+
+    def _columns(
+        self,
+        experiment: Experiment,
+        names: Sequence[str],
+        psi_and_slope: tuple[FloatArray, FloatArray] | None,
+        resistance: float,
+    ) -> FloatArray:
+        """Return the columns of the named errors, shape (equation, error)."""
+        current, voltage = experiment.stack(CURRENTS), experiment.stack(VOLTAGES)
+        nothing, step = np.zeros_like(voltage), experiment.time_step
+        speed = experiment.channels[SPEED.name][:, None]
+        further = {
+            "delay": (step * voltage, nothing),
+            "turn": (nothing, step * speed * _j(voltage)),
+        }
+        if psi_and_slope is not None:
+            psi, slope = psi_and_slope
+            bent = {
+                "angle": _j(psi) - _along(slope, _j(current)),
+                "iron": -_along(slope, voltage - resistance * current),
+            }
+            further |= {name: (psi, -speed * _j(psi)) for name, psi in bent.items()}
+        pairs = [(nothing, nothing), *(further[name] for name in names)]
+        stored, supplied = (np.stack(parts, axis=2) for parts in zip(*pairs, strict=True))
+        length = harmonic_window(experiment)
+        whole = weak_regression(stored, supplied, nothing, experiment.time_step, length)
+        return whole.matrix[:, 1:]
+
+
+def _j(vectors: FloatArray) -> FloatArray:
+    return quarter_turned(vectors.T).T
+
+
+def _along(slope: FloatArray, vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("tij,tj->ti", slope, vectors))
