@@ -180,8 +180,8 @@ def one_case(read: Callable[[bytes], Table | None], content: bytes, tally: Tally
     tally.slowest = max(tally.slowest, taken)
     if not finding and taken > SLOWEST:
         finding = f"it took {taken:.1f} s"
-    if not finding and peak() > max(LARGEST, before):
-        finding = f"it took {peak() / 1e9:.1f} GB"
+    if not finding and peak() - before > LARGEST:
+        finding = f"it took {(peak() - before) / 1e9:.1f} GB"
     return finding
 
 

@@ -9,7 +9,7 @@ from penode import Contiguous, InputError, Jittered, Plan, Stage, ladder_plan
 from penode.horizon.ladder import HORIZONS, LadderProblem, fitting_plan
 from penode.training.coarse_to_fine import CoarseToFine
 from penode.training.covariance import Reported
-from penode.training.plan import DIVERGED, Solution
+from penode.training.plan import CONVERGED, DIVERGED, Solution
 from penode.training.second_order import LevenbergMarquardt
 
 # --- plans ------------------------------------------------------------------------------------
@@ -59,6 +59,7 @@ class Scripted:
     """An optimiser that adds to the raw vector what it is told, or diverges."""
 
     steps: list
+    outcome: str = CONVERGED
     calls: list = field(default_factory=list)
 
     def minimise(self, problem, raw, progress):
@@ -68,7 +69,7 @@ class Scripted:
         if step is None:
             return Solution(raw, problem.gauss_newton(raw), 1, DIVERGED)
         raw = raw + step * problem.moving
-        return Solution(raw, problem.gauss_newton(raw), 4, "As written.")
+        return Solution(raw, problem.gauss_newton(raw), 4, self.outcome)
 
 
 @pytest.fixture
@@ -94,6 +95,19 @@ def test_each_rung_starts_where_the_one_before_ended(systems, problem):
     # Contiguous windows of 3 in recordings of 230 and 150 samples.
     np.testing.assert_array_equal(rungs[1].windows.starts[:3], [0, 3, 6])
     assert rungs[1].windows.horizon == 3
+
+
+@pytest.mark.parametrize(
+    ("outcome", "step", "goes_on"),
+    [(CONVERGED, 0.5, 0.5), ("Lost.", 0.5, 0.0)],
+)
+def test_after_a_rung_that_did_not_converge_the_better_start_is_taken(
+    systems, problem, outcome, step, goes_on
+):
+    """The recording is the model's own: away from its parameters every loss is larger."""
+    system, script = systems["linear machine"], Scripted([step, 0.0], outcome)
+    problem.climb(Plan(tuple(Stage(h, script) for h in (1, 3))), system.raw)
+    np.testing.assert_allclose(script.calls[1][1], system.raw + goes_on, rtol=1e-12)
 
 
 def test_a_rung_carries_its_values_deviations_and_influences(systems, problem):
@@ -150,4 +164,4 @@ def test_the_observer_hears_evaluations_and_rungs(systems, problem):
     assert evaluation["units"] == {"L_d": "H", "L_q": "H", "R": "ohm", "psi": "Vs"}
     assert finished["rmse"] == pytest.approx(np.sqrt(rungs[1].solution.terms.loss))
     assert finished["std"]["psi"] == pytest.approx(rungs[1].deviation[3])
-    assert (finished["evaluations"], finished["outcome"]) == (4, "As written.")
+    assert (finished["evaluations"], finished["outcome"]) == (4, CONVERGED)

@@ -202,9 +202,12 @@ class LadderProblem:
 
     def _climb(self, plan: Plan, raw: FloatArray, rungs: list[HorizonFit]) -> None:
         """Append finished rungs until the plan ends or a stage diverges."""
+        first = raw
         for number, stage in enumerate(plan.stages):
             problem = self.problem(stage, plan)
             place = (number + 1, len(plan.stages))
+            if rungs and not rungs[-1].solution.converged:  # what follows would be lost too
+                raw = problem.better(raw, first)
             solution = stage.optimiser.minimise(problem, raw, self._progress(stage.horizon, place))
             if solution.outcome == DIVERGED:
                 break

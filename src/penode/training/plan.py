@@ -24,6 +24,7 @@ Progress = Callable[[FloatArray, float], None]
 _ROUNDING = 1e-15
 
 DIVERGED = "The rollouts diverge."
+CONVERGED = "Reported quantities have converged."
 
 
 def ignore_progress(raw: FloatArray, loss: float) -> None:
@@ -74,6 +75,11 @@ class Problem:
         """Return d(reported)/d(moving raw), shape (reported, moving)."""
         return self.reported.jacobian(raw)[:, self.moving]
 
+    def better(self, first: FloatArray, second: FloatArray) -> FloatArray:
+        """Return which of two raw parameters (parameter,) has less loss, the first if both."""
+        losses = [np.nan_to_num(self.gauss_newton(raw).loss, nan=np.inf) for raw in (first, second)]
+        return second if losses[1] < losses[0] else first
+
     def spread(self, step: FloatArray) -> FloatArray:
         """Return a step of the moving parameters as one of all, zero elsewhere."""
         full = np.zeros(len(self.moving))
@@ -101,6 +107,11 @@ class Solution:
     terms: GaussNewtonTerms
     evaluations: int
     outcome: str
+
+    @property
+    def converged(self) -> bool:
+        """Whether it stopped because nothing that is reported moves."""
+        return self.outcome == CONVERGED
 
 
 class Optimiser(Protocol):

@@ -7,7 +7,7 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.training.covariance import working_deviation
 from penode.training.gauss_newton_terms import GaussNewtonTerms, marquardt_scale
-from penode.training.plan import DIVERGED, Problem, Progress, Solution, ignore_progress
+from penode.training.plan import CONVERGED, DIVERGED, Problem, Progress, Solution, ignore_progress
 
 _LARGEST_DAMPING = 1e10
 #: Directions of the normal matrix weaker than this are left out of the remaining step: the loss
@@ -68,7 +68,7 @@ class LevenbergMarquardt:
             progress(raw, terms.loss)
             # One step at least: horizons are compared by differences far below one deviation.
             if evaluation > 1 and self._converged(problem, raw, terms):
-                return Solution(raw, terms, evaluation, "Reported quantities have converged.")
+                return Solution(raw, terms, evaluation, CONVERGED)
             step = _step(terms, damping)
             candidate = raw + problem.spread(step)
             trial = problem.gauss_newton(candidate)

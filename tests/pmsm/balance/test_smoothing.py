@@ -25,17 +25,42 @@ def test_evidence_is_the_likelihood_of_what_is_left_beside_free_coefficients(rng
     every, _, matrix, target = problem(rng, 0.5)
     penalty = Roughness.of(1, np.eye(SIZE))
     normal = _Normal.of(every, [penalty])
-    left = np.linalg.qr(matrix[:, :1], mode="complete")[0][:, 1:]
     found, expected = [], []
     for log in (-4.0, -2.5, -1.0):
         strength = normal.balance[0] * 10.0**log / 4  # each equation came four times
-        covariance = left.T @ (np.eye(COUNT) + matrix[:, 1:] @ matrix[:, 1:].T / strength) @ left
-        rest = left.T @ target
-        size = rest @ np.linalg.solve(covariance, rest) / len(rest)
-        density = multivariate_normal(cov=size * covariance).logpdf(rest)
+        random = matrix[:, 1:] / np.sqrt(strength)
         found.append(normal.evidence(np.array([log]))[0])
-        expected.append(-2 * density)
+        expected.append(-2 * density_of(matrix[:, :1], random, target))
     np.testing.assert_allclose(np.diff(found), np.diff(expected), rtol=1e-6)
+
+
+def density_of(free, random, target):
+    """Return the log density of contrasts, random columns of deviation 1 beside noise of 1."""
+    left = np.linalg.qr(free, mode="complete")[0][:, free.shape[1] :]
+    covariance = left.T @ (np.eye(len(target)) + random @ random.T) @ left
+    rest = left.T @ target
+    size = rest @ np.linalg.solve(covariance, rest) / len(rest)
+    return multivariate_normal(cov=size * covariance).logpdf(rest)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_evidence_compares_models_with_and_without_a_penalised_part(rng, unit):
+    """Whatever unit the part is in, and though its penalty has no eigenvalues of one."""
+    every, _, matrix, target = problem(rng, 0.5)
+    first, second = 1 + SIZE // 2, SIZE - SIZE // 2
+    scaled = every.matrix * np.repeat([1.0, unit], [first, second])
+    weights = np.linspace(0.5, 2.0, second)
+    penalties = [Roughness.of(1, np.eye(first - 1)), Roughness.of(first, np.diag(weights))]
+    one = _Normal.of(WeakRegression(scaled[:, :first], every.target), penalties[:1])
+    both = _Normal.of(WeakRegression(scaled, every.target), penalties)
+    logs = np.array([-2.0, -1.0])
+    strength = both.balance * 10.0**logs / 4
+    near = matrix[:, 1:first] / np.sqrt(strength[0])
+    far = unit * matrix[:, first:] / np.sqrt(strength[1] * weights)
+    found = both.evidence(logs)[0] - one.evidence(logs[:1])[0]
+    free = matrix[:, :1]
+    wanted = density_of(free, np.hstack([near, far]), target) - density_of(free, near, target)
+    assert found == pytest.approx(-2 * wanted, rel=1e-6)
 
 
 def test_the_strength_is_noise_over_spread(rng):

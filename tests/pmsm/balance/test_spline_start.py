@@ -2,16 +2,19 @@
 
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from penode.pmsm.balance.definite import held_definite
+from penode.arrays import float64
+from penode.models.layout import Layout
+from penode.pmsm.balance.definite import held_definite, held_in_training
 from penode.pmsm.balance.smoothing import Roughness, smoothed
 from penode.pmsm.balance.spline_start import reach
 from penode.pmsm.balance.start import weak_start
 from penode.pmsm.bench.coenergy_table import true_flux_map
 from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.machine.coenergy_map import CoenergyPart, columns, roughness
+from penode.pmsm.machine.coenergy_map import CoenergyPart, CoenergySplines, columns, roughness
 from penode.training.weak_form import WeakRegression
 
 
@@ -101,6 +104,25 @@ def test_an_inductance_that_would_turn_negative_is_held(rng):
     assert len(held.rows) == len(held.target) > 0
 
 
+def test_training_is_held_off_small_inductances(rng):
+    """The penalty is nothing where the map is held definite, and grows where it is not."""
+    part, currents, equations, penalties = bent_map(rng)
+    found = smoothed(equations, penalties)
+    held = held_definite(equations, penalties, found, [part], currents)
+    (penalty,) = held_in_training(held, [part], currents, 4.0)
+    assert 0 < penalty.least <= 1.2 * smallest(part, held.solution, currents)
+
+    def lacking(weights):
+        table = weights.reshape(part.coefficients.shape)
+        layout = Layout(CoenergySplines((replace(part, coefficients=table),)))
+        with float64():
+            return np.asarray(penalty.residuals(layout, jnp.asarray(weights)))
+
+    assert not lacking(held.solution).any()
+    assert lacking(found.solution).max() > 2.0
+    np.testing.assert_allclose(lacking(np.zeros_like(found.solution)), 2.0, rtol=1e-5)
+
+
 @pytest.mark.filterwarnings("error")
 def test_nothing_is_held_where_no_inductance_is_positive(rng):
     part, currents, equations, penalties = bent_map(rng)
@@ -108,3 +130,4 @@ def test_nothing_is_held_where_no_inductance_is_positive(rng):
     found = smoothed(upside_down, penalties)
     held = held_definite(upside_down, penalties, found, [part], currents)
     np.testing.assert_array_equal(held.solution, found.solution)
+    assert held_in_training(held, [part], currents, 4.0) == ()

@@ -129,6 +129,12 @@ def test_only_a_linear_machine_has_no_roughness(even, flat):
     assert linear @ wide @ linear < 1e-12 * np.trace(wide) * linear @ linear
 
 
+def test_an_odd_part_has_no_direction_without_roughness_of_the_first_orders():
+    part = CoenergyPart.zero(7, False)
+    assert np.linalg.matrix_rank(roughness(part)) == part.coefficients.size - 2
+    assert np.linalg.matrix_rank(roughness(part, (1, 2, 3))) == part.coefficients.size
+
+
 def test_roughness_is_the_integral_of_squared_third_derivatives(rng):
     part = drawn(CoenergyPart.zero(6, True), rng)
     weights = part.coefficients.ravel()

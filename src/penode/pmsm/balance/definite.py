@@ -5,18 +5,24 @@ at the edge of the recordings that the differential inductance leaves the physic
 the rectangle that holds the recorded currents, where tables are made, it is held.
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray
+from penode.arrays import FloatArray, JaxArray
+from penode.models.base import Model
+from penode.models.layout import Layout
 from penode.pmsm.balance.smoothing import Roughness, Smoothed, penalised
 from penode.pmsm.machine.coenergy_map import CoenergyPart, columns
 from penode.training.weak_form import WeakRegression
 
 #: Points a side of the rectangle, and recorded ones that say how small an inductance may be.
 _GRID, _POINTS = 31, 200
+#: Points a side of the rectangle in training.
+_TRAINED = 15
 #: Least inductance beyond the recordings over the least within; what is below half of it is raised.
 _LEAST = 0.2
 #: That least inductance over the deviation with which it is known: surer than a misfit of training.
@@ -37,11 +43,15 @@ class Held:
         Inductances in one direction, over the deviation with which they are known.
     target : ndarray, shape (observation,)
         Their values.
+    least : float
+        Smallest inductance in any direction that training may reach; 0 where nothing says how
+        large one is.
     """
 
     solution: FloatArray
     rows: FloatArray
     target: FloatArray
+    least: float = 0.0
 
 
 def held_definite(
@@ -63,9 +73,7 @@ def held_definite(
         Recorded ones, dimensionless.
     """
     first = len(smoothed.solution) - sum(part.coefficients.size for part in parts)
-    low, high = currents.min(axis=0), currents.max(axis=0)
-    axes = [np.linspace(a, b, _GRID) for a, b in zip(low, high, strict=True)]
-    everywhere = _hessians(parts, np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2))
+    everywhere = _hessians(parts, _rectangle(currents, _GRID))
     visited = _hessians(parts, currents[:: max(len(currents) // _POINTS, 1)])
     solution = smoothed.solution
     rows, target = np.zeros((0, len(solution))), np.zeros(0)
@@ -86,7 +94,64 @@ def held_definite(
         rows = np.concatenate([rows, new / (floor / _CERTAIN)])
         target = np.concatenate([target, np.full(len(new), _CERTAIN)])
         solution = penalised(equations, penalties, smoothed, (rows, target))
-    return Held(solution, rows, target)
+    reached = float(_smallest(everywhere, solution[first:])[0].min())
+    return Held(solution, rows, target, min(floor / 2, reached) if reached > 0 else floor / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class PositiveInductance:
+    """A penalty on inductances that are smaller than a least one, in any direction.
+
+    Attributes
+    ----------
+    hessians : ndarray, shape (point, 3, coefficient)
+        W_dd, W_dq and W_qq of each coefficient of the mean map, the first of those that are
+        learned.
+    least : float
+        Dimensionless, as W is.
+    weight : float
+        What a point without any inductance adds to the loss, in its units.
+    """
+
+    hessians: FloatArray = field(repr=False)
+    least: float
+    weight: float
+
+    def residuals(self, layout: Layout[Model], values: JaxArray) -> JaxArray:
+        """Return what each point lacks."""
+        chosen = np.flatnonzero(layout.value_members(("learned",)))[: self.hessians.shape[2]]
+        a, b, c = (jnp.asarray(self.hessians) @ values[chosen]).T
+        half = jnp.sqrt(((a - c) / 2) ** 2 + b**2 + (1e-6 * self.least) ** 2)
+        lacking = jnp.maximum(self.least - ((a + c) / 2 - half), 0.0)
+        return lacking * (math.sqrt(self.weight) / self.least)
+
+
+def held_in_training(
+    held: Held, parts: Sequence[CoenergyPart], currents: FloatArray, weight: float
+) -> tuple[PositiveInductance, ...]:
+    """Return the penalty that keeps the map definite over the rectangle of the recordings.
+
+    Parameters
+    ----------
+    held : Held
+    parts : sequence of CoenergyPart
+        Of the mean map.
+    currents : ndarray, shape (time, 2)
+        Recorded ones, dimensionless.
+    weight : float
+        As of `PositiveInductance`.
+    """
+    if not held.least > 0:
+        return ()
+    hessians = _hessians(parts, _rectangle(currents, _TRAINED))
+    return (PositiveInductance(hessians, held.least, weight),)
+
+
+def _rectangle(currents: FloatArray, count: int) -> FloatArray:
+    """Return points (point, 2) on an even grid over the rectangle that holds currents."""
+    low, high = currents.min(axis=0), currents.max(axis=0)
+    axes = [np.linspace(a, b, count) for a, b in zip(low, high, strict=True)]
+    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
 
 
 def _hessians(parts: Sequence[CoenergyPart], points: FloatArray) -> FloatArray:

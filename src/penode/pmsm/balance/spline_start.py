@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.linalg import block_diag
 from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
 from penode.models.parameters import with_batch_axis
-from penode.pmsm.balance.definite import Held, held_definite
+from penode.pmsm.balance.definite import Held, held_definite, held_in_training
 from penode.pmsm.balance.equations import balance_equations
 from penode.pmsm.balance.smoothing import Roughness, Smoothed, smoothed
 from penode.pmsm.balance.voltage_balance import harmonic_window, short_window, waves
@@ -30,7 +31,7 @@ from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import physical_values, with_physical
 from penode.pmsm.machine.terms import Term
 from penode.predictors.base import Predictor
-from penode.training.penalties import GaussianPrior
+from penode.training.penalties import GaussianPrior, Penalty
 from penode.training.weak_form import WeakRegression, join
 from penode.validation.free_run import look_ahead
 
@@ -54,12 +55,15 @@ class SplineStart:
     machine : Machine
         Its mean map has one part, even in i_q, or a second, odd one if the recordings show that
         W(i_d, -i_q) differs from W(i_d, i_q).
-    prior : GaussianPrior
-        Of the map's coefficients, for training.
+    penalties : tuple of Penalty
+        For training: a Gaussian prior of the map's coefficients, and a positive inductance.
+    symmetric : bool
+        Whether the mean map is even in i_q.
     """
 
     machine: Machine
-    prior: GaussianPrior
+    penalties: tuple[Penalty, ...]
+    symmetric: bool
 
 
 def spline_start(
@@ -108,7 +112,11 @@ def spline_start(
     machine = Machine(
         FluxMap(network, *scales, angle_orders), with_physical(terms, constrained.solution[:count])
     )
-    return SplineStart(machine, _prior(setting, machine, blocks, observed))
+    misfit = float(np.mean([_misfit(machine, e) for e in experiments]))
+    prior = _prior(setting, machine, blocks, observed, misfit)
+    currents = setting.currents / scales[0]
+    definite = held_in_training(held, parts, currents, misfit)
+    return SplineStart(machine, (prior, *definite), bool(symmetric))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +126,11 @@ class _Setting:
     experiments: tuple[Experiment, ...]
     terms: tuple[Term, ...]
     scales: tuple[float, float]
+
+    @cached_property
+    def currents(self) -> FloatArray:
+        """Recorded currents, shape (time, 2), A."""
+        return np.concatenate([e.stack(CURRENTS) for e in self.experiments])
 
     def basis(self, experiment: Experiment, parts: Sequence[CoenergyPart]) -> FloatArray:
         """Return the flux linkage of each coefficient in Vs, shape (time, 2, coefficient)."""
@@ -144,7 +157,7 @@ class _Setting:
 
     def held(self, mean: "_Mean", parts: Sequence[CoenergyPart]) -> Held:
         """Return the mean map with a positive definite inductance around the recordings."""
-        currents = np.concatenate([e.stack(CURRENTS) for e in self.experiments]) / self.scales[0]
+        currents = self.currents / self.scales[0]
         return held_definite(mean.equations, mean.penalties, mean.smoothed, parts, currents)
 
 
@@ -211,6 +224,7 @@ def _prior(
     machine: Machine,
     blocks: Sequence[_Block],
     observed: tuple[FloatArray, FloatArray, float],
+    misfit: float,
 ) -> GaussianPrior:
     """Return the prior in units of the training loss.
 
@@ -219,7 +233,7 @@ def _prior(
     say how much a penalty of the one weighs in the other. Where predictions err by more than
     that, by noise or by what is not modelled, the prior is weighed against their error.
     """
-    currents = np.concatenate([e.stack(CURRENTS) for e in setting.experiments])
+    currents = setting.currents
     points = currents[np.linspace(0, len(currents) - 1, _POINTS).round().astype(int)]
     inductance = machine.maps()["differential_inductance"](*points.T)
     inverse = np.linalg.inv(np.moveaxis(inductance, -1, 0))
@@ -231,8 +245,7 @@ def _prior(
         equations += len(e) / max(length // 4, 1) * (length * e.time_step / 2) ** 2
     weight = samples / equations / (2 * len(currents))
     *_, noise = observed
-    misfit = np.mean([_misfit(machine, e) for e in setting.experiments])
-    weight = max(weight, float(misfit) / (2 * len(currents)) / noise)
+    weight = max(weight, misfit / (2 * len(currents)) / noise)
     rows, variances = [], []
     for block in blocks:
         eigenvalues, vectors = np.linalg.eigh(block.matrix)
