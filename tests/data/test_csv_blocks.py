@@ -102,3 +102,21 @@ def test_memory_is_about_that_of_text_and_numbers(monkeypatch, bad):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1.5 * len(content)
+
+
+def test_columns_of_text_are_told_by_their_first_cell(block):
+    rows = ["t,x,when"] + [f"{row},12:0{k % 10}" for k, row in enumerate(two_columns())]
+    table = csv.read("run.csv", "\n".join(rows).encode())
+    assert list(table.columns) == ["t", "x"]
+    assert {len(values) for values in table.columns.values()} == {ROWS}
+    assert table.text == {"when": ("data row 1 (line 2)", "12:00")}
+
+
+def test_a_number_far_down_a_column_of_text_is_seen(block):
+    rows = ["t,x,when"] + [f"{row},noon" for row in two_columns()]
+    rows[50] = rows[50].replace("noon", "12")
+    assert "data row 1 (line 2), channel when: found 'noon'" in refusal(rows)
+
+
+def two_columns():
+    return [line.rsplit(",", 1)[0] for line in lines()[1:]]

@@ -337,10 +337,31 @@ def test_decimal_commas(tmp_path: Path) -> None:
     assert_words(refusal(write(tmp_path / "run.csv", rows)), "data row 1", "4 cells")
 
 
-def test_column_of_text_is_refused(tmp_path: Path) -> None:
-    rows = [row + ("," + "comment" if k == 0 else ",fine") for k, row in enumerate(lines())]
+@pytest.mark.parametrize("word", ["fine", "2026-11-23 10:00:01", " - "])
+def test_a_column_of_text_is_left_out(tmp_path: Path, word: str) -> None:
+    rows = [row + ("," + "comment" if k == 0 else "," + word) for k, row in enumerate(lines())]
+    plain, with_text = (load(write(tmp_path / "run.csv", r)) for r in (lines(), rows))
+    assert with_text.channels.keys() == plain.channels.keys()
+    for name, values in plain.channels.items():
+        np.testing.assert_array_equal(with_text.channels[name], values)
+
+
+@pytest.mark.parametrize("number", [1, 5, 12])
+def test_a_number_among_words_is_refused(tmp_path: Path, number: int) -> None:
+    """A column of measurements with words in it is not one of words."""
+    rows = [row + ",x" for row in lines()]
+    rows[0] = lines()[0] + ",comment"
+    rows[number] = lines()[number] + ",1.5"
     sentence = refusal(write(tmp_path / "run.csv", rows))
-    assert_words(sentence, "data row 1", "channel comment", "'fine'", "remove the column")
+    assert_words(
+        sentence, f"data row {1 + (number == 1)}", "channel comment", "'x'", "remove the column"
+    )
+
+
+def test_text_where_times_were_wanted_is_refused(tmp_path: Path) -> None:
+    rows = [row if k == 0 else "10:00," + row.split(",", 1)[1] for k, row in enumerate(lines())]
+    sentence = refusal(write(tmp_path / "run.csv", rows))
+    assert_words(sentence, "data row 1 (line 2)", "channel t", "'10:00'")
 
 
 def test_cell_longer_than_the_parser_takes(tmp_path: Path) -> None:
@@ -364,20 +385,26 @@ def test_parquet_value_missing_or_not_finite(
     assert_words(refusal(path), "data row 9", "channel x", word)
 
 
-def test_parquet_column_of_text(tmp_path: Path) -> None:
-    path = tmp_path / "run.parquet"
-    frame().with_columns(note=pl.lit("fine")).write_parquet(path)
-    assert_words(refusal(path), "data row 1", "channel note", "'fine'")
-
-
 @pytest.mark.parametrize(
     "series",
-    [pl.Series([[1.0]] * 12), pl.Series(["1970-01-01"] * 12).str.to_date()],
-    ids=["list", "date"],
+    [
+        pl.Series(["fine"] * 12),
+        pl.Series(["fine"] * 12, dtype=pl.Categorical),
+        pl.Series(["1970-01-01"] * 12).str.to_date(),
+    ],
+    ids=["text", "words", "date"],
 )
-def test_parquet_column_of_other_kind(tmp_path: Path, series: pl.Series) -> None:
+def test_parquet_column_of_text_is_left_out(tmp_path: Path, series: pl.Series) -> None:
     path = tmp_path / "run.parquet"
-    frame().with_columns(other=series).write_parquet(path)
+    frame().with_columns(note=series).write_parquet(path)
+    assert set(load(path).channels) == set(frame().columns) - {"t"}
+    frame().with_columns(t=series).write_parquet(path)
+    assert_words(refusal(path), "data row 1", "channel t", f"'{series[0]}'")
+
+
+def test_parquet_column_of_lists_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    frame().with_columns(other=pl.Series([[1.0]] * 12)).write_parquet(path)
     assert_words(refusal(path), "channel other", "numbers were wanted", "remove")
 
 

@@ -27,7 +27,7 @@ def main() -> None:
 
     A request is a line of JSON and, after it, the bytes of the file. The answer is a line of JSON:
     ``refused`` with a sentence, ``failed`` with what was raised, or names, lengths, units and
-    clocks of the columns, whose float64 values follow.
+    clocks of the columns, and what is text among them, whose float64 values follow.
     """
     answers = os.fdopen(os.dup(1), "wb")
     nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -54,6 +54,7 @@ def _answer(request: dict[str, Any], source: BinaryIO) -> Iterator[bytes | memor
             "columns": [[name, len(values)] for name, values in columns.items()],
             "units": table.units,
             "clocks": table.clocks,
+            "text": table.text,
         }
     except Exception as error:  # libraries raise whatever damage leads them to
         refused = type(error).__name__ == "InputError"

@@ -171,7 +171,8 @@ class Decoder:
                 f"{file}: the file is damaged, or of a kind that penode cannot read "
                 f"({printable(header['failed'])}); copy or export it again."
             )
-        return Table(columns, header["units"], header["clocks"])
+        text = {name: (place, cell) for name, (place, cell) in header["text"].items()}
+        return Table(columns, header["units"], header["clocks"], text)
 
     def _expire(self) -> None:
         self._expired = True

@@ -118,6 +118,8 @@ def experiment_of(
     file = source.path
     time = origins.get(TIME, Origin(TIME, "s")).column
     channels = [origin.column for name, origin in origins.items() if name != TIME]
+    for column in (time, *channels):
+        table.require_numbers(file, column)
     if time not in table.columns and not all(column in table.clocks for column in channels):
         raise InputError(
             f"{file}: no column {time} (time in s); the columns are {list_names(table.columns)}; "

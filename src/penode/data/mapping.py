@@ -160,6 +160,7 @@ def _si_values(file: str, table: Table, name: str, origin: Origin) -> tuple[Floa
 
 def _column(file: str, table: Table, name: str, column: str) -> FloatArray:
     """Return a column that is there and finite."""
+    table.require_numbers(file, column)
     values = table.columns.get(column)
     if values is None:
         raise InputError(

@@ -35,11 +35,34 @@ class Table:
     clocks : dict of str to str
         Column that holds the sampling times, where the file ties a column to one. All other
         columns have the time column of the file.
+    text : dict of str to (str, str)
+        Columns without a number in any row, such as dates and remarks, which `columns` leaves
+        out: where the first cell is, and what it holds.
     """
 
     columns: dict[str, Column]
     units: dict[str, str] = field(default_factory=dict)
     clocks: dict[str, str] = field(default_factory=dict)
+    text: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+    def require_numbers(self, file: str, column: str) -> None:
+        """Refuse a column that is text, naming its first cell.
+
+        Parameters
+        ----------
+        file : str
+            File, for the message.
+        column : str
+            One that is to be used; it need not be there.
+
+        Raises
+        ------
+        InputError
+            If it holds no number.
+        """
+        if column in self.text:
+            place, cell = self.text[column]
+            raise cell_error(file, place, column, cell)
 
 
 def clocks_within(members: Mapping[str, str]) -> dict[str, str]:

@@ -9,7 +9,7 @@ import csv
 import gzip
 import io
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 import polars as pl
@@ -33,7 +33,7 @@ def read(file: str, content: bytes) -> Table:
     Cells are separated by commas, semicolons, tabulators or ``|``; numbers have a decimal point,
     or a comma where that does not separate cells. Below the header may stand a row of units.
     Spaces around names and cells, a byte-order mark, blank lines and columns of ``true`` and
-    ``false`` are accepted.
+    ``false`` are accepted. A column without a number in any row is text and left out.
 
     Parameters
     ----------
@@ -63,12 +63,12 @@ def read(file: str, content: bytes) -> Table:
     units = _units(names, second, dialect)
     cells = Cells(file, names, dialect, 2 if units else 1)
     for block in _blocks(content, below if units else body):
-        columns = _parse_fast(names, block, dialect)
+        columns = _parse_fast(names, block, dialect, cells.text)
         if columns is None:
             cells.parse(io.TextIOWrapper(io.BytesIO(block), encoding="utf-8", newline=""))
         else:
             cells.add(columns, block.count(b"\n"))
-    return Table(cells.columns(), units)
+    return Table(cells.columns(), units, text=cells.text)
 
 
 def read_packed(file: str, content: bytes) -> Table:
@@ -192,20 +192,26 @@ def _units(names: list[str], second: str, dialect: Dialect) -> dict[str, str]:
     return {name: cell.strip() for name, cell in zip(names, cells, strict=True) if cell.strip()}
 
 
-def _parse_fast(names: list[str], block: bytes, dialect: Dialect) -> dict[str, Column] | None:
-    """Parse rows in one go; None if anything at all is out of the ordinary."""
+def _parse_fast(
+    names: list[str], block: bytes, dialect: Dialect, text: Collection[str]
+) -> dict[str, Column] | None:
+    """Parse rows in one go but for columns of text; None if anything is out of the ordinary."""
     if dialect.decimal_comma and b"." in block:
         return None
     try:
         frame = pl.read_csv(
             block,
             has_header=False,
-            schema=dict.fromkeys(names, pl.Float64()),
+            schema={name: pl.String() if name in text else pl.Float64() for name in names},
             separator=dialect.separator,
             decimal_comma=dialect.decimal_comma,
         )
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException):
         return None
-    table = {name: frame[name].to_numpy() for name in names}  # a missing cell becomes NaN
-    finite = all(np.isfinite(values).all() for values in table.values())
-    return table if finite else None
+    # a missing cell becomes NaN
+    table = {name: frame[name].to_numpy() for name in names if name not in text}
+    plain = all(np.isfinite(values).all() for values in table.values())
+    for name in text:
+        numbers = frame[name].str.strip_chars().str.replace(",", ".", literal=True)
+        plain &= numbers.cast(pl.Float64, strict=False).null_count() == len(frame)
+    return table if plain and table else None

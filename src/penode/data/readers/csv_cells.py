@@ -83,8 +83,24 @@ class Cells:
         self._seen = {name: _Seen() for name in names}
         self._parts: dict[str, list[Column]] = {name: [] for name in names}
 
+    @property
+    def text(self) -> dict[str, tuple[str, str]]:
+        """Columns without a number so far: place and text of the first cell."""
+        seen = {n: s.first for n, s in self._seen.items() if s.other and not s.number}
+        return {
+            name: first for name, first in seen.items() if first is not None and first[1].strip()
+        }
+
     def add(self, block: dict[str, Column], lines: int) -> None:
-        """Add a block of rows whose cells are finite numbers, and how many lines it has."""
+        """Add a block of rows whose cells are finite numbers but for the columns of text.
+
+        Parameters
+        ----------
+        block : dict of str to ndarray
+            Without the columns of text; at least one is left.
+        lines : int
+            How many lines it has.
+        """
         for name, values in block.items():
             self._parts[name].append(values)
             self._seen[name].number |= len(values) > 0
@@ -134,7 +150,7 @@ class Cells:
         return math.nan if word is None else word
 
     def columns(self) -> dict[str, Column]:
-        """Return the columns.
+        """Return the columns, those of text left out.
 
         Raises
         ------
@@ -142,11 +158,13 @@ class Cells:
             If a cell is not a finite number, nor a truth value in a column of truth values; the
             message names the first in the first such column.
         """
-        for name, seen in self._seen.items():
+        numbers = [name for name in self._seen if name not in self.text]
+        for name in numbers:
+            seen = self._seen[name]
             if seen.first is not None and (seen.other or seen.number):
                 place, cell = seen.first
                 raise cell_error(self._file, place, name, cell)
-        return {name: _joined(self._parts[name]) for name in self._seen}
+        return {name: _joined(self._parts[name]) for name in numbers}
 
 
 def _joined(parts: list[Column]) -> Column:

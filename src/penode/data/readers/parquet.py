@@ -23,7 +23,8 @@ def read(file: str, content: bytes) -> Table:
     Returns
     -------
     Table
-        Columns in the order of the file, float64 and finite, in the units of the file.
+        Columns in the order of the file, float64 and finite, in the units of the file; text and
+        dates are left out.
 
     Raises
     ------
@@ -34,7 +35,15 @@ def read(file: str, content: bytes) -> Table:
     """
     frame = _frame(file, content)
     names = clean_names(file, frame.columns)
-    return Table({name: _column(file, name, frame.to_series(i)) for i, name in enumerate(names)})
+    series = dict(zip(names, frame.get_columns(), strict=True))
+    text = {name: ("data row 1", str(s[0])) for name, s in series.items() if len(s) and _is_text(s)}
+    numbers = {name: s for name, s in series.items() if name not in text}
+    return Table({name: _column(file, name, s) for name, s in numbers.items()}, text=text)
+
+
+def _is_text(series: pl.Series) -> bool:
+    """Return whether a column holds words or times of day."""
+    return series.dtype in (pl.String, pl.Categorical) or series.dtype.is_temporal()
 
 
 def _frame(file: str, content: bytes) -> pl.DataFrame:
@@ -62,8 +71,6 @@ def _column(file: str, name: str, series: pl.Series) -> Column:
         row = int(series.is_null().arg_true()[0]) + 1
         raise cell_error(file, f"data row {row}", name, None)
     if not (series.dtype.is_numeric() or series.dtype == pl.Boolean):
-        if len(series) and series.dtype == pl.String:
-            raise cell_error(file, "data row 1", name, series[0])
         raise InputError(
             f"{file}: channel {name} holds {series.dtype} values where numbers were wanted; "
             "convert it to float64 in SI units or remove the column."

@@ -121,6 +121,8 @@ class DriveMapping:
         table, source = read(path)
         origins = {name: channel.origin for name, channel in self.channels.items()}
         if not self.channels:
+            for name in RECORDED:
+                table.require_numbers(str(path), name)
             origins = {n: Origin(n, si) for n, si in RECORDED.items() if n in table.columns}
         constant = {n: v for n, v in self.constants.items() if n == LINK and n not in origins}
         self._require(path, table, {*origins, *constant})
