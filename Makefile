@@ -37,6 +37,7 @@ validate: $(STAMP)
 	$(BIN)/python -m validate.random_starts
 	$(BIN)/python -m validate.horizon_choice
 	$(BIN)/python -m validate.conventions
+	$(BIN)/python -m validate.flux_maps
 	$(BIN)/python -m validate.imperfections
 	$(BIN)/python -m validate.aliasing
 	$(BIN)/python -m fuzz.readers --seconds 300
