@@ -22,14 +22,11 @@ class PolynomialMap:
         A (peak).
     degree : int or None
         Of the coenergy, or of the free polynomials; 8 and 6 if not given.
-    mirrored : bool
-        Whether the coenergy is even in i_q.
     """
 
     reciprocal: bool
     current_scale: float
     degree: int | None = None
-    mirrored: bool = False
 
     def basis(self, currents: FloatArray) -> FloatArray:
         """Return the map of each coefficient, shape (time, 2, coefficient), at (time, 2) in A."""
@@ -40,8 +37,7 @@ class PolynomialMap:
         if not self.reciprocal:
             each = of_x[:, m] * of_y[:, n]
             return np.concatenate([np.stack([each, 0 * each], 1), np.stack([0 * each, each], 1)], 2)
-        kept = (m + n > 0) & ((n % 2 == 0) | (not self.mirrored))
-        m, n = m[kept], n[kept]
+        m, n = m[1:], n[1:]
         along_d = m * of_x[:, np.maximum(m - 1, 0)] * of_y[:, n]
         along_q = n * of_x[:, m] * of_y[:, np.maximum(n - 1, 0)]
         return np.stack([along_d, along_q], axis=1)

@@ -57,13 +57,10 @@ class SplineStart:
         W(i_d, -i_q) differs from W(i_d, i_q).
     penalties : tuple of Penalty
         For training: a Gaussian prior of the map's coefficients, and a positive inductance.
-    symmetric : bool
-        Whether the mean map is even in i_q.
     """
 
     machine: Machine
     penalties: tuple[Penalty, ...]
-    symmetric: bool
 
 
 def spline_start(
@@ -116,7 +113,7 @@ def spline_start(
     prior = _prior(setting, machine, blocks, observed, misfit)
     currents = setting.currents / scales[0]
     definite = held_in_training(held, parts, currents, misfit)
-    return SplineStart(machine, (prior, *definite), bool(symmetric))
+    return SplineStart(machine, (prior, *definite))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,6 @@ To the polynomial map a draw of the wanted map is fitted.
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -95,9 +94,6 @@ def weak_start(
     if not family.drawn:
         scales = (reach(experiments), _round_scale(largest))
         splines = spline_start(experiments, form.terms, scales, angle_orders)
-        if splines.symmetric:
-            form = replace(form, polynomial=replace(form.polynomial, mirrored=True))
-            balance = form.solve(experiments)
         return WeakStart(splines.machine, balance, splines.penalties)
     scales = (_round_scale(form.polynomial.current_scale), _round_scale(largest))
     draws = [draw_flux_map(kind, seed + k, scales, angle_orders) for k in range(_DRAWS)]
