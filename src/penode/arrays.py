@@ -49,18 +49,6 @@ def with_shared_length(rows: JaxArray | FloatArray) -> JaxArray:
     return jnp.asarray(np.pad(np.asarray(rows), missing, mode="edge"))
 
 
-Tree = TypeVar("Tree")
-
-
-def computed_once(arrays: Tree) -> Tree:
-    """Return arrays that fused loops read instead of computing them again for each of their uses.
-
-    Sines are the dearest of them.
-    """
-    kept: Tree = jax.lax.optimization_barrier(arrays)
-    return kept
-
-
 _Given = ParamSpec("_Given")
 _Returned = TypeVar("_Returned")
 

@@ -18,7 +18,7 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from penode.arrays import FloatArray, JaxArray, computed_once
+from penode.arrays import FloatArray, JaxArray
 from penode.models.spline_basis import DEGREE, SplineBasis, splines_of_each
 from penode.native import library
 
@@ -118,7 +118,7 @@ def jets(basis: TensorBasis, orders: Orders, table: JaxArray, x: JaxArray) -> Ja
 
 def _jets(table: JaxArray, x: JaxArray, basis: TensorBasis, orders: Orders) -> JaxArray:
     along_d, along_q = _along(basis, orders, x)
-    rows = computed_once(_added(table[None], along_q[:, None], 2))
+    rows = _added(table[None], along_q[:, None], 2)
     m, n = np.array(orders).T
     return _added(along_d[m], rows[n], 1)
 
@@ -136,7 +136,7 @@ def _along(basis: TensorBasis, orders: Orders, x: JaxArray) -> tuple[JaxArray, J
     """Return splines along d and along q, (derivative, spline, batch)."""
     both = splines_of_each(basis.axes, x, 1 + int(np.max(orders)))
     along_q = jnp.concatenate([folded(both[:, 1], even) for even in basis.parities], axis=1)
-    return computed_once((both[:, 0], along_q))
+    return both[:, 0], along_q
 
 
 def _added(left: JaxArray, right: JaxArray, axis: int) -> JaxArray:

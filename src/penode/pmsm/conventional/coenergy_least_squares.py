@@ -9,20 +9,19 @@ trained: this is what a trained map has to be better than.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from penode.data.experiment import Experiment
-from penode.errors import InputError
 from penode.fit.fit import Estimate, Fit
 from penode.horizon.ladder import Observer, ignore_events
 from penode.pmsm.balance.calibration import Calibration
 from penode.pmsm.balance.equations import balance_equations
 from penode.pmsm.balance.voltage_balance import harmonic_window
-from penode.pmsm.conventional.linear_fit import LinearFit, largest_current
+from penode.pmsm.conventional.linear_fit import LinearFit, largest_current, solution_of, usable
 from penode.pmsm.conventional.linear_maps import LinearMap, coenergy_polynomial
 from penode.pmsm.machine.holds import check_hold
 from penode.pmsm.machine.space_vectors import CURRENTS
-from penode.pmsm.machine.term_registry import completed
+from penode.pmsm.machine.term_registry import completed, with_physical
 from penode.pmsm.machine.terms import DeadTime, Term
 from penode.pmsm.recording.channels import drive_recording, require_channels
 from penode.training.weak_form import WeakRegression, join
@@ -73,10 +72,8 @@ class CoenergyLeastSquares:
         InputError
             If a recording cannot be used, or has fewer equations than there are unknowns.
         """
-        if not experiments:
-            raise InputError("no recording came; give at least one.")
-        runs = [drive_recording(e) for e in experiments]
-        return self.solved(runs).to_fit(runs, [drive_recording(e) for e in validation])
+        runs, unseen = usable(experiments), [drive_recording(e) for e in validation]
+        return self.solved(runs).to_fit(runs, unseen)
 
     def solved(self, runs: Sequence[Experiment]) -> LinearFit:
         """Return resistance and map before anything is predicted.
@@ -96,13 +93,8 @@ class CoenergyLeastSquares:
         require_channels(runs, dead_time)
         acting = [Calibration(hold=self.hold).acting(e) for e in runs]
         equations = join([coenergy_equations(e, basis, scale, dead_time) for e in acting])
-        rows, unknowns = equations.matrix.shape
-        if rows < unknowns:
-            raise InputError(
-                f"{runs[0].name}: {rows} equations came for {unknowns} unknowns; record for "
-                f"longer, or use a coenergy of a smaller degree than {self.degree}."
-            )
-        solution = equations.solve()
+        smaller = f"a coenergy of a smaller degree than {self.degree}"
+        solution = solution_of(equations, runs[0].name, smaller)
         first = 1 + len(dead_time)
         return LinearFit(
             method="least squares of a polynomial coenergy",
@@ -113,7 +105,7 @@ class CoenergyLeastSquares:
             identifiability=equations.independence(0),
             reason=_REASON,
             hold=self.hold,
-            terms=tuple(replace(t, dead_time_voltage=solution[1]) for t in dead_time),
+            terms=with_physical(dead_time, solution[1:first]),
             beside=_dead_time(equations, float(solution[1])) if dead_time else {},
         )
 

@@ -18,10 +18,9 @@ import numpy as np
 
 from penode.arrays import ComplexArray, FloatArray
 from penode.data.experiment import Experiment
-from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.horizon.ladder import Observer, ignore_events
-from penode.pmsm.conventional.linear_fit import LinearFit, largest_current
+from penode.pmsm.conventional.linear_fit import LinearFit, largest_current, solution_of, usable
 from penode.pmsm.conventional.linear_maps import LinearMap, polynomial
 from penode.pmsm.conventional.rotation import held, rising
 from penode.pmsm.machine.holds import check_hold
@@ -67,18 +66,11 @@ class FluxPredictor:
         InputError
             If a recording cannot be used, or has fewer equations than there are unknowns.
         """
-        if not experiments:
-            raise InputError("no recording came; give at least one.")
-        runs = [drive_recording(e) for e in experiments]
+        runs, unseen = usable(experiments), [drive_recording(e) for e in validation]
         scale = largest_current(runs)
         equations = join([flux_equations(e, self.basis, scale, self.hold) for e in runs])
-        rows, unknowns = equations.matrix.shape
-        if rows < unknowns:
-            raise InputError(
-                f"{runs[0].name}: {rows} equations came for {unknowns} unknowns; record for "
-                f"longer, or use a smaller basis than this {self.basis.name}."
-            )
-        solution = equations.solve()
+        smaller = f"a smaller basis than this {self.basis.name}"
+        solution = solution_of(equations, runs[0].name, smaller)
         return LinearFit(
             method=f"flux predictor, {self.basis.name}",
             network=self.basis.weighted(solution[1:]),
@@ -88,7 +80,7 @@ class FluxPredictor:
             identifiability=equations.independence(0),
             reason=_REASON,
             hold=self.hold,
-        ).to_fit(runs, [drive_recording(e) for e in validation])
+        ).to_fit(runs, unseen)
 
 
 def flux_equations(

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
+from penode.errors import InputError
 from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.fit.provenance import provenance_of
 from penode.horizon.loss_weighting import linearised
@@ -15,7 +17,9 @@ from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.terms import Resistance, Term
+from penode.pmsm.recording.channels import drive_recording
 from penode.predictors.base import Predictor
+from penode.training.weak_form import WeakRegression
 from penode.validation.coverage import thin
 from penode.validation.free_run import compare
 from penode.validation.residual_tests import residual_correlations, residual_spectrum
@@ -117,6 +121,44 @@ class LinearFit:
             "electrical_frequency_hz": speed / (2 * np.pi),
             **self.facts,
         }
+
+
+def usable(experiments: Sequence[Experiment]) -> list[Experiment]:
+    """Return recordings with the channels of a drive checked.
+
+    Raises
+    ------
+    InputError
+        If none came, or one cannot be used.
+    """
+    if not experiments:
+        raise InputError("no recording came; give at least one.")
+    return [drive_recording(e) for e in experiments]
+
+
+def solution_of(equations: WeakRegression, name: str, smaller: str) -> FloatArray:
+    """Return the least-squares solution of equations.
+
+    Parameters
+    ----------
+    equations : WeakRegression
+    name : str
+        Of the first recording.
+    smaller : str
+        What would have fewer unknowns.
+
+    Raises
+    ------
+    InputError
+        If there are fewer equations than unknowns.
+    """
+    rows, unknowns = equations.matrix.shape
+    if rows < unknowns:
+        raise InputError(
+            f"{name}: {rows} equations came for {unknowns} unknowns; record for longer, or use "
+            f"{smaller}."
+        )
+    return equations.solve()
 
 
 def largest_current(experiments: Sequence[Experiment]) -> float:

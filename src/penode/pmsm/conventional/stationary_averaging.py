@@ -23,7 +23,7 @@ from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.horizon.identifiability import THRESHOLD
 from penode.horizon.ladder import Observer, ignore_events
-from penode.pmsm.conventional.linear_fit import LinearFit, largest_current
+from penode.pmsm.conventional.linear_fit import LinearFit, largest_current, usable
 from penode.pmsm.conventional.linear_maps import LinearMap, polynomial
 from penode.pmsm.conventional.operating_points import (
     OperatingPoint,
@@ -85,9 +85,7 @@ class StationaryAveraging:
             If a recording cannot be used or never dwells, there are too few points for the map, or
             R is not identifiable.
         """
-        if not experiments:
-            raise InputError("no recording came; give at least one.")
-        runs = [drive_recording(e) for e in experiments]
+        runs, unseen = usable(experiments), [drive_recording(e) for e in validation]
         scale = largest_current(runs)
         points = [point for e in runs for point in operating_points(e, self.hold)]
         together = fold(points, scale, self.mirrored)
@@ -104,7 +102,7 @@ class StationaryAveraging:
             reason=_REASON,
             hold=self.hold,
             facts={"operating_points": len(points), "averaged_to": len(groups)},
-        ).to_fit(runs, [drive_recording(e) for e in validation])
+        ).to_fit(runs, unseen)
 
     def _require(
         self, run: Experiment, points: Sequence[OperatingPoint], groups: Sequence["_Group"]
