@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.linalg import expm
 
-from penode.training.weak_form import WeakRegression, join, weak_regression
+from penode.training.weak_form import HannWindow, WeakRegression, join, weak_regression
 
 STEP, LENGTH = 1e-2, 200
 
@@ -156,3 +156,13 @@ def test_join_stacks_the_equations(rng):
     joined = join(parts)
     np.testing.assert_array_equal(joined.matrix, np.vstack([p.matrix for p in parts]))
     np.testing.assert_array_equal(joined.target, np.concatenate([p.target for p in parts]))
+
+
+@pytest.mark.parametrize("length", [3, 8, 21])
+def test_a_transformed_quantity_is_integrated_as_supply_and_store(length):
+    random = np.random.default_rng(3)
+    stored, matrices = random.normal(size=(50, 2, 5)), random.normal(size=(50, 2, 2))
+    window = HannWindow(STEP, length)
+    apart = window.of_supply(matrices @ stored) + window.of_store(stored)
+    together = window.of_transformed(stored, matrices)
+    np.testing.assert_allclose(together, apart, rtol=0, atol=1e-12 * np.abs(apart).max())

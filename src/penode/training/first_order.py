@@ -1,18 +1,28 @@
 """Adam and other first-order optimisers, through optax."""
 
-from dataclasses import dataclass
-from functools import partial
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 
 from penode.arrays import FloatArray, IntArray, JaxArray, float64
 from penode.training.plan import DIVERGED, Problem, Progress, Solution, ignore_progress
 from penode.training.prediction_error import Batch, compiled_windows
 from penode.training.residuals import Objective
+
+if TYPE_CHECKING:
+    import optax
+
+
+@lru_cache
+def adam(rate: float = 1e-3) -> "optax.GradientTransformation":
+    """Return Adam of a learning rate, one object a rate: programs are compiled for it."""
+    import optax  # a fifth of a second that nobody else waits for
+
+    return optax.adam(rate)
 
 
 @dataclass(frozen=True)
@@ -34,7 +44,7 @@ class FirstOrder:
         resistance by 10 microohm (the paper's higher learning rate for R is a larger scale).
     """
 
-    transformation: optax.GradientTransformation = optax.adam(1e-3)  # noqa: RUF009 (pure functions)
+    transformation: "optax.GradientTransformation" = field(default_factory=adam)
     epochs: int = 100
     batches: int = 20
     seed: int = 0
@@ -131,7 +141,7 @@ def _batches(order: IntArray, count: int) -> tuple[IntArray, FloatArray]:
 @partial(jax.jit, static_argnums=(0, 1, 2))
 def _epoch(
     objective: Objective,
-    transformation: optax.GradientTransformation,
+    transformation: "optax.GradientTransformation",
     horizon: int,
     start: _Descent,
     windows: Batch,

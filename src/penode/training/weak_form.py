@@ -133,17 +133,86 @@ def weak_regression(
     WeakRegression
         One row a window and state.
     """
-    stride = max(length // 4, 1)
-    phase = np.arange(length + 1) / length
-    weight = np.sin(np.pi * phase) ** 2 * time_step
-    slope = np.pi / length * np.sin(2 * np.pi * phase)
-    area = (phase / 2 - np.sin(2 * np.pi * phase) / (4 * np.pi)) * length * time_step
-    balance = _integrate(supplied, weight, stride) + _integrate(stored, slope, stride)
-    held_integral = _integrate(held[:-1], np.diff(area), stride)
-    return WeakRegression(balance.reshape(-1, balance.shape[-1]), -held_integral.reshape(-1))
+    window = HannWindow(time_step, length)
+    balance = window.of_supply(supplied) + window.of_store(stored)
+    return WeakRegression(balance.reshape(-1, balance.shape[-1]), -window.of_held(held).ravel())
 
 
-def _integrate(values: FloatArray, weight: FloatArray, stride: int) -> FloatArray:
-    """Weighted sums over windows of len(weight) samples, shape (window, ...)."""
-    windows = np.lib.stride_tricks.sliding_window_view(values, len(weight), axis=0)[::stride]
-    return np.asarray(windows @ weight)
+@dataclass(frozen=True)
+class HannWindow:
+    """The test function w of the weak form, moved along a recording by quarters of its length.
+
+    Attributes
+    ----------
+    time_step : float
+        s.
+    length : int
+        Samples from one end to the other.
+    """
+
+    time_step: float
+    length: int
+
+    def of_supply(self, values: FloatArray) -> FloatArray:
+        """Return the integral of w r over each window, (time, ...) to (window, ...)."""
+        return self._sums(values, self._weight)
+
+    def of_store(self, values: FloatArray) -> FloatArray:
+        """Return the integral of w' s over each window, (time, ...) to (window, ...)."""
+        return self._sums(values, self._slope)
+
+    def of_held(self, values: FloatArray) -> FloatArray:
+        """Return the integral of w r_0, held from each sample to the next."""
+        phase = self._phase
+        area = phase / 2 - np.sin(2 * np.pi * phase) / (4 * np.pi)
+        return self._sums(values[:-1], np.diff(area) * self.length * self.time_step)
+
+    def of_transformed(self, values: FloatArray, matrices: FloatArray) -> FloatArray:
+        """Return the integral of w M s + w' s for a matrix M of each sample.
+
+        Parameters
+        ----------
+        values : ndarray, shape (time, state, coefficient)
+            s.
+        matrices : ndarray, shape (time, state, state)
+            M.
+
+        Returns
+        -------
+        ndarray, shape (window, state, coefficient)
+        """
+        states, coefficients = values.shape[1:]
+        along = self._windows(matrices, self.length + 1, self._stride)
+        weights = along * self._weight + np.eye(states)[..., None] * self._slope
+        rows = np.moveaxis(weights, -1, 2).reshape(len(weights), states, -1)
+        each = values.reshape(-1, coefficients)
+        columns = self._windows(each, states * (self.length + 1), states * self._stride)
+        return np.asarray(rows @ columns.transpose(0, 2, 1))
+
+    @property
+    def _stride(self) -> int:
+        return max(self.length // 4, 1)
+
+    @property
+    def _phase(self) -> FloatArray:
+        return np.arange(self.length + 1) / self.length
+
+    @property
+    def _weight(self) -> FloatArray:
+        return np.sin(np.pi * self._phase) ** 2 * self.time_step
+
+    @property
+    def _slope(self) -> FloatArray:
+        return np.pi / self.length * np.sin(2 * np.pi * self._phase)
+
+    def _sums(self, values: FloatArray, weight: FloatArray) -> FloatArray:
+        columns = np.ascontiguousarray(values).reshape(len(values), -1)
+        windows = self._windows(columns, len(weight), self._stride)
+        sums: FloatArray = weight @ windows.transpose(0, 2, 1)
+        return sums.reshape(-1, *values.shape[1:])
+
+    @staticmethod
+    def _windows(values: FloatArray, length: int, stride: int) -> FloatArray:
+        """Return a view of shape (window, ..., length)."""
+        view = np.lib.stride_tricks.sliding_window_view(values, length, axis=0)
+        return np.asarray(view[::stride])

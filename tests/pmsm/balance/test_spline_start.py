@@ -14,7 +14,13 @@ from penode.pmsm.balance.spline_start import reach
 from penode.pmsm.balance.start import weak_start
 from penode.pmsm.bench.coenergy_table import true_flux_map
 from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.machine.coenergy_map import CoenergyPart, CoenergySplines, columns, roughness
+from penode.pmsm.machine.coenergy_map import (
+    HESSIAN,
+    CoenergyPart,
+    CoenergySplines,
+    columns,
+    roughness,
+)
 from penode.training.weak_form import WeakRegression
 
 
@@ -70,7 +76,7 @@ def bent_map(rng):
     part = CoenergyPart.zero(9, True)
     angle, radius = rng.uniform(0, 2 * np.pi, 800), 0.8 * np.sqrt(rng.uniform(0, 1, 800))
     currents = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    gradient, _ = columns(part, currents)
+    gradient = columns(part, currents)
     # psi = i (1 - r^2 / 2): its slope is 0.04 at the disc's edge, and negative in the corners.
     wanted = currents * (1 - np.sum(currents**2, axis=1, keepdims=True) / 2)
     equations = WeakRegression(gradient.reshape(-1, part.coefficients.size), wanted.ravel())
@@ -82,7 +88,7 @@ def smallest(part, weights, currents):
     low, high = currents.min(axis=0), currents.max(axis=0)
     axes = [np.linspace(a, b, 25) for a, b in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    a, b, c = (columns(part, points)[1] @ weights).T
+    a, b, c = (columns(part, points, HESSIAN) @ weights).T
     return np.min((a + c) / 2 - np.hypot((a - c) / 2, b))
 
 

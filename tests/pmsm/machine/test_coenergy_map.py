@@ -11,7 +11,13 @@ from penode.arrays import float64
 from penode.data.experiment import Experiment
 from penode.data.windows import cut
 from penode.models.parameters import with_batch_axis
-from penode.pmsm.machine.coenergy_map import CoenergyPart, CoenergySplines, columns, roughness
+from penode.pmsm.machine.coenergy_map import (
+    HESSIAN,
+    CoenergyPart,
+    CoenergySplines,
+    columns,
+    roughness,
+)
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.terms import Resistance
@@ -108,7 +114,7 @@ def test_the_angle_average_is_the_map_without_waves(network, rng):
 def test_columns_are_what_each_coefficient_adds(even, rng):
     part = drawn(CoenergyPart.zero(7, even), rng)
     points = rng.uniform(-1.3, 1.3, (6, 2))
-    gradient, hessian = columns(part, points)
+    gradient, hessian = columns(part, points), columns(part, points, HESSIAN)
     weights = part.coefficients.ravel()
     with float64():
         network = with_batch_axis(CoenergySplines((part,)))

@@ -121,9 +121,9 @@ def test_both_faces_of_a_term_agree(name):
     run = recording([term])
     basis = POLYNOMIAL.basis(run.stack(("i_d", "i_q")))
     weights = RANDOM.normal(size=basis.shape[2])
-    known, by_parameter, by_map = term_columns(run, (term,), basis)
+    known, by_parameter, by_psi = term_columns(run, (term,))
     values = np.array([*physical_values((term,)).values()])
-    from_columns = known + by_parameter @ values + by_map @ weights
+    from_columns = known + by_parameter @ values + np.squeeze(by_psi @ (basis @ weights)[..., None])
     expected = dropped(term, run, (basis @ weights).T).T
     scale = np.abs(expected).max()
     assert scale > 0

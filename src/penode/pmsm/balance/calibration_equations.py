@@ -117,7 +117,7 @@ class Balance:
             balance_equations(
                 e,
                 self.terms,
-                columns(self.part, e.stack(CURRENTS) / self.reach)[0],
+                columns(self.part, e.stack(CURRENTS) / self.reach),
                 harmonic_window(e),
             )
             for e in self.experiments

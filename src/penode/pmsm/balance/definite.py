@@ -16,7 +16,7 @@ from penode.arrays import FloatArray, JaxArray
 from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.pmsm.balance.smoothing import Roughness, Smoothed, penalised
-from penode.pmsm.machine.coenergy_map import CoenergyPart, columns
+from penode.pmsm.machine.coenergy_map import HESSIAN, CoenergyPart, columns
 from penode.training.weak_form import WeakRegression
 
 #: Points a side of the rectangle, and recorded ones that say how small an inductance may be.
@@ -156,7 +156,7 @@ def _rectangle(currents: FloatArray, count: int) -> FloatArray:
 
 def _hessians(parts: Sequence[CoenergyPart], points: FloatArray) -> FloatArray:
     """Return W_dd, W_dq and W_qq of each coefficient, shape (point, 3, coefficient)."""
-    return np.concatenate([columns(part, points)[1] for part in parts], axis=2)
+    return np.concatenate([columns(part, points, HESSIAN) for part in parts], axis=2)
 
 
 def _smallest(hessians: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -19,7 +19,7 @@ from penode.pmsm.machine.flux_maps import Flux
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.term_registry import channels_of, physical_places
 from penode.pmsm.machine.terms import Term
-from penode.training.weak_form import WeakRegression, weak_regression
+from penode.training.weak_form import HannWindow, WeakRegression
 
 
 def balance_equations(
@@ -49,26 +49,19 @@ def balance_equations(
     WeakRegression
         Columns: further ones, the terms' physical parameters in their order, the map.
     """
-    known_drop, by_parameter, by_map = term_columns(experiment, terms, basis)
-    stored = [*(s[..., None] for s, _ in further), np.zeros_like(by_parameter), basis]
-    supplied = [*(s[..., None] for _, s in further), -by_parameter, -by_map]
-    if known_drop.any():
-        stored.append(np.zeros((len(experiment), 2, 1)))
-        supplied.append(-known_drop[..., None])
-    whole = weak_regression(
-        np.concatenate(stored, axis=2),
-        np.concatenate(supplied, axis=2),
-        experiment.stack(VOLTAGES),
-        experiment.time_step,
-        length,
+    known_drop, by_parameter, by_psi = term_columns(experiment, terms)
+    window = HannWindow(experiment.time_step, length)
+    of_map = window.of_transformed(np.ascontiguousarray(basis), -by_psi)
+    parts = [window.of_store(s) + window.of_supply(r) for s, r in further]
+    matrix = np.concatenate(
+        [*(part[..., None] for part in parts), -window.of_supply(by_parameter), of_map], axis=2
     )
-    if not known_drop.any():
-        return whole
-    return WeakRegression(whole.matrix[:, :-1], whole.target - whole.matrix[:, -1])
+    target = window.of_supply(known_drop) - window.of_held(experiment.stack(VOLTAGES))
+    return WeakRegression(matrix.reshape(-1, matrix.shape[2]), target.ravel())
 
 
 def term_columns(
-    experiment: Experiment, terms: Sequence[Term], basis: FloatArray
+    experiment: Experiment, terms: Sequence[Term]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the drops of terms at every sample, as they depend on what is unknown.
 
@@ -78,8 +71,6 @@ def term_columns(
         With i_d, i_q (A), u_d, u_q (V) and the channels of the terms.
     terms : sequence of Term
         Their drops are linearised where their physical parameters stand, without flux linkage.
-    basis : ndarray, shape (time, 2, coefficient)
-        Flux linkage of each coefficient.
 
     Returns
     -------
@@ -87,8 +78,8 @@ def term_columns(
         What drops with all physical parameters and the flux linkage at zero, in V.
     by_parameter : ndarray, shape (time, 2, parameter)
         Derivative by each physical parameter, in V over its unit.
-    by_map : ndarray, shape (time, 2, coefficient)
-        Derivative by each coefficient of the map.
+    by_psi : ndarray, shape (time, 2, 2)
+        Derivative by the flux linkages, in V over Vs.
     """
     names = (*VOLTAGES, *channels_of(terms))
     with float64():
@@ -98,7 +89,7 @@ def term_columns(
             np.ascontiguousarray(np.moveaxis(np.asarray(part), -1, 0)[: len(experiment)])
             for part in parts
         )
-    return known_drop, by_parameter, by_psi @ basis
+    return known_drop, by_parameter, by_psi
 
 
 @partial(jax.jit, static_argnums=3)

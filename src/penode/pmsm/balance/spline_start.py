@@ -132,7 +132,7 @@ class _Setting:
     def basis(self, experiment: Experiment, parts: Sequence[CoenergyPart]) -> FloatArray:
         """Return the flux linkage of each coefficient in Vs, shape (time, 2, coefficient)."""
         x = experiment.stack(CURRENTS) / self.scales[0]
-        return self.scales[1] * np.concatenate([columns(p, x)[0] for p in parts], axis=2)
+        return self.scales[1] * np.concatenate([columns(p, x) for p in parts], axis=2)
 
     def equations(self, parts: Sequence[CoenergyPart]) -> WeakRegression:
         """Return the balance with mean maps of the parts."""

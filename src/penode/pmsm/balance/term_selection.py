@@ -199,9 +199,11 @@ def _left_over(
     """Return what is left of each sample's voltage, d + j q (time - 1,), with angles and shapes."""
     currents, form = experiment.stack(CURRENTS), balance.form
     basis = form.polynomial.basis(currents)
-    known_drop, by_parameter, by_map = term_columns(experiment, balance.terms, basis)
-    drop = known_drop + by_parameter @ np.array([*balance.values.values()]) + by_map @ balance.mean
-    rise = np.diff(_complex(basis @ balance.mean)) / experiment.time_step
+    known_drop, by_parameter, by_psi = term_columns(experiment, balance.terms)
+    psi = basis @ balance.mean
+    induced = np.einsum("tij,tj->ti", by_psi, psi)
+    drop = known_drop + by_parameter @ np.array([*balance.values.values()]) + induced
+    rise = np.diff(_complex(psi)) / experiment.time_step
     left = _complex(experiment.stack(VOLTAGES)[:-1]) - _middle(_complex(drop)) - rise
     x, y = (_middle(currents) / form.polynomial.current_scale).T
     shapes = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)

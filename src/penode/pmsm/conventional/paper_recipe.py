@@ -2,10 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import groupby
-
-import optax
 
 from penode.data.experiment import Experiment
 from penode.data.windows import Contiguous
@@ -15,14 +12,11 @@ from penode.horizon.ladder import Observer, ignore_events
 from penode.horizon.selection import Longest
 from penode.identify import identify
 from penode.pmsm.balance.start import nominal_start
-from penode.training.first_order import FirstOrder
+from penode.training.first_order import FirstOrder, adam
 from penode.training.plan import Plan, Stage
 
 #: Horizon of an epoch, counted from 0.
 Schedule = Callable[[int], int]
-
-#: One object a rate: two of them, though equal, would compile twice.
-_adam = lru_cache(optax.adam)
 
 
 @dataclass(frozen=True)
@@ -88,10 +82,11 @@ class PaperRecipe:
     def plan(self) -> Plan:
         """Return a stage for each run of epochs with one horizon; Adam's moments start anew."""
         runs = groupby(map(self.schedule, range(self.epochs)))
-        adam = _adam(self.rate)
         scale = self.resistance_rate / self.rate
         stages = tuple(
-            Stage(horizon, FirstOrder(adam, len(list(run)), self.batches, self.seed, scale))
+            Stage(
+                horizon, FirstOrder(adam(self.rate), len(list(run)), self.batches, self.seed, scale)
+            )
             for horizon, run in runs
         )
         return Plan(stages, Contiguous())

@@ -3,6 +3,7 @@
 import functools
 import math
 import operator
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -90,7 +91,7 @@ class CoenergySplines(FeatureNetwork):
         even = CoenergyPart.zero(MEAN, True)
         points = np.random.default_rng(0).uniform(-1.0, 1.0, (4 * even.coefficients.size, 2))
         wanted = 0.3 * points
-        gradient = np.concatenate(columns(even, points)[0].transpose(1, 0, 2))
+        gradient = np.concatenate(columns(even, points).transpose(1, 0, 2))
         solved = np.linalg.lstsq(gradient, wanted.T.ravel(), rcond=None)[0]
         mean = replace(even, coefficients=solved.reshape(even.coefficients.shape))
         if not orders:
@@ -150,30 +151,35 @@ def _tables(
     return merged
 
 
-def columns(part: CoenergyPart, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return gradient and Hessian of each coefficient of one table of a part.
+#: Derivatives along d and q of the coenergy: of the flux linkage, and of the inductance's
+#: d psi_d / d i_d, d psi_d / d i_q and d psi_q / d i_q.
+GRADIENT, HESSIAN = ((1, 0), (0, 1)), ((2, 0), (1, 1), (0, 2))
+
+
+def columns(
+    part: CoenergyPart, points: FloatArray, orders: Sequence[tuple[int, int]] = GRADIENT
+) -> FloatArray:
+    """Return derivatives of each coefficient's coenergy, for one table of a part.
 
     Parameters
     ----------
     part : CoenergyPart
     points : ndarray, shape (point, 2)
         Dimensionless currents.
+    orders : sequence of (int, int)
+        How often to differentiate along d and q, such as `GRADIENT` or `HESSIAN`.
 
     Returns
     -------
-    tuple of ndarray
-        Shapes (point, 2, coefficient) and (point, 3, coefficient): d psi_d / d i_d,
-        d psi_d / d i_q and d psi_q / d i_q.
+    ndarray, shape (point, order, coefficient)
     """
     along_d, along_q = part.bases
     d = along_d.derivatives(points[:, 0])
     q = np.asarray(folded(along_q.derivatives(points[:, 1]), part.even))
-
-    def product(m: int, n: int) -> FloatArray:
-        return np.einsum("jp,kp->pjk", d[m], q[n]).reshape(len(points), -1)
-
-    gradient = np.stack([product(1, 0), product(0, 1)], axis=1)
-    return gradient, np.stack([product(2, 0), product(1, 1), product(0, 2)], axis=1)
+    every = np.empty((len(points), len(orders), d.shape[1], q.shape[1]))
+    for k, (m, n) in enumerate(orders):
+        np.einsum("jp,kp->pjk", d[m], q[n], out=every[:, k])
+    return every.reshape(len(points), len(orders), -1)
 
 
 def roughness(part: CoenergyPart, orders: tuple[int, ...] = (3,)) -> FloatArray:
