@@ -1,14 +1,19 @@
 """What agreeing rungs say together, against closed forms."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
+import equinox as eqx
 import numpy as np
 import pytest
 
-from penode.arrays import float64
+from penode.arrays import Leaf, float64
 from penode.data.windows import Windows
-from penode.horizon.consensus import Consensus, retrained
+from penode.horizon.consensus import Consensus, averaged, map_weights, retrained
 from penode.horizon.ladder import HorizonFit
+from penode.models.layout import Layout
+from penode.models.parameters import physical
+from penode.models.polynomials import Polynomial
 from penode.training.covariance import Reported
 from penode.training.plan import DIVERGED, Problem, Solution, ignore_progress
 from penode.training.second_order import LevenbergMarquardt
@@ -26,6 +31,13 @@ def rung(horizon, value, deviation, noise):
     values, known = np.array([value]), np.array([deviation])
     solution = Solution(np.zeros(1), None, 1, "Made by hand.")
     return HorizonFit(horizon, solution, values, known, known, influence, windows, None, None)
+
+
+class PolynomialSpring(eqx.Module):
+    """A spring that is linear in its coefficients, and a mass."""
+
+    spring: Polynomial
+    mass: Leaf = physical("kg")
 
 
 def white(seed):
@@ -102,6 +114,41 @@ def test_a_chosen_rung_is_less_sure_by_the_spread():
     np.testing.assert_allclose(found.values, [2.0])
     spread = np.sqrt(0.8 * 0.2)  # of two points, one apart, with weights 100 and 25
     np.testing.assert_allclose(found.deviation, [np.hypot(0.2, spread)])
+
+
+def test_maps_are_weighed_by_their_precision():
+    """Deviations of a map add in squares; one of which nothing is known does not count."""
+    made = rung(1, 1.0, 1.0, white(1))
+    known = [[9.0, 0.3, 0.4], [0.1, 1.0, 0.0], [1.0, np.inf, 1.0]]
+    weights = map_weights([replace(made, working=np.array(one)) for one in known])
+    np.testing.assert_allclose(weights, [0.8, 0.2, 0.0], atol=1e-30)
+
+
+def test_the_mean_map_follows_the_physical_parameters_along_the_valley(rng):
+    """Two coefficients of three move, to where a quadratic loss is least with p held."""
+    layout = Layout(PolynomialSpring(Polynomial(1, 2, rng.normal(size=(1, 3))), 1.3))
+    physical, moving = layout.physical_members, np.ones(4, dtype=bool)
+    coefficients = np.flatnonzero(~physical)
+    moving[coefficients[-1]] = False
+    problem = Problem(SimpleNamespace(layout=layout), None, None, moving)
+    slopes = rng.normal(size=(20, 3))
+    terms = SimpleNamespace(normal=slopes.T @ slopes)
+    raws = rng.normal(size=(2, 4))
+    rungs = [
+        replace(
+            rung(1, 1.0, 1.0, white(1)),
+            solution=Solution(raw, terms, 1, ""),
+            working=np.array([1.0, deviation]),
+        )
+        for raw, deviation in zip(raws, [1.0, 2.0], strict=True)
+    ]
+    found = averaged(problem, rungs[0], rungs, np.array([0.7]))
+    middle = 0.8 * raws[0] + 0.2 * raws[1]
+    assert found[physical] == pytest.approx(0.7)
+    c, p = np.flatnonzero(~physical[moving]), np.flatnonzero(physical[moving])
+    rows = slopes[:, p] @ (middle[physical] - 0.7)
+    expected = np.linalg.lstsq(slopes[:, c], rows, rcond=None)[0]
+    np.testing.assert_allclose((found - middle)[coefficients], [*expected, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("held", [False, True])

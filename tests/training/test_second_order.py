@@ -1,6 +1,7 @@
 """Levenberg-Marquardt: where it ends, what it never does, and what it does not depend on."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
+from penode.training.gauss_newton_terms import GaussNewtonTerms
 from penode.training.plan import DIVERGED, Problem
-from penode.training.second_order import LevenbergMarquardt
+from penode.training.second_order import LevenbergMarquardt, _reach
 
 #: ln L_d, ln L_q, R, psi: 30 to 100 % off.
 OFF = np.array([0.3, -0.4, 0.2, -0.03])
@@ -181,3 +183,36 @@ def test_the_path_does_not_depend_on_units(machine, problem_of, unit):
     assert paths[0].shape == paths[1].shape
     assert len(paths[0]) > 4
     np.testing.assert_allclose(paths[1], paths[0], rtol=1e-8)
+
+
+@pytest.mark.parametrize("curvature", [0.8, 1.0, 1.7, 4.0])
+@pytest.mark.parametrize("reach", [1.0, 0.6, 0.3])
+def test_a_step_ends_where_a_parabola_is_least(curvature, reach):
+    """Of a loss that falls by 2 t - c t^2 that is 1/c of the step, whatever part was taken."""
+    gain = (2 * reach - curvature * reach**2) / (2 * reach - reach**2)
+    assert _reach(reach, gain) == pytest.approx(min(1 / curvature, 1.0))
+    assert _reach(reach, -np.inf) > 0
+
+
+def test_a_kink_does_not_make_steps_go_to_and_fro():
+    """A loss that bends more than Gauss and Newton see: r'r with r = (x, 10 + x^2 / 20)."""
+
+    class Bent:
+        moving, windows = np.ones(1, dtype=bool), None
+        objective = SimpleNamespace(layout=SimpleNamespace(physical=()))
+
+        def gauss_newton(self, raw):
+            residual = np.array([raw[0], 10 + raw[0] ** 2 / 20])
+            slope = -np.array([[1.0], [raw[0] / 10]])
+            normal, descent = slope.T @ slope, slope.T @ residual
+            return GaussNewtonTerms(float(residual @ residual), 1, normal, descent, slope.T)
+
+        def reported_jacobian(self, raw):
+            return np.empty((0, 1))
+
+        def spread(self, step):
+            return step
+
+    solution = LevenbergMarquardt(8, damping=1e-9).minimise(Bent(), np.array([1.0]))
+    assert solution.converged
+    assert abs(solution.raw[0]) < 1e-4

@@ -13,7 +13,7 @@ from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.fit.learned_uncertainty import LearnedUncertainty
 from penode.fit.outcome import AVERAGED, Contribution
 from penode.fit.provenance import provenance_of
-from penode.horizon.consensus import Consensus, retrained
+from penode.horizon.consensus import Consensus, averaged, map_weights, retrained
 from penode.horizon.cross_checks import CrossCheck
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HorizonFit, LadderProblem
@@ -108,17 +108,29 @@ class Assembly:
 
     @cached_property
     def _consensus(self) -> Consensus:
-        agreeing = [self.rungs[k] for k in self.choice.agreeing]
         if self.choice.verdict in AVERAGED:
-            return Consensus.of(agreeing)
-        return Consensus.around(self.rungs[self.choice.index], agreeing)
+            return Consensus.of(self._agreeing)
+        return Consensus.around(self.rungs[self.choice.index], self._agreeing)
 
     @cached_property
     def _raw(self) -> FloatArray:
         """The raw parameters reported, shape (parameter,)."""
-        chosen, problem = self.rungs[self.choice.index], self.problem
+        chosen, problem, values = (
+            self.rungs[self.choice.index],
+            self.problem,
+            self._consensus.values,
+        )
         again = Problem(problem.objective, problem.reported, chosen.windows, self._moving)
-        return retrained(again, chosen, self._consensus.values)
+        layout = problem.objective.layout
+        others = self._moving & ~layout.physical_members
+        linear = others.any() and layout.linear_members[others].all()
+        if self.choice.verdict in AVERAGED and linear:
+            return averaged(again, chosen, self._agreeing, values)
+        return retrained(again, chosen, values)
+
+    @property
+    def _agreeing(self) -> list[HorizonFit]:
+        return [self.rungs[k] for k in self.choice.agreeing]
 
     @property
     def _moving(self) -> BoolArray:
@@ -153,14 +165,11 @@ class Assembly:
         if finite:
             covariance[:] = self._shifts.T @ self._shifts
             covariance[np.ix_(moving, moving)] += sandwich(chosen.solution.terms, chosen.windows)
-        agreeing = [self.rungs[k] for k in self.choice.agreeing]
-        physical, kept = len(self.names), layout.first_copies
-        squares = np.array([np.sum(rung.working[physical:] ** 2) for rung in agreeing])
-        precision = 1 / np.maximum(squares, 1e-300)
+        kept = layout.first_copies
         return LearnedUncertainty(
             covariance=covariance[np.ix_(kept, kept)],
-            agreeing=np.stack([rung.solution.raw[kept] for rung in agreeing]),
-            weights=precision / precision.sum(),
+            agreeing=np.stack([rung.solution.raw[kept] for rung in self._agreeing]),
+            weights=map_weights(self._agreeing),
         )
 
     def _nuisances(self) -> dict[str, FloatArray]:

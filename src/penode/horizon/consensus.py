@@ -12,6 +12,7 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import weighted_deviation
+from penode.training.gauss_newton_terms import inverse_normal
 from penode.training.plan import DIVERGED, Optimiser, Problem
 from penode.training.second_order import LevenbergMarquardt
 
@@ -102,6 +103,43 @@ def _middle(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatA
     """Return the weighted means and deviations, both (physical,), of values (rung, physical)."""
     middle = np.sum(weights * values, axis=0)
     return middle, np.sqrt(np.sum(weights * (values - middle) ** 2, axis=0))
+
+
+def map_weights(rungs: Sequence[HorizonFit]) -> FloatArray:
+    """Return the precision of each rung's learned map, shape (rung,), summing to 1."""
+    physical = len(rungs[0].influence)
+    squares = np.array([np.sum(rung.working[physical:] ** 2) for rung in rungs])
+    precision = 1 / np.clip(squares, 1e-300, _UNSURE)
+    return np.asarray(precision / precision.sum())
+
+
+def averaged(
+    problem: Problem, rung: HorizonFit, rungs: Sequence[HorizonFit], values: FloatArray
+) -> FloatArray:
+    """Return raw parameters (parameter,): physical ones as given, maps as rungs give them together.
+
+    The mean map is that of the mean physical parameters. To those given it follows along the valley
+    of a rung's loss, in which its coefficients c solve A_cc dc = -A_cp dp.
+
+    Parameters
+    ----------
+    problem : Problem
+        The rung's; all that moves and is not physical is a coefficient of a linear map.
+    rung : HorizonFit
+        One of the others, at a minimum.
+    rungs : sequence of HorizonFit
+        Those that agree.
+    values : ndarray, shape (physical,)
+        Physical parameters near theirs, SI units.
+    """
+    layout, weights = problem.objective.layout, map_weights(rungs)
+    middle = np.sum([w * one.solution.raw for w, one in zip(weights, rungs, strict=True)], axis=0)
+    raw = layout.with_physical(middle, values)
+    held = layout.physical_members[problem.moving]
+    normal, step = rung.solution.terms.normal, (raw - middle)[problem.moving][held]
+    follow = inverse_normal(normal[~held][:, ~held]) @ normal[~held][:, held] @ step
+    raw[problem.moving & ~layout.physical_members] -= follow
+    return raw
 
 
 def retrained(

@@ -200,9 +200,17 @@ class Layout(Generic[AnyModule]):
     @property
     def physical_members(self) -> BoolArray:
         """Which raw entries, shape (size,), are physical parameters'."""
+        return self._where([setting.physical for setting in self.settings])
+
+    @property
+    def linear_members(self) -> BoolArray:
+        """Which raw entries, shape (size,), learned maps are linear in."""
+        return self._where([setting.linear for setting in self.settings])
+
+    def _where(self, holds: Sequence[bool]) -> BoolArray:
         chosen = np.zeros(self.size, dtype=np.bool_)
-        for setting, at in zip(self.settings, self._raw, strict=True):
-            chosen[at] = setting.physical
+        for one, at in zip(holds, self._raw, strict=True):
+            chosen[at] = one
         return chosen
 
     def members(self, groups: Sequence[str] | None) -> BoolArray:

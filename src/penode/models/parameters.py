@@ -51,6 +51,8 @@ class Setting:
         What it is, in a few words for a report.
     lowest : float
         A value that is not above it is impossible. Training may pass it, so that it shows.
+    linear : bool
+        Whether a learned map is linear in it: mean coefficients then give the mean map.
     """
 
     unit: str = ""
@@ -61,6 +63,7 @@ class Setting:
     per_experiment: bool = False
     meaning: str = ""
     lowest: float = -np.inf
+    linear: bool = False
 
 
 _DEFAULT = Setting()
@@ -108,6 +111,17 @@ def parameter(
         Converts its value to a float64 array at construction.
     """
     return _declare(Setting(unit, group, physical, transform, prior), default)
+
+
+def coefficients() -> Any:
+    """Declare the field of a learned map that holds what the map is linear in.
+
+    Returns
+    -------
+    dataclass field
+        Converts its value to a float64 array at construction.
+    """
+    return _declare(Setting(linear=True))
 
 
 def physical(

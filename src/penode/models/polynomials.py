@@ -9,7 +9,7 @@ import numpy as np
 from penode.arrays import JaxArray, Leaf
 from penode.errors import InputError
 from penode.models.networks import dense
-from penode.models.parameters import parameter
+from penode.models.parameters import coefficients
 
 
 def exponents(inputs: int, degree: int) -> tuple[tuple[int, ...], ...]:
@@ -50,7 +50,7 @@ class Polynomial(eqx.Module):
 
     inputs: int = eqx.field(static=True)
     degree: int = eqx.field(static=True)
-    coefficients: Leaf = parameter()
+    coefficients: Leaf = coefficients()
 
     def __check_init__(self) -> None:
         terms = len(exponents(self.inputs, self.degree))

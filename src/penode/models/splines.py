@@ -10,7 +10,7 @@ import numpy as np
 from penode.arrays import JaxArray, Leaf
 from penode.errors import InputError
 from penode.models.learned_map import floats
-from penode.models.parameters import parameter
+from penode.models.parameters import coefficients
 
 
 def _whole(values: Iterable[int]) -> tuple[int, ...]:
@@ -57,7 +57,7 @@ class Spline(eqx.Module):
     low: tuple[float, ...] = eqx.field(static=True, converter=floats)
     high: tuple[float, ...] = eqx.field(static=True, converter=floats)
     cells: tuple[int, ...] = eqx.field(static=True, converter=_whole)
-    coefficients: Leaf = parameter()
+    coefficients: Leaf = coefficients()
 
     def __check_init__(self) -> None:
         if not len(self.low) == len(self.high) == len(self.cells):

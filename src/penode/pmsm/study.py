@@ -36,6 +36,8 @@ PURPOSES = ("parameters", *LOOK_AHEADS)
 #: What an estimate of the weak form may be wrong by in addition to its deviation, as a fraction:
 #: it integrates between samples by the trapezoidal rule.
 _ANCHOR_BIAS = 0.01
+#: First damping for a map that is linear in its coefficients: one step reaches the minimum.
+_NEARLY_LINEAR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,8 @@ class Study:
         # A map with angle orders is larger and starts closer: fewer rungs, none of them cold.
         horizons = HORIZONS[:: 2 if self.angle_orders else 1]
         optimiser = LevenbergMarquardt(evaluations=25) if self.angle_orders else None
+        if self.flux_map == "coenergy":
+            optimiser = LevenbergMarquardt(evaluations=25, damping=_NEARLY_LINEAR)
         if self.horizon is None:
             plan = fitting_plan(ladder_plan(horizons, optimiser, self.seed), experiments)
         else:

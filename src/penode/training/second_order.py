@@ -16,6 +16,8 @@ _CREEP = 1e-4
 #: A fraction of the loss that the remaining step must not take away: while the model does not yet
 #: fit, the deviations are as large as the misfit and nothing seems to move.
 _MISFIT = 0.02
+#: Least fraction of a step.
+_SHORTEST = 0.1
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class LevenbergMarquardt:
 
     The damping follows the ratio of achieved and promised decrease smoothly, and grows faster
     with every rejection in a row (H. B. Nielsen, Damping parameter in Marquardt's method,
-    IMM-REP-1999-05, DTU, 1999).
+    IMM-REP-1999-05, DTU, 1999). Steps are shortened where the loss bends more than promised.
 
     Attributes
     ----------
@@ -61,7 +63,7 @@ class LevenbergMarquardt:
             The lowest loss seen; a start whose rollouts diverge is given back as it came.
         """
         terms = problem.gauss_newton(raw)
-        damping, growth = self.damping, 2.0
+        damping, growth, reach = self.damping, 2.0, 1.0
         if not terms.finite:
             return Solution(raw, terms, 1, DIVERGED)
         for evaluation in range(1, self.evaluations):
@@ -69,10 +71,11 @@ class LevenbergMarquardt:
             # One step at least: horizons are compared by differences far below one deviation.
             if evaluation > 1 and self._converged(problem, raw, terms):
                 return Solution(raw, terms, evaluation, CONVERGED)
-            step = _step(terms, damping)
+            step = reach * _step(terms, damping)
             candidate = raw + problem.spread(step)
             trial = problem.gauss_newton(candidate)
             gain = _gain(terms, trial, step)
+            reach = _reach(reach, gain)
             if gain > 0:
                 raw, terms = candidate, trial
                 damping, growth = max(damping * _after(gain), 1e-12), 2.0
@@ -110,6 +113,18 @@ def _gain(terms: GaussNewtonTerms, trial: GaussNewtonTerms, step: FloatArray) ->
 def _promised(terms: GaussNewtonTerms, step: FloatArray) -> float:
     """Return the decrease of the loss by a step in the quadratic model."""
     return float(step @ (2 * terms.descent - terms.normal @ step)) / terms.count
+
+
+def _reach(reach: float, gain: float) -> float:
+    """Return the fraction of a step at which the loss was least, a parabola through what is known.
+
+    The quadratic model fell by 2 t - t^2 along a fraction t of the step, the loss by a parabola of
+    the same slope and another curvature: where a kink of the model is passed, such as a current's
+    change of sign, that is larger than what Gauss and Newton see, and full steps would go to and
+    fro.
+    """
+    curvature = max(2 - max(gain, -1e3) * (2 - reach), 1e-3)
+    return float(np.clip(reach / curvature, _SHORTEST, 1.0))
 
 
 def _after(gain: float) -> float:

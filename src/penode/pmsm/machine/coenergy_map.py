@@ -13,7 +13,7 @@ import numpy as np
 
 from penode.arrays import FloatArray, JaxArray, Leaf
 from penode.models.networks import FeatureNetwork
-from penode.models.parameters import parameter
+from penode.models.parameters import coefficients
 from penode.models.spline_basis import SplineBasis
 from penode.models.tensor_splines import Orders, TensorBasis, folded, jets
 
@@ -37,7 +37,7 @@ class CoenergyPart(eqx.Module):
     """
 
     even: bool = eqx.field(static=True)
-    coefficients: Leaf = parameter()
+    coefficients: Leaf = coefficients()
 
     @classmethod
     def zero(cls, count: int, even: bool, waves: int = 1) -> "CoenergyPart":
