@@ -17,13 +17,12 @@ from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.pmsm.bench.coenergies import SaturatingCoenergy
-from penode.pmsm.bench.coenergy_table import true_flux_map
 from penode.pmsm.bench.drive import Drive
 from penode.pmsm.bench.machines import TRACTION_300A, Machine
 from penode.pmsm.bench.references import MOTOR, Lissajous, Reference, Steps
 from penode.pmsm.bench.run import simulate
-from penode.pmsm.result_files import GRID
 from penode.pmsm.study import Study, identify
+from validate.map_errors import error_and_coverage, rectangle
 
 AMPLITUDE = 240.0
 
@@ -119,18 +118,11 @@ CASES: dict[str, Case] = {
 
 def figures(fit: Fit, machine: Machine) -> Mapping[str, float]:
     """Return the error in per cent, its band's coverage, and the smallest inductances in mH."""
-    low, high = fit.excited.min(axis=0), fit.excited.max(axis=0)
-    axes = [np.linspace(a, b, GRID) for a, b in zip(low, high, strict=True)]
-    mesh = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    psi = np.asarray(true_flux_map(machine, *mesh.T)).reshape(len(mesh), 2)
-    inside = fit.supported(mesh)
-    gap = fit.flux_map(*mesh.T).T - psi
-    inductance = np.moveaxis(fit.differential_inductance(*mesh.T), -1, 0)
-    band = fit.learned_uncertainty.deviation(fit.model, mesh)
-    largest = np.hypot(*psi[inside].T).max()
+    error, covered = error_and_coverage(fit, machine)
+    inductance = np.moveaxis(fit.differential_inductance(*rectangle(fit).T), -1, 0)
     return {
-        "MAE %": 100 * float(np.abs(gap[inside]).mean()) / largest,
-        "band %": 100 * float(np.mean(np.abs(gap[inside]) < 1.96 * band[inside])),
+        "MAE %": 100 * error,
+        "band %": 100 * covered,
         "L_d": 1e3 * float(inductance[:, 0, 0].min()),
         "L_q": 1e3 * float(inductance[:, 1, 1].min()),
         "L": 1e3 * float(np.linalg.eigvalsh(inductance)[:, 0].min()),
