@@ -19,12 +19,14 @@ from penode.horizon.selection import Longest, Plateau, Selector
 from penode.identify import identify as identify_model
 from penode.pmsm.balance.calibration import Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
-from penode.pmsm.balance.start import weak_start
-from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
+from penode.pmsm.balance.doubt import Doubt
+from penode.pmsm.balance.start import anchor_of, weak_start
+from penode.pmsm.balance.term_selection import CANDIDATES, is_open, structure_of
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
 from penode.pmsm.machine.term_registry import completed, term_name
-from penode.pmsm.machine.terms import DeadTime, Term
+from penode.pmsm.machine.terms import Term
 from penode.pmsm.precheck.objections import machine_checks
 from penode.pmsm.recording.accuracy import DEFAULT_ACCURACY, Accuracy
 from penode.pmsm.recording.channels import drive_recording, require_channels
@@ -33,9 +35,6 @@ from penode.training.second_order import LevenbergMarquardt
 
 #: What the horizon may be chosen for.
 PURPOSES = ("parameters", *LOOK_AHEADS)
-#: What an estimate of the weak form may be wrong by in addition to its deviation, as a fraction:
-#: it integrates between samples by the trapezoidal rule.
-_ANCHOR_BIAS = 0.01
 #: First damping for a map that is linear in its coefficients: one step reaches the minimum.
 _NEARLY_LINEAR = 1e-6
 
@@ -127,16 +126,19 @@ class Study:
         """
         require_channels(experiments, self.terms, self.angle_orders or ())
 
-    def decided(self, experiments: Sequence[Experiment]) -> tuple["Study", tuple[str, ...]]:
-        """Return the study with what was left to the data decided, and why, a sentence a term."""
-        if not self.candidates and self.angle_orders is not None:
-            return self, ()
+    def decided(
+        self, experiments: Sequence[Experiment]
+    ) -> tuple["Study", tuple[str, ...], tuple[Doubt, ...]]:
+        """Return the study with what was left to the data decided, why, and what stays open."""
+        settled = not self.candidates and not any(map(is_open, self.terms))
+        if settled and self.angle_orders is not None:
+            return self, (), ()
         structure = structure_of(experiments, self.flux_map, self.terms, self.candidates)
         study, reasons = replace(self, terms=structure.terms, candidates=()), structure.term_reasons
         if self.angle_orders is None:
             study = replace(study, angle_orders=structure.angle_orders)
             reasons += structure.angle_reasons
-        return study, reasons
+        return study, reasons, structure.doubts
 
     def calibration(self, experiments: Sequence[Experiment]) -> Calibration:
         """Return what the channels of recordings have to be corrected by."""
@@ -216,6 +218,7 @@ def identify(
         imperfections=(
             *calibration.accuracy(study.accuracy).imperfections(recordings),
             *calibration.imperfections,
+            *(doubt.imperfection for doubt in began.doubts),
         ),
     )
     return identify_model(
@@ -240,11 +243,14 @@ class _Beginning:
         With what was left to the data decided.
     start : Start
         By the weak form.
+    doubts : tuple of Doubt
+        What the recordings leave open.
     """
 
     calibration: Calibration
     study: Study
     start: Start
+    doubts: tuple[Doubt, ...]
 
     @classmethod
     def of(cls, recordings: Sequence[Experiment], study: Study) -> "_Beginning":
@@ -252,10 +258,10 @@ class _Beginning:
         calibration = study.calibration(recordings)
         corrected = [calibration.applied(e) for e in recordings]
         acting = [calibration.acting(e) for e in corrected]
-        study, reasons = replace(study, hold=calibration.hold).decided(acting)
+        study, reasons, doubts = replace(study, hold=calibration.hold).decided(acting)
         study.check(corrected)
         start = _start(acting, study, (*calibration.reasons, *reasons))
-        return cls(calibration, study, start)
+        return cls(calibration, study, start, doubts)
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:
@@ -275,10 +281,7 @@ def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str
     inspected = ("i_d", "i_q", "u_d", "u_q")
     odd = tuple(finding.sentence for e in recordings for finding in inspect(e, inspected))
     facts = _facts(recordings, study, reasons)
-    anchor = {
-        name: (value, float(np.hypot(deviation, _ANCHOR_BIAS * value)))
-        for name, (value, deviation) in balance.physical.items()
-    }
+    anchor = anchor_of(recordings, balance)
     return Start(machine, balance.independence, anchor, repair, facts, odd, penalties)
 
 
@@ -288,7 +291,7 @@ def _facts(
     speed = float(np.median(np.abs(recordings[0].channels["omega_el"])))
     facts = {
         "flux_map": study.flux_map,
-        "inverter": any(isinstance(term, DeadTime) for term in study.terms),
+        "inverter": any(term.role == DeadTime.role for term in study.terms),
         "terms": [term_name(term) for term in completed(study.terms)],
         "angle_orders": list(study.angle_orders or ()),
         "structure": list(reasons),
