@@ -2,9 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
-
-import numpy as np
 
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
@@ -16,16 +13,18 @@ from penode.horizon.held_out import LOOK_AHEADS, HeldOut
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HORIZONS, Observer, fitting_plan, ignore_events, ladder_plan
 from penode.horizon.selection import Longest, Plateau, Selector
+from penode.horizon.uncertainty_budget import Imperfection
 from penode.identify import identify as identify_model
 from penode.pmsm.balance.calibration import Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.doubt import Doubt
+from penode.pmsm.balance.drift import Drift, drift_of
 from penode.pmsm.balance.start import anchor_of, weak_start
 from penode.pmsm.balance.term_selection import CANDIDATES, is_open, structure_of
-from penode.pmsm.machine.dead_time import DeadTime
+from penode.pmsm.machine.facts import facts_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
-from penode.pmsm.machine.term_registry import completed, term_name
+from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.precheck.objections import machine_checks
 from penode.pmsm.recording.accuracy import DEFAULT_ACCURACY, Accuracy
@@ -209,6 +208,7 @@ def identify(
     calibration, study = began.calibration, began.study
     recordings, unseen = ([calibration.applied(e) for e in runs] for runs in (recordings, unseen))
     study.check([*recordings, *unseen])
+    recordings = began.drift.applied(recordings)
     plan = study.plan(recordings)
     if checkpoint is not None:
         plan = checkpoint.over(plan, observer, asked, began)
@@ -217,8 +217,7 @@ def identify(
         checks=machine_checks(experiments, calibration, study.pole_pairs),
         imperfections=(
             *calibration.accuracy(study.accuracy).imperfections(recordings),
-            *calibration.imperfections,
-            *(doubt.imperfection for doubt in began.doubts),
+            *began.imperfections,
         ),
     )
     return identify_model(
@@ -245,12 +244,15 @@ class _Beginning:
         By the weak form.
     doubts : tuple of Doubt
         What the recordings leave open.
+    drift : Drift
+        Over the recordings.
     """
 
     calibration: Calibration
     study: Study
     start: Start
     doubts: tuple[Doubt, ...]
+    drift: Drift
 
     @classmethod
     def of(cls, recordings: Sequence[Experiment], study: Study) -> "_Beginning":
@@ -260,8 +262,16 @@ class _Beginning:
         acting = [calibration.acting(e) for e in corrected]
         study, reasons, doubts = replace(study, hold=calibration.hold).decided(acting)
         study.check(corrected)
-        start = _start(acting, study, (*calibration.reasons, *reasons))
-        return cls(calibration, study, start, doubts)
+        drift = drift_of(acting, study.terms)
+        reasons = (*calibration.reasons, *reasons, *drift.reasons)
+        start = _start(drift.applied(acting), study, reasons)
+        return cls(calibration, study, start, doubts, drift)
+
+    @property
+    def imperfections(self) -> tuple[Imperfection, ...]:
+        """What is left of all that was decided and estimated."""
+        doubts = (doubt.imperfection for doubt in self.doubts)
+        return (*self.calibration.imperfections, *doubts, *self.drift.imperfections)
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:
@@ -280,25 +290,6 @@ def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str
         )
     inspected = ("i_d", "i_q", "u_d", "u_q")
     odd = tuple(finding.sentence for e in recordings for finding in inspect(e, inspected))
-    facts = _facts(recordings, study, reasons)
+    facts = facts_of(recordings, study, reasons)
     anchor = anchor_of(recordings, balance)
     return Start(machine, balance.independence, anchor, repair, facts, odd, penalties)
-
-
-def _facts(
-    recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]
-) -> dict[str, Any]:
-    speed = float(np.median(np.abs(recordings[0].channels["omega_el"])))
-    facts = {
-        "flux_map": study.flux_map,
-        "inverter": any(term.role == DeadTime.role for term in study.terms),
-        "terms": [term_name(term) for term in completed(study.terms)],
-        "angle_orders": list(study.angle_orders or ()),
-        "structure": list(reasons),
-        "hold": study.hold,
-        "purpose": study.purpose,
-        "seed": study.seed,
-        "pole_pairs": study.pole_pairs,
-        "electrical_frequency_hz": speed / (2 * np.pi),
-    }
-    return {name: fact for name, fact in facts.items() if fact is not None}

@@ -22,7 +22,7 @@ from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime, PhaseSigns
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import completed, physical_values
 from penode.pmsm.machine.terms import ANGLE, Term
-from penode.training.weak_form import join, weak_regression
+from penode.training.weak_form import HannWindow, join
 
 #: Harmonics of the machine that short windows see too, and the degree of their coenergies.
 _HARMONICS, _DEGREE = (6, 12), 4
@@ -213,10 +213,9 @@ def _least(at: FloatArray, values: Sequence[float]) -> float:
 
 def _equations(experiment: Experiment, term: Term, length: int) -> FloatArray:
     """Return the columns of a term's parameters, shape (equation, parameter)."""
-    nothing = np.zeros((len(experiment), 2, 0))
-    _, drops, _ = term_columns(experiment, (term,), nothing)
-    held = np.zeros(drops.shape[:2])
-    return weak_regression(0 * drops, -drops, held, experiment.time_step, length).matrix
+    _, drops, _ = term_columns(experiment, (term,))
+    columns = -HannWindow(experiment.time_step, length).of_supply(drops)
+    return columns.reshape(-1, columns.shape[2])
 
 
 def _map_columns(experiment: Experiment, reach: float) -> FloatArray:
