@@ -260,11 +260,11 @@ class _Beginning:
         calibration = study.calibration(recordings)
         corrected = [calibration.applied(e) for e in recordings]
         acting = [calibration.acting(e) for e in corrected]
-        study, reasons, doubts = replace(study, hold=calibration.hold).decided(acting)
-        study.check(corrected)
         drift = drift_of(acting, study.terms)
-        reasons = (*calibration.reasons, *reasons, *drift.reasons)
-        start = _start(drift.applied(acting), study, reasons)
+        steady = drift.applied(acting)
+        study, reasons, doubts = replace(study, hold=calibration.hold).decided(steady)
+        study.check(corrected)
+        start = _start(steady, study, (*calibration.reasons, *drift.reasons, *reasons))
         return cls(calibration, study, start, doubts, drift)
 
     @property

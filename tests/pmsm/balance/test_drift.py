@@ -42,8 +42,8 @@ def drifting(run, of_resistance, of_magnet):
 def test_a_drift_is_estimated_and_taken_off(steady_run, share, magnet):
     run = drifting(steady_run, share * R, magnet)
     drift = drift_of([run])
-    assert drift.resistance[0] == pytest.approx(share * R, rel=0.05, abs=1e-9)
-    assert drift.magnet[0] == pytest.approx(magnet, rel=0.05, abs=1e-9)
+    assert drift.resistance[0] == pytest.approx(share * R, rel=0.1, abs=1e-9)
+    assert drift.magnet[0] == pytest.approx(magnet, rel=0.1, abs=1e-9)
     assert len(drift.reasons) == (share != 0) + (magnet != 0)
     known = Drift((share * R,), (magnet,))
     (steady,) = known.applied([run])

@@ -18,15 +18,18 @@ from penode.pmsm.balance.doubt import probability
 from penode.pmsm.balance.equations import balance_equations
 from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.term_registry import completed
-from penode.pmsm.machine.terms import SPEED, TEMPERATURE, Term
+from penode.pmsm.machine.terms import ANGLE, SPEED, TEMPERATURE, Term
 from penode.training.weak_form import WeakRegression, join
 
 #: Windows overlap by three quarters: so many equations are worth one.
 _OVERLAP = 4
 #: Share of R, and of the flux linkage, from which a drift matters, and up to which it is believed.
 _MATTERS, _CREDIBLE = (2e-3, 2e-4), (0.6, 0.1)
+#: Probability from which it is taken off: a drift that is not there may be one of something else.
+_SURE = 0.99
 _REMEDY = "Record the winding's temperature, or at a steady one."
 
 
@@ -85,7 +88,8 @@ def drift_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> D
     experiments : sequence of Experiment
         Recordings with i_d, i_q (A), u_d, u_q (V), omega_el (rad/s) and the channels of the terms.
     terms : sequence of Term
-        Of the voltage equation. One that follows the winding's temperature leaves no drift of R.
+        Of the voltage equation; a dead time is allowed for where the angle was recorded. One that
+        follows the winding's temperature leaves no drift of R.
     """
     kinds = [1] if any(TEMPERATURE in term.channels for term in terms) else [0, 1]
     equations, first = _equations(experiments, terms, kinds)
@@ -99,7 +103,7 @@ def drift_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> D
         matters, most = (limit[kind] * sizes[kind] for limit in (_MATTERS, _CREDIBLE))
         share = probability(value / max(deviation, 1e-300), count)
         unsure = math.sqrt(share) * math.hypot(value, deviation)
-        if share > 0.5 and matters < abs(value) < most:
+        if share > _SURE and matters < abs(value) < most:
             changes[kind, k], unsure = value, deviation
             reasons.append(_sentence(experiments[k], kind, value, deviation, sizes[0]))
         left[kind] = max(left[kind], unsure if matters < unsure < most else 0.0)
@@ -112,7 +116,9 @@ def _equations(
 ) -> tuple[WeakRegression, int]:
     """Return the balance with columns of the drifts first, and the place of the first parameter."""
     reach = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
-    every = tuple(term.prepared(reach) for term in completed(terms))
+    angle = all(ANGLE.name in e.channels for e in experiments)
+    extra = (DeadTime(),) if angle and all(t.role != DeadTime.role for t in terms) else ()
+    every = tuple(term.prepared(reach) for term in completed((*terms, *extra)))
     polynomial = PolynomialMap(True, reach)
     rows = []
     for place, e in enumerate(experiments):

@@ -92,7 +92,8 @@ def _presence(
     equations = len(balance.equations.target) / _OVERLAP
     share = probability(value / max(deviation, 1e-300), equations)
     if share < 0.5:
-        root_mean_square = math.hypot(value, deviation)
+        root_mean_square = math.hypot(max(value, 0.0), deviation)  # no inverter adds a voltage
+        share = min(share, probability(max(value, 0.0) / max(deviation, 1e-300), equations))
         (term,) = with_physical(
             (candidate.prepared(balance.form.polynomial.current_scale),), [root_mean_square]
         )
