@@ -24,6 +24,7 @@ from penode.pmsm.balance.term_selection import CANDIDATES, is_open, structure_of
 from penode.pmsm.machine.facts import facts_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
+from penode.pmsm.machine.standstill import STANDSTILL, counted_from_zero
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.precheck.objections import machine_checks
@@ -220,7 +221,7 @@ def identify(
             *began.imperfections,
         ),
     )
-    return identify_model(
+    fit = identify_model(
         start,
         recordings,
         plan=plan,
@@ -228,6 +229,7 @@ def identify(
         validation=unseen,
         observer=observer,
     )
+    return counted_from_zero(fit) if fit.provenance.get(STANDSTILL) else fit
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.pmsm.machine.dead_time import DeadTime
+from penode.pmsm.machine.standstill import SCOPE, STANDSTILL, stands_still
 from penode.pmsm.machine.term_registry import completed, term_name
 from penode.pmsm.machine.terms import SPEED, Term
 
@@ -57,12 +58,14 @@ def facts_of(
         Why the model is as it is, in sentences.
     """
     speed = float(np.median(np.abs(recordings[0].channels[SPEED.name])))
+    still = stands_still(recordings)
     facts = {
         "flux_map": study.flux_map,
         "inverter": any(term.role == DeadTime.role for term in study.terms),
         "terms": [term_name(term) for term in completed(study.terms)],
         "angle_orders": list(study.angle_orders or ()),
-        "structure": list(reasons),
+        "structure": [SCOPE, *reasons] if still else list(reasons),
+        STANDSTILL: still or None,
         "hold": study.hold,
         "purpose": study.purpose,
         "seed": study.seed,
