@@ -106,8 +106,9 @@ CASES: dict[str, Callable[[], Experiment | tuple[Experiment, float]]] = {
     ),
     "R drifts": warmed,
     "dead time": lambda: recorded(replace(IDEAL, inverter=Inverter(dead_time=DeadTime(0.6e-6)))),
-    "device drops": lambda: recorded(
-        replace(IDEAL, inverter=Inverter(devices=DeviceDrop(0.9, 1e-3)))
+    "device drops": lambda: (
+        recorded(replace(IDEAL, inverter=Inverter(devices=DeviceDrop(0.9, 1e-3)))),
+        MACHINE.resistance + 1e-3,  # the on-resistance is part of R
     ),
     "soft knee": lambda: recorded(
         replace(IDEAL, inverter=Inverter(devices=DeviceDrop(1.0, 0.0, 5.0, soft=True)))

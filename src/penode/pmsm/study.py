@@ -15,12 +15,13 @@ from penode.horizon.ladder import HORIZONS, Observer, fitting_plan, ignore_event
 from penode.horizon.selection import Longest, Plateau, Selector
 from penode.horizon.uncertainty_budget import Imperfection
 from penode.identify import identify as identify_model
-from penode.pmsm.balance.calibration import Calibration
+from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.drift import Drift, drift_of
 from penode.pmsm.balance.start import anchor_of, weak_start
 from penode.pmsm.balance.term_selection import CANDIDATES, is_open, structure_of
+from penode.pmsm.machine.dead_time import PhaseSigns
 from penode.pmsm.machine.facts import facts_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
@@ -258,8 +259,17 @@ class _Beginning:
 
     @classmethod
     def of(cls, recordings: Sequence[Experiment], study: Study) -> "_Beginning":
-        """Return what recordings say of channels, model and start."""
-        calibration = study.calibration(recordings)
+        """Return what recordings say; a knee found after the calibration is cause for another."""
+        once = cls._with(study.calibration(recordings), recordings, study)
+        knee = any(isinstance(term, PhaseSigns) for term in once.study.terms)
+        if study.hold is not None or once.calibration == AS_RECORDED or not knee:
+            return once
+        return cls._with(calibration_of(recordings, once.study.terms), recordings, study)
+
+    @classmethod
+    def _with(
+        cls, calibration: Calibration, recordings: Sequence[Experiment], study: Study
+    ) -> "_Beginning":
         corrected = [calibration.applied(e) for e in recordings]
         acting = [calibration.acting(e) for e in corrected]
         drift = drift_of(acting, study.terms)
@@ -287,11 +297,8 @@ def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str
     )
     repair = "Add a recording at another speed, or reverse the speed."
     if not FLUX_MAPS[study.flux_map].reciprocal:
-        repair = (
-            f"Use the reciprocal map (--flux-map coenergy). Or: {repair[0].lower()}{repair[1:]}"
-        )
-    inspected = ("i_d", "i_q", "u_d", "u_q")
-    odd = tuple(finding.sentence for e in recordings for finding in inspect(e, inspected))
+        repair = f"Use the reciprocal map (--flux-map coenergy). Or: a{repair[1:]}"
+    odd = tuple(f.sentence for e in recordings for f in inspect(e, ("i_d", "i_q", "u_d", "u_q")))
     facts = facts_of(recordings, study, reasons)
     anchor = anchor_of(recordings, balance)
     return Start(machine, balance.independence, anchor, repair, facts, odd, penalties)
