@@ -25,7 +25,7 @@ from penode.pmsm.machine.dead_time import PhaseSigns
 from penode.pmsm.machine.facts import facts_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
-from penode.pmsm.machine.standstill import STANDSTILL, counted_from_zero
+from penode.pmsm.machine.standstill import counted_from_zero
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.precheck.objections import machine_checks
@@ -131,8 +131,7 @@ class Study:
         self, experiments: Sequence[Experiment]
     ) -> tuple["Study", tuple[str, ...], tuple[Doubt, ...]]:
         """Return the study with what was left to the data decided, why, and what stays open."""
-        settled = not self.candidates and not any(map(is_open, self.terms))
-        if settled and self.angle_orders is not None:
+        if self.angle_orders is not None and not (self.candidates or any(map(is_open, self.terms))):
             return self, (), ()
         structure = structure_of(experiments, self.flux_map, self.terms, self.candidates)
         study, reasons = replace(self, terms=structure.terms, candidates=()), structure.term_reasons
@@ -230,7 +229,7 @@ def identify(
         validation=unseen,
         observer=observer,
     )
-    return counted_from_zero(fit) if fit.provenance.get(STANDSTILL) else fit
+    return counted_from_zero(fit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,18 +281,15 @@ class _Beginning:
     @property
     def imperfections(self) -> tuple[Imperfection, ...]:
         """What is left of all that was decided and estimated."""
-        doubts = (doubt.imperfection for doubt in self.doubts)
-        return (*self.calibration.imperfections, *doubts, *self.drift.imperfections)
+        doubts = tuple(doubt.imperfection for doubt in self.doubts)
+        return self.calibration.imperfections + doubts + self.drift.imperfections
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:
     """Return the start by the weak form, the settings and what is odd in the recordings."""
+    orders, terms = study.angle_orders or (), study.terms
     machine, balance, penalties = weak_start(
-        recordings,
-        study.flux_map,
-        study.seed,
-        angle_orders=study.angle_orders or (),
-        terms=study.terms,
+        recordings, study.flux_map, study.seed, angle_orders=orders, terms=terms
     )
     repair = "Add a recording at another speed, or reverse the speed."
     if not FLUX_MAPS[study.flux_map].reciprocal:

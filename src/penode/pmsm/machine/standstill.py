@@ -57,14 +57,14 @@ def require_magnet(fit: Fit) -> None:
 
 
 def counted_from_zero(fit: Fit) -> Fit:
-    """Return the fit of a standstill with no flux linkage at zero current.
+    """Return a fit, that of a standstill with no flux linkage at zero current.
 
     A coenergy linear in the currents is taken off, which no prediction at standstill depends on.
     Other maps than the default stay as they are.
     """
     model: Any = fit.model  # a machine
     flux = model.flux
-    if not isinstance(flux.network, CoenergySplines):
+    if not (fit.provenance.get(STANDSTILL) and isinstance(flux.network, CoenergySplines)):
         return fit
     part, *others = flux.network.mean
     constant = fit.flux_map(0.0, 0.0)[0] / flux.flux_scale
