@@ -39,6 +39,7 @@ validate: $(STAMP)
 	$(BIN)/python -m validate.conventions
 	$(BIN)/python -m validate.flux_maps
 	$(BIN)/python -m validate.imperfections
+	$(BIN)/python -m validate.imperfect_drives
 	$(BIN)/python -m validate.aliasing
 	$(BIN)/python -m fuzz.readers --seconds 300
 	$(BIN)/python -m validate.interruption

@@ -29,6 +29,8 @@ from penode.pmsm.study import identify
 
 MACHINE, SPEED, DURATION = TRACTION_300A, 1500.0, 1.2
 REFERENCE = Lissajous(240.0, 14.0, 15.0)
+#: Thresholds that differ from phase to phase, with a knee that large currents still round.
+SOFT = DeviceDrop(1.0, 0.0, 15.0, (1.0, 1.15, 0.9), soft=True)
 #: What every case shares: noise of the current sensors.
 IDEAL = Drive(current_noise=0.05)
 
@@ -104,8 +106,20 @@ CASES: dict[str, Callable[[], Experiment | tuple[Experiment, float]]] = {
     ),
     "R drifts": warmed,
     "dead time": lambda: recorded(replace(IDEAL, inverter=Inverter(dead_time=DeadTime(0.6e-6)))),
-    "device drops": lambda: recorded(
-        replace(IDEAL, inverter=Inverter(devices=DeviceDrop(0.9, 1e-3)))
+    "device drops": lambda: (
+        recorded(replace(IDEAL, inverter=Inverter(devices=DeviceDrop(0.9, 1e-3)))),
+        MACHINE.resistance + 1e-3,  # the on-resistance is part of R
+    ),
+    "soft knee": lambda: recorded(
+        replace(IDEAL, inverter=Inverter(devices=DeviceDrop(1.0, 0.0, 5.0, soft=True)))
+    ),
+    "soft knee by phase": lambda: recorded(replace(IDEAL, inverter=Inverter(devices=SOFT))),
+    "soft knee, delay, angle": lambda: recorded(
+        replace(
+            IDEAL,
+            inverter=Inverter(StationaryHold(0.0), devices=SOFT, delay=1),
+            resolver=Resolver(np.deg2rad(2.0)),
+        )
     ),
     "one phase's gain 1 %": lambda: recorded(
         replace(IDEAL, current_sensors=CurrentSensors(gain=(1.01, 1.0, 1.0)))

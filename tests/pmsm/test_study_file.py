@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 from penode.errors import InputError
-from penode.pmsm.machine.terms import DeadTime
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.study import Study
 from penode.pmsm.study_file import load_study

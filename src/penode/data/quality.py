@@ -85,6 +85,15 @@ def check_excitation(experiment: Experiment, channels: Sequence[str]) -> None:
             raise InputError(finding.sentence)
 
 
+def check_some_excitation(experiment: Experiment, channels: Sequence[str]) -> None:
+    """Refuse a recording in which none of several channels moves; see `check_excitation`.
+
+    One axis at rest is no obstacle: a winding may be excited along the other alone.
+    """
+    if channels and all(find_constant(experiment, channel) is not None for channel in channels):
+        check_excitation(experiment, channels)
+
+
 def find_constant(experiment: Experiment, channel: str) -> Finding | None:
     """Find a channel that never moves.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
-from penode.data.quality import check_excitation
+from penode.data.quality import check_some_excitation
 from penode.data.windows import Jittered, Windows, cut
 from penode.errors import InputError
 from penode.models.base import Model
@@ -160,12 +160,14 @@ class LadderProblem:
         Raises
         ------
         InputError
-            If a channel is missing or a state never moves.
+            If a channel is missing, or of all states in a unit none ever moves.
         """
-        measured = tuple(name for name in model.states if name not in model.unmeasured)
+        alike: dict[str, list[str]] = {}
+        for name, unit in zip(model.states, model.state_units, strict=True):
+            alike.setdefault(unit, []).extend([] if name in model.unmeasured else [name])
         for experiment in experiments:
-            if len(experiment) > 1:
-                check_excitation(experiment, measured)
+            for measured in alike.values() if len(experiment) > 1 else ():
+                check_some_excitation(experiment, measured)
         whole = [with_unmeasured(e, model).stack(model.states) for e in experiments]
         visited = np.concatenate(whole)
         predictor = Predictor(experiments[0].time_step, plan.solver, plan.hold)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from penode.arrays import FloatArray
+from penode.arrays import BoolArray, FloatArray
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.fit.outcome import IMPLAUSIBLE, Objection
@@ -28,6 +28,8 @@ _FEW, _MOST, _ASIDE, _VISIBLE = 1e-3, 0.5, 30.0, 0.1
 #: Fraction of the variance of the one-step residual that inputs and time may explain, unless free
 #: runs err by less than this fraction of what a state moves.
 _LEFT_OVER, _SMALL = 0.25, 0.05
+#: Deviation of a state over the largest in its unit up to which it is at rest.
+_AT_REST = 1e-2
 #: Each channel that may explain a residual needs so many samples.
 _SAMPLES = 50
 
@@ -100,7 +102,7 @@ def unexplained(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objecti
             for errors in (comparison.free_run_errors, comparison.one_step_errors)
         )
         spread = comparison.measured.std(axis=0)
-        bad = ~(free <= _EXPLAINED * spread)
+        bad = ~(free <= _EXPLAINED * spread) & _moving(comparison)
         far = bad & ~(free <= _FAR * ahead)
         states = ", ".join(np.array(comparison.states)[far if far.any() else bad])
         mend = "Look for a broken convention (penode check) or a channel from another recording."
@@ -111,7 +113,7 @@ def unexplained(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objecti
                 "moves, far more than single steps do.",
                 mend,
             )
-        elif bad.all():
+        elif bad.any() and bad[_moving(comparison)].all():
             yield Objection(
                 "nothing explained",
                 f"{comparison.name}: the inputs explain less than three quarters of the variance "
@@ -157,7 +159,8 @@ def dependent_residual(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[
             explained = {n: _share(row, c) for n, c in moving.items()}
             name = max(explained, key=lambda n: explained[n])
             spread = comparison.measured[:, comparison.states.index(state)].std()
-            astray = not comparison.free_run_errors[state] < _SMALL * spread
+            moves = _moving(comparison)[comparison.states.index(state)]
+            astray = moves and not comparison.free_run_errors[state] < _SMALL * spread
             if astray and explained[name] > _LEFT_OVER:
                 yield Objection(
                     "dependent residual",
@@ -166,6 +169,13 @@ def dependent_residual(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[
                     "A term is missing in the model, or a channel is scaled or timed wrongly "
                     "(penode check).",
                 )
+
+
+def _moving(comparison: Comparison) -> BoolArray:
+    """Return which states move, (state,): others are at rest beside one of the same unit."""
+    spread, units = comparison.measured.std(axis=0), np.array(comparison.units)
+    largest = np.array([spread[units == unit].max() for unit in units])
+    return np.asarray(spread > _AT_REST * largest)
 
 
 def _share(residual: FloatArray, column: FloatArray) -> float:

@@ -8,7 +8,7 @@ What the result is used for
     `machine_report`, `torque_of` a recording.
 What the model is made of
     `Machine`: a flux map (`FLUX_MAPS`) and terms (`Resistance`, `TemperatureResistance`,
-    `Rotation`, `DeadTime`; write your own as a `Term`).
+    `Rotation`, `DeadTime`, `PhaseDeadTime`; write your own as a `Term`).
 
 `penode.pmsm.bench` is the simulated drive.
 """
@@ -32,6 +32,7 @@ from penode.pmsm.control.loci import (
 )
 from penode.pmsm.conventions.check import Conventions, check_conventions
 from penode.pmsm.exports.formats import FORMATS, export
+from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime
 from penode.pmsm.machine.flux_grid import FluxGrid, read_grid, tabulate
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, FluxMap
 from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc
@@ -40,7 +41,6 @@ from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.machine.terms import (
     Channel,
-    DeadTime,
     Resistance,
     Rotation,
     TemperatureResistance,
@@ -82,6 +82,7 @@ __all__ = [
     "MapComparison",
     "NamePlate",
     "NamedLine",
+    "PhaseDeadTime",
     "RecordingCheck",
     "Resistance",
     "Rotation",

@@ -6,6 +6,7 @@ import numpy as np
 
 from penode.fit.fit import Fit
 from penode.fit.result_folder import claimed, replace_together
+from penode.pmsm.machine.standstill import STANDSTILL, excited_axes
 from penode.pmsm.report.machine_report import machine_report
 
 #: Points a side of the grid in ``flux_map.csv``.
@@ -41,14 +42,27 @@ def result_files(fit: Fit) -> dict[str, bytes]:
 
 
 def flux_map_csv(fit: Fit) -> str:
-    """Return the map on an even grid over the visited range, as CSV in SI units."""
+    """Return the map on an even grid over the visited range, as CSV in SI units.
+
+    Of a standstill it has the flux linkage less that at zero current, in columns of other names,
+    and nothing of an axis without current.
+    """
     low, high = fit.excited.min(axis=0), fit.excited.max(axis=0)
-    axes = [np.linspace(a, b, GRID) for a, b in zip(low, high, strict=True)]
+    excited = excited_axes(fit)
+    axes = [
+        np.linspace(a, b, GRID) if moves else np.array([0.5 * (a + b)])
+        for a, b, moves in zip(low, high, excited, strict=True)
+    ]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    psi = fit.flux_map(*points.T)
-    inductance = fit.differential_inductance(*points.T).reshape(4, -1)
-    rows = np.column_stack([points, psi.T, inductance.T])
-    lines = ["i_d,i_q,psi_d,psi_q,l_dd,l_dq,l_qd,l_qq,supported"]
+    psi, names = np.array(fit.flux_map(*points.T)), ("psi_d", "psi_q")
+    if fit.provenance.get(STANDSTILL):
+        psi = psi - fit.flux_map(0.0, 0.0)[:, None]
+        names = ("delta_psi_d", "delta_psi_q")
+    psi[~excited] = np.nan
+    inductance = np.array(fit.differential_inductance(*points.T))
+    inductance[~excited] = inductance[:, ~excited] = np.nan
+    rows = np.column_stack([points, psi.T, inductance.reshape(4, -1).T])
+    lines = [f"i_d,i_q,{','.join(names)},l_dd,l_dq,l_qd,l_qq,supported"]
     for row, inside in zip(rows, fit.supported(points), strict=True):
         lines.append(",".join(f"{value:.9g}" for value in row) + f",{int(inside)}")
     return "\n".join(lines) + "\n"

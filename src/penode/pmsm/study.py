@@ -2,9 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
-
-import numpy as np
 
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
@@ -16,15 +13,21 @@ from penode.horizon.held_out import LOOK_AHEADS, HeldOut
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HORIZONS, Observer, fitting_plan, ignore_events, ladder_plan
 from penode.horizon.selection import Longest, Plateau, Selector
+from penode.horizon.uncertainty_budget import Imperfection
 from penode.identify import identify as identify_model
-from penode.pmsm.balance.calibration import Calibration
+from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
-from penode.pmsm.balance.start import weak_start
-from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
+from penode.pmsm.balance.doubt import Doubt
+from penode.pmsm.balance.drift import Drift, drift_of
+from penode.pmsm.balance.start import anchor_of, weak_start
+from penode.pmsm.balance.term_selection import CANDIDATES, is_open, structure_of
+from penode.pmsm.machine.dead_time import PhaseSigns
+from penode.pmsm.machine.facts import facts_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
-from penode.pmsm.machine.term_registry import completed, term_name
-from penode.pmsm.machine.terms import DeadTime, Term
+from penode.pmsm.machine.standstill import counted_from_zero
+from penode.pmsm.machine.term_registry import completed
+from penode.pmsm.machine.terms import Term
 from penode.pmsm.precheck.objections import machine_checks
 from penode.pmsm.recording.accuracy import DEFAULT_ACCURACY, Accuracy
 from penode.pmsm.recording.channels import drive_recording, require_channels
@@ -33,9 +36,6 @@ from penode.training.second_order import LevenbergMarquardt
 
 #: What the horizon may be chosen for.
 PURPOSES = ("parameters", *LOOK_AHEADS)
-#: What an estimate of the weak form may be wrong by in addition to its deviation, as a fraction:
-#: it integrates between samples by the trapezoidal rule.
-_ANCHOR_BIAS = 0.01
 #: First damping for a map that is linear in its coefficients: one step reaches the minimum.
 _NEARLY_LINEAR = 1e-6
 
@@ -127,16 +127,18 @@ class Study:
         """
         require_channels(experiments, self.terms, self.angle_orders or ())
 
-    def decided(self, experiments: Sequence[Experiment]) -> tuple["Study", tuple[str, ...]]:
-        """Return the study with what was left to the data decided, and why, a sentence a term."""
-        if not self.candidates and self.angle_orders is not None:
-            return self, ()
+    def decided(
+        self, experiments: Sequence[Experiment]
+    ) -> tuple["Study", tuple[str, ...], tuple[Doubt, ...]]:
+        """Return the study with what was left to the data decided, why, and what stays open."""
+        if self.angle_orders is not None and not (self.candidates or any(map(is_open, self.terms))):
+            return self, (), ()
         structure = structure_of(experiments, self.flux_map, self.terms, self.candidates)
         study, reasons = replace(self, terms=structure.terms, candidates=()), structure.term_reasons
         if self.angle_orders is None:
             study = replace(study, angle_orders=structure.angle_orders)
             reasons += structure.angle_reasons
-        return study, reasons
+        return study, reasons, structure.doubts
 
     def calibration(self, experiments: Sequence[Experiment]) -> Calibration:
         """Return what the channels of recordings have to be corrected by."""
@@ -207,6 +209,7 @@ def identify(
     calibration, study = began.calibration, began.study
     recordings, unseen = ([calibration.applied(e) for e in runs] for runs in (recordings, unseen))
     study.check([*recordings, *unseen])
+    recordings = began.drift.applied(recordings)
     plan = study.plan(recordings)
     if checkpoint is not None:
         plan = checkpoint.over(plan, observer, asked, began)
@@ -215,10 +218,10 @@ def identify(
         checks=machine_checks(experiments, calibration, study.pole_pairs),
         imperfections=(
             *calibration.accuracy(study.accuracy).imperfections(recordings),
-            *calibration.imperfections,
+            *began.imperfections,
         ),
     )
-    return identify_model(
+    fit = identify_model(
         start,
         recordings,
         plan=plan,
@@ -226,6 +229,7 @@ def identify(
         validation=unseen,
         observer=observer,
     )
+    return counted_from_zero(fit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,62 +244,57 @@ class _Beginning:
         With what was left to the data decided.
     start : Start
         By the weak form.
+    doubts : tuple of Doubt
+        What the recordings leave open.
+    drift : Drift
+        Over the recordings.
     """
 
     calibration: Calibration
     study: Study
     start: Start
+    doubts: tuple[Doubt, ...]
+    drift: Drift
 
     @classmethod
     def of(cls, recordings: Sequence[Experiment], study: Study) -> "_Beginning":
-        """Return what recordings say of channels, model and start."""
-        calibration = study.calibration(recordings)
+        """Return what recordings say; a knee found after the calibration is cause for another."""
+        once = cls._with(study.calibration(recordings), recordings, study)
+        knee = any(isinstance(term, PhaseSigns) for term in once.study.terms)
+        if study.hold is not None or once.calibration == AS_RECORDED or not knee:
+            return once
+        return cls._with(calibration_of(recordings, once.study.terms), recordings, study)
+
+    @classmethod
+    def _with(
+        cls, calibration: Calibration, recordings: Sequence[Experiment], study: Study
+    ) -> "_Beginning":
         corrected = [calibration.applied(e) for e in recordings]
         acting = [calibration.acting(e) for e in corrected]
-        study, reasons = replace(study, hold=calibration.hold).decided(acting)
+        drift = drift_of(acting, study.terms)
+        steady = drift.applied(acting)
+        study, reasons, doubts = replace(study, hold=calibration.hold).decided(steady)
         study.check(corrected)
-        start = _start(acting, study, (*calibration.reasons, *reasons))
-        return cls(calibration, study, start)
+        start = _start(steady, study, (*calibration.reasons, *drift.reasons, *reasons))
+        return cls(calibration, study, start, doubts, drift)
+
+    @property
+    def imperfections(self) -> tuple[Imperfection, ...]:
+        """What is left of all that was decided and estimated."""
+        doubts = tuple(doubt.imperfection for doubt in self.doubts)
+        return self.calibration.imperfections + doubts + self.drift.imperfections
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:
     """Return the start by the weak form, the settings and what is odd in the recordings."""
+    orders, terms = study.angle_orders or (), study.terms
     machine, balance, penalties = weak_start(
-        recordings,
-        study.flux_map,
-        study.seed,
-        angle_orders=study.angle_orders or (),
-        terms=study.terms,
+        recordings, study.flux_map, study.seed, angle_orders=orders, terms=terms
     )
     repair = "Add a recording at another speed, or reverse the speed."
     if not FLUX_MAPS[study.flux_map].reciprocal:
-        repair = (
-            f"Use the reciprocal map (--flux-map coenergy). Or: {repair[0].lower()}{repair[1:]}"
-        )
-    inspected = ("i_d", "i_q", "u_d", "u_q")
-    odd = tuple(finding.sentence for e in recordings for finding in inspect(e, inspected))
-    facts = _facts(recordings, study, reasons)
-    anchor = {
-        name: (value, float(np.hypot(deviation, _ANCHOR_BIAS * value)))
-        for name, (value, deviation) in balance.physical.items()
-    }
+        repair = f"Use the reciprocal map (--flux-map coenergy). Or: a{repair[1:]}"
+    odd = tuple(f.sentence for e in recordings for f in inspect(e, ("i_d", "i_q", "u_d", "u_q")))
+    facts = facts_of(recordings, study, reasons)
+    anchor = anchor_of(recordings, balance)
     return Start(machine, balance.independence, anchor, repair, facts, odd, penalties)
-
-
-def _facts(
-    recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]
-) -> dict[str, Any]:
-    speed = float(np.median(np.abs(recordings[0].channels["omega_el"])))
-    facts = {
-        "flux_map": study.flux_map,
-        "inverter": any(isinstance(term, DeadTime) for term in study.terms),
-        "terms": [term_name(term) for term in completed(study.terms)],
-        "angle_orders": list(study.angle_orders or ()),
-        "structure": list(reasons),
-        "hold": study.hold,
-        "purpose": study.purpose,
-        "seed": study.seed,
-        "pole_pairs": study.pole_pairs,
-        "electrical_frequency_hz": speed / (2 * np.pi),
-    }
-    return {name: fact for name, fact in facts.items() if fact is not None}

@@ -28,8 +28,8 @@ from penode.data.toml_file import (
     require_known,
 )
 from penode.errors import InputError
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.term_registry import terms_of
-from penode.pmsm.machine.terms import DeadTime
 from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.recording.drive_mapping import BASES, RECORDED, DriveMapping, DriveOrigin
 from penode.pmsm.recording.name_plate import NamePlate
@@ -147,7 +147,7 @@ def _study(entries: Mapping[str, Any]) -> Study:
     terms = terms_of(settings.get("terms", ()))
     if "inverter" in entries:  # a word for dead time, which is otherwise left to the data
         settings["candidates"] = ()
-        terms = tuple(term for term in terms if not isinstance(term, DeadTime))
+        terms = tuple(term for term in terms if term.role != DeadTime.role)
         terms += (DeadTime(),) if entries["inverter"] else ()
     return Study(**{**settings, "terms": terms})
 

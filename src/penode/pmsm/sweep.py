@@ -95,7 +95,7 @@ def sweep(
     recordings = [drive_recording(e) for e in experiments]
     for recording in recordings:
         check_length(recording, max(horizon for horizon, _ in grid), past=1)
-    study, _ = study.decided(recordings)
+    study, *_ = study.decided(recordings)
     study.check(recordings)
     waiting: set[Future[Swept]] = set()
     for horizon, seed in grid:

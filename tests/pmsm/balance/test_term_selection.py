@@ -15,8 +15,8 @@ from penode.pmsm.bench.inverter import Inverter
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.term_registry import completed
-from penode.pmsm.machine.terms import DeadTime
 from penode.pmsm.study import Study
 
 
@@ -46,7 +46,7 @@ def test_harmonics_and_no_dead_time_on_an_ideal_drive(slow_run):
 
 def test_dead_time_is_seen_and_sized(dead_time_run):
     found = structure_of([dead_time_run], "coenergy")
-    assert found.terms == (DeadTime(),)
+    assert [type(term) for term in found.terms] == [DeadTime]
     assert found.angle_orders == (6, 12)
     assert re.search(r"shows 2\.(3[5-9]|4[0-5])", found.term_reasons[0])
 
@@ -91,9 +91,9 @@ def test_without_the_angle_nothing_is_told(slow_run):
 
 
 def test_what_the_user_says_stands(slow_run):
-    told = Study(terms=(DeadTime(),), candidates=(), angle_orders=())
-    assert told.decided([slow_run]) == (told, ())
-    half, reasons = Study(angle_orders=(6,)).decided([slow_run])
+    told = Study(terms=(DeadTime(dead_time_current=2.0),), candidates=(), angle_orders=())
+    assert told.decided([slow_run]) == (told, (), ())
+    half, reasons, _ = Study(angle_orders=(6,)).decided([slow_run])
     assert (half.terms, half.angle_orders) == ((), (6,))
     assert len(reasons) == 1
 

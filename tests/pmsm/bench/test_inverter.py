@@ -85,6 +85,26 @@ def test_devices_lose_a_threshold_and_a_resistance():
     assert lost.mean() == pytest.approx(mean, rel=1e-4)
 
 
+def test_a_soft_knee_loses_an_arctangent_of_each_phase():
+    """Small currents meet the slope 2 u_0 / (pi i_0), large ones the square wave's fundamental."""
+    inverter = Inverter(devices=DeviceDrop(1.2, current_scale=2.0, soft=True))
+    lost = -over_turn(inverter, [0.0, 0.0], [0.02, 0.01])
+    np.testing.assert_allclose(lost, 1.2 * 2 / np.pi * (0.02 + 0.01j) / 2.0, rtol=1e-4)
+    lost = -over_turn(inverter, [0.0, 0.0], [3e4, 4e4])
+    assert lost.mean() == pytest.approx(4 / np.pi * 1.2 * (0.6 + 0.8j), rel=1e-3)
+
+
+def test_phases_with_other_thresholds_lose_other_voltages():
+    """Their mean acts along the current; what differs turns twice against the rotor."""
+    factors = (1.3, 0.9, 0.8)
+    inverter = Inverter(devices=DeviceDrop(1.2, current_scale=0.01, phase_factors=factors))
+    lost = -over_turn(inverter, [0.0, 0.0], [50.0, 0.0])
+    assert lost.mean() == pytest.approx(4 / np.pi * 1.2 * np.mean(factors), rel=1e-4)
+    lines = np.fft.fft(lost) / len(TURN)
+    unbalance = abs(sum(f * np.exp(2j * np.pi * k / 3) for k, f in enumerate(factors))) / 3
+    assert abs(lines[-2]) == pytest.approx(4 / np.pi * 1.2 * unbalance, rel=1e-3)
+
+
 def used(limit, voltage, theta):
     with jax.enable_x64(True):
         return float(limit.used(jnp.asarray(voltage), jnp.asarray(theta), 400.0))

@@ -15,7 +15,7 @@ from penode.pmsm.conventional.coenergy_least_squares import (
     coenergy_equations,
 )
 from penode.pmsm.conventional.linear_maps import coenergy_polynomial, polynomial
-from penode.pmsm.machine.terms import DeadTime
+from penode.pmsm.machine.dead_time import DeadTime
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")
 

@@ -8,7 +8,7 @@ from penode.data.windows import Contiguous
 from penode.errors import InputError
 from penode.pmsm.conventional.current_predictor import CurrentPredictor
 from penode.pmsm.conventional.neural_ode import NeuralODE
-from penode.pmsm.machine.terms import DeadTime
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER, RK4
 

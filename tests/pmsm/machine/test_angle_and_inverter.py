@@ -16,10 +16,11 @@ from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.start import weak_start
 from penode.pmsm.bench.coenergy_table import true_flux_map
 from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.model import Machine
-from penode.pmsm.machine.terms import DeadTime, Resistance
+from penode.pmsm.machine.terms import Resistance
 from penode.pmsm.study import Study, identify
 from penode.predictors.base import DEFAULT_SOLVER, Predictor
 from penode.predictors.field import Field

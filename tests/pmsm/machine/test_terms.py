@@ -19,6 +19,7 @@ from penode.pmsm.balance.equations import balance_equations, term_columns
 from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.trial_balance import DirectedDeadTime
 from penode.pmsm.balance.voltage_balance import BalanceForm
+from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime
 from penode.pmsm.machine.flux_maps import Flux, FluxMap
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.term_registry import (
@@ -30,7 +31,7 @@ from penode.pmsm.machine.term_registry import (
     terms_of,
     with_physical,
 )
-from penode.pmsm.machine.terms import Channel, DeadTime, Resistance, Rotation, TemperatureResistance
+from penode.pmsm.machine.terms import Channel, Resistance, Rotation, TemperatureResistance
 from penode.training.weak_form import weak_regression
 
 RANDOM = np.random.default_rng(7)
@@ -38,7 +39,12 @@ COUNT = 60
 POLYNOMIAL = PolynomialMap(True, 200.0, 2)
 
 #: Every term there is: a new one joins by its line in TERMS.
-ALL = {**TERMS, "rotation": Rotation, "mean dead time": DirectedDeadTime}
+ALL = {
+    **TERMS,
+    "rotation": Rotation,
+    "mean dead time": DirectedDeadTime,
+    "soft dead time": lambda: DeadTime(dead_time_softness=0.5),
+}
 
 
 def drawn(kind):
@@ -64,11 +70,11 @@ def recording(terms):
     return Experiment("random", 1e-4, channels)
 
 
-def dropped(term, run, psi):
-    """Return the predictor's face of a term, (2, time) in V, at single moments."""
+def dropped(term, run, psi, span=(0.0, 0.0)):
+    """Return the predictor's face of a term, (2, time) in V, at single moments or over a span."""
     names = tuple(channel.name for channel in term.channels)
     with float64():
-        u = Inputs(jnp.asarray(run.stack(names).T if names else np.zeros((0, COUNT))), names)
+        u = Inputs(jnp.asarray(run.stack(names).T if names else np.zeros((0, COUNT))), names, span)
         flux = Flux(jnp.asarray(psi), None, 0.0)
         x = jnp.asarray(run.stack(("i_d", "i_q")).T)
         return np.asarray(with_batch_axis(term).drop(x, u, flux))
@@ -78,7 +84,13 @@ def dead_time_in_numpy(term, run, psi):
     i_d, i_q, theta = run.stack(("i_d", "i_q", "theta_el")).T
     angles = theta - np.array([[0.0], [2.0], [-2.0]]) * np.pi / 3
     phases = i_d * np.cos(angles) - i_q * np.sin(angles)
-    signs = term.dead_time_voltage * np.tanh(phases / term.dead_time_current)
+    if isinstance(term, PhaseDeadTime):
+        voltages = np.array([[getattr(term, f"dead_time_voltage_{phase}")] for phase in "abc"])
+    else:
+        voltages = term.dead_time_voltage
+    scaled, softness = phases / term.dead_time_current, term.dead_time_softness
+    softness = 0.0 if softness is None else softness
+    signs = voltages * ((1 - softness) * np.tanh(scaled) + softness * 2 / np.pi * np.arctan(scaled))
     return 2 / 3 * np.stack([(signs * np.cos(angles)).sum(0), -(signs * np.sin(angles)).sum(0)])
 
 
@@ -97,6 +109,8 @@ FORMULAS = {
     "resistance": lambda term, run, psi: term.R * run.stack(("i_d", "i_q")).T,
     "temperature_resistance": warm_resistance,
     "dead_time": dead_time_in_numpy,
+    "phase_dead_time": dead_time_in_numpy,
+    "soft dead time": dead_time_in_numpy,
     "rotation": lambda _, run, psi: run.channels["omega_el"] * np.stack([-psi[1], psi[0]]),
     "mean dead time": along_the_current,
 }
@@ -124,7 +138,8 @@ def test_both_faces_of_a_term_agree(name):
     known, by_parameter, by_psi = term_columns(run, (term,))
     values = np.array([*physical_values((term,)).values()])
     from_columns = known + by_parameter @ values + np.squeeze(by_psi @ (basis @ weights)[..., None])
-    expected = dropped(term, run, (basis @ weights).T).T
+    half = 0.5 * run.time_step
+    expected = dropped(term, run, (basis @ weights).T, (-half, half)).T
     scale = np.abs(expected).max()
     assert scale > 0
     np.testing.assert_allclose(from_columns, expected, rtol=0, atol=1e-12 * scale)

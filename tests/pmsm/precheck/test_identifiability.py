@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from penode.pmsm.balance.start import weak_start
 from penode.pmsm.balance.voltage_balance import BalanceForm
-from penode.pmsm.machine.terms import DeadTime as DeadTimeTerm
+from penode.pmsm.machine.dead_time import DeadTime as DeadTimeTerm
 from penode.pmsm.precheck.excitation import excitation_of
 from penode.pmsm.precheck.identifiability import identifiability_of
 

@@ -26,10 +26,11 @@ from penode.pmsm.machine.coenergy_map import (
     columns,
     roughness,
 )
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.frames import quarter_turned
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.term_registry import completed, physical_values
-from penode.pmsm.machine.terms import ANGLE, SPEED, DeadTime, Term
+from penode.pmsm.machine.terms import ANGLE, SPEED, Term
 from penode.training.weak_form import WeakRegression, join, weak_regression
 
 #: Rounds in which map and errors follow each other.

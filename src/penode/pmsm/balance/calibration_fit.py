@@ -11,6 +11,7 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.calibration import AS_RECORDED, SLOPE, Calibration, with_speed_from_angle
 from penode.pmsm.balance.calibration_equations import ERRORS, Balance, Estimate
+from penode.pmsm.balance.trial_balance import lag_of_voltage
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.terms import ANGLE, SPEED, Term
 
@@ -45,7 +46,7 @@ def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
     balance = Balance.of(experiments, terms)
     turning = max(float(np.abs(e.channels[SPEED.name]).max()) * e.time_step for e in experiments)
     if turning <= _STANDSTILL:
-        return _timing(balance.solved(("delay",)), ("delay",), balance.solved(()).evidence)
+        return _timing_at_rest(experiments)
     lagging = _lagging_speed(balance)
     if lagging is not None:
         balance = replace(balance, experiments=lagging)
@@ -142,6 +143,24 @@ def _timing(free: Estimate, estimated: Sequence[str], plain: float) -> Calibrati
         left,
         deviation={name: free.deviation[name] for name in estimated if fractions[name]},
         reasons=(f"{reason}: taken into account as {', '.join(taken)}.",),
+    )
+
+
+def _timing_at_rest(experiments: Sequence[Experiment]) -> Calibration:
+    """Return the delay at standstill, from windows short enough for what moves there to show it."""
+    lags, deviations = np.array([lag_of_voltage(e, in_phases=False) for e in experiments]).T
+    weights = 1.0 / np.maximum(deviations, 1e-9) ** 2
+    lag, own = float(np.average(lags, weights=weights)), float(np.sum(weights) ** -0.5)
+    if not (_DIFFERENT < abs(lag) < _MOST and own < _SURE):
+        return AS_RECORDED
+    delay = _near_whole(-lag)
+    return Calibration(
+        delay,
+        deviation={"delay": own} if delay % 1.0 else {},
+        reasons=(
+            f"The voltage acts {-lag:.3f} ± {own:.3f} samples after it is recorded: taken into "
+            f"account as a delay of {delay:.3g}.",
+        ),
     )
 
 

@@ -70,7 +70,8 @@ def term_columns(
     experiment : Experiment
         With i_d, i_q (A), u_d, u_q (V) and the channels of the terms.
     terms : sequence of Term
-        Their drops are linearised where their physical parameters stand, without flux linkage.
+        Their drops are linearised where their physical parameters stand, without flux linkage;
+        they represent the half samples before and after.
 
     Returns
     -------
@@ -84,7 +85,7 @@ def term_columns(
     names = (*VOLTAGES, *channels_of(terms))
     with float64():
         x, u = (with_shared_length(experiment.stack(rows).T) for rows in (CURRENTS, names))
-        parts = _linearised(tuple(terms), x, u, names)
+        parts = _linearised(tuple(terms), x, u, names, experiment.time_step)
         known_drop, by_parameter, by_psi = (
             np.ascontiguousarray(np.moveaxis(np.asarray(part), -1, 0)[: len(experiment)])
             for part in parts
@@ -92,12 +93,13 @@ def term_columns(
     return known_drop, by_parameter, by_psi
 
 
-@partial(jax.jit, static_argnums=3)
+@partial(jax.jit, static_argnums=(3, 4))
 def _linearised(
-    terms: tuple[Term, ...], x: JaxArray, u: JaxArray, names: tuple[str, ...]
+    terms: tuple[Term, ...], x: JaxArray, u: JaxArray, names: tuple[str, ...], step: float
 ) -> tuple[JaxArray, JaxArray, JaxArray]:
     """Return the drop without flux linkage, and its slopes by parameters and by psi, time last."""
-    terms, inputs, no_flux = with_batch_axis(terms), Inputs(u, names), jnp.zeros_like(x)
+    terms, no_flux = with_batch_axis(terms), jnp.zeros_like(x)
+    inputs = Inputs(u, names, (-0.5 * step, 0.5 * step))
     places = physical_places(terms)
 
     def physical(terms: tuple[Term, ...]) -> list[JaxArray]:

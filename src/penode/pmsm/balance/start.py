@@ -17,6 +17,7 @@ from penode.data.experiment import Experiment
 from penode.models.compositions import LinearSkip
 from penode.models.layout import Layout
 from penode.models.networks import TanhLayers
+from penode.pmsm.balance.knee import spread_over_knees
 from penode.pmsm.balance.spline_start import reach, spline_start
 from penode.pmsm.balance.voltage_balance import BalanceForm, BalanceSolution
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, FluxMap, draw_flux_map
@@ -27,6 +28,9 @@ from penode.training.penalties import Penalty
 #: Maps drawn, of which the better after a few evaluations is fitted to the end.
 _DRAWS, _FEW, _MANY = 2, 20, 100
 _POINTS = 200
+#: What an estimate of the weak form may be wrong by in addition to its deviation, as a fraction:
+#: it integrates between samples by the trapezoidal rule.
+_ANCHOR_BIAS = 0.01
 #: Weights of the differential inductance and of the slope over the angle beside the flux linkage,
 #: all scaled to order 1.
 _SLOPE_WEIGHT = 0.1
@@ -99,6 +103,22 @@ def weak_start(
     draws = [draw_flux_map(kind, seed + k, scales, angle_orders) for k in range(_DRAWS)]
     flux_map = _fit_networks(draws, balance, points, np.random.default_rng(seed))
     return WeakStart(Machine(flux_map, balance.terms), balance)
+
+
+def anchor_of(
+    experiments: Sequence[Experiment], balance: BalanceSolution
+) -> dict[str, tuple[float, float]]:
+    """Return what a balance of recordings says of physical parameters, and how far that is sure.
+
+    Beside its deviation counts what the trapezoidal rule may be wrong by, and what a balance with
+    dead time owes to the knee that it is given.
+    """
+    form = balance.form
+    spread = spread_over_knees(experiments, form.polynomial.reciprocal, form.terms)
+    return {
+        name: (value, math.hypot(deviation, _ANCHOR_BIAS * value, spread.get(name, 0.0)))
+        for name, (value, deviation) in balance.physical.items()
+    }
 
 
 def nominal_start(experiments: Sequence[Experiment], seed: int) -> Machine:

@@ -1,6 +1,5 @@
 """Structure by evidence: terms of the model that the recordings show and can identify."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -8,13 +7,14 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
-from penode.horizon.identifiability import THRESHOLD
+from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.equations import term_columns
+from penode.pmsm.balance.term_evidence import Judged, judged
 from penode.pmsm.balance.voltage_balance import BalanceForm, BalanceSolution
+from penode.pmsm.machine.dead_time import DeadTime, PhaseSigns
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
-from penode.pmsm.machine.term_registry import channels_of, physical_places
-from penode.pmsm.machine.terms import ANGLE, DeadTime, Term
+from penode.pmsm.machine.terms import ANGLE, Term
 
 #: Harmonics of the electrical angle that a machine of three symmetric phases may have.
 _HARMONICS = (6, 12)
@@ -22,8 +22,6 @@ _HARMONICS = (6, 12)
 _CONTROLS = (5, 7, 8, 9, 10, 11, 13)
 #: Power of an order over the controls' median from which it is there.
 _CLEAR = 20.0
-#: Deviations from which a term is there.
-_SIGNIFICANT = 5.0
 #: Samples a period below which an order is not followed.
 _SAMPLES = 4
 #: Terms that are decided from the recordings, unless a study says otherwise.
@@ -42,12 +40,15 @@ class Structure:
         Harmonics of the electrical angle in the map.
     term_reasons, angle_reasons : tuple of str
         Why, in sentences.
+    doubts : tuple of Doubt
+        What the recordings leave open.
     """
 
     terms: tuple[Term, ...]
     angle_orders: tuple[int, ...]
     term_reasons: tuple[str, ...]
     angle_reasons: tuple[str, ...]
+    doubts: tuple[Doubt, ...] = ()
 
 
 def structure_of(
@@ -58,8 +59,9 @@ def structure_of(
 ) -> Structure:
     """Decide which terms the recordings show and can identify, before any training.
 
-    A candidate is kept where the weak form of the voltage balance gives its parameter at five
-    deviations at least, and R and the map cannot stand in for it. An order of the angle is kept
+    A candidate is kept where the weak form of the voltage balance makes it more probable than not,
+    and R and the map cannot stand in for it; what speaks for one that is left out stays as a doubt.
+    An order of the angle is kept
     where it carries at least twenty times the power, in what that balance leaves over from sample
     to sample, of orders that a symmetric machine cannot have.
 
@@ -81,46 +83,34 @@ def structure_of(
     InputError
         If two terms have one role.
     """
-    certain, reasons = tuple(terms), list[str]()
+    certain, found = tuple(terms), list[Judged]()
     wanted, taken = {c.role for c in candidates}, {term.role for term in terms}
+    for term in (term for term in terms if is_open(term)):
+        others = tuple(one for one in certain if one is not term)
+        sized = judged(experiments, others, term, certain=True)
+        certain = (*others, sized.term or term)
+        found.append(sized)
     evident = certain
     balance = BalanceForm.of(experiments, True, certain).solve(experiments)
-    others = [c for c in CANDIDATES if c.role not in wanted]
-    for candidate in (c for c in (*candidates, *others) if c.role not in taken):
-        kept, why, solution = _judged(experiments, evident, candidate)
-        if kept and solution is not None:
-            evident, balance = (*evident, candidate), solution
+    unasked = [c for c in CANDIDATES if c.role not in wanted]
+    for candidate in (c for c in (*candidates, *unasked) if c.role not in taken):
+        one = judged(experiments, evident, candidate)
+        if one.term is not None and one.balance is not None:
+            evident, balance = (*evident, one.term), one.balance
         if candidate.role in wanted:
-            reasons.append(why)
-            certain = (*certain, candidate) if kept else certain
+            found.append(one)
+            certain = certain if one.term is None else (*certain, one.term)
     if all(ANGLE.name in e.channels for e in experiments):
         orders, why_orders = _orders(experiments, balance, kind)
     else:
         orders, why_orders = (), (f"Angle harmonics were left out: {ANGLE.name} was not recorded.",)
-    return Structure(certain, orders, tuple(reasons), why_orders)
+    doubts = tuple(doubt for one in found for doubt in one.doubts)
+    return Structure(certain, orders, tuple(one.reason for one in found), why_orders, doubts)
 
 
-def _judged(
-    experiments: Sequence[Experiment], terms: Sequence[Term], candidate: Term
-) -> tuple[bool, str, BalanceSolution | None]:
-    """Return whether a candidate is in beside terms, why, and the balance that has it."""
-    title, needed = candidate.title, channels_of((candidate,))
-    missing = next((n for e in experiments for n in needed if n not in e.channels), None)
-    if missing is not None:
-        return False, f"{title} was left out: {missing} was not recorded.", None
-    balance = BalanceForm.of(experiments, True, (*terms, candidate)).solve(experiments)
-    (_, name), *_ = physical_places((candidate,))
-    value, deviation = balance.physical[name]
-    shown = _with_deviation(value, deviation)
-    if not abs(value) > _SIGNIFICANT * deviation:
-        return False, f"{title} was left out: the voltage balance shows {shown} of it.", None
-    if min(balance.independence.values()) < THRESHOLD:
-        why = (
-            f"{title} was left out: of one current amplitude its voltage ({shown}) cannot be "
-            "distinguished from R; record several amplitudes."
-        )
-        return False, why, None
-    return True, f"{title} was included: the voltage balance shows {shown} of it.", balance
+def is_open(term: Term) -> bool:
+    """Return whether something of a certain term is left to the recordings."""
+    return isinstance(term, PhaseSigns) and term.dead_time_current is None
 
 
 def _orders(
@@ -151,11 +141,6 @@ def _orders(
             f"sampled fewer than {_SAMPLES} times a period."
         )
     return kept, tuple(reasons)
-
-
-def _with_deviation(value: float, deviation: float) -> str:
-    decimals = max(1 - math.floor(math.log10(max(deviation, 1e-6))), 0)
-    return f"{round(value, decimals) + 0.0:.{decimals}f} ± {deviation:.{decimals}f} V"
 
 
 def _rounded(ratio: float) -> str:

@@ -49,6 +49,7 @@ _RULES: dict[type, dict[str, Rule]] = {
         "threshold": _NOT_NEGATIVE,
         "on_resistance": _NOT_NEGATIVE,
         "current_scale": _POSITIVE,
+        "phase_factors": _THREE_POSITIVE,
     },
     CurrentSensors: {
         "gain": _THREE_POSITIVE,

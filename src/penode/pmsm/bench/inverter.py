@@ -109,11 +109,17 @@ class DeviceDrop(eqx.Module):
         r in ohm; no recording separates it from the winding's resistance.
     current_scale : float
         i_0 in A.
+    phase_factors : tuple of three floats
+        u_0 of the phases a, b, c over the threshold.
+    soft : bool
+        Whether the knee is ``2/pi arctan(i/i_0)``, which large currents still round.
     """
 
     threshold: float
     on_resistance: float = 0.0
     current_scale: float = 2.0
+    phase_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    soft: bool = eqx.field(static=True, default=False)
 
     def drop(self, current: JaxArray) -> JaxArray:
         """Return the voltage lost in each phase.
@@ -128,9 +134,10 @@ class DeviceDrop(eqx.Module):
         array, shape (3,)
             In V.
         """
-        return self.threshold * jnp.tanh(current / self.current_scale) + (
-            self.on_resistance * current
-        )
+        scaled = current / self.current_scale
+        knee = 2 / jnp.pi * jnp.arctan(scaled) if self.soft else jnp.tanh(scaled)
+        threshold = self.threshold * jnp.stack(self.phase_factors)
+        return threshold * knee + self.on_resistance * current
 
 
 class Hold(Protocol):

@@ -19,10 +19,11 @@ from penode.pmsm.balance.equations import balance_equations
 from penode.pmsm.balance.voltage_balance import harmonic_window
 from penode.pmsm.conventional.linear_fit import LinearFit, largest_current, solution_of, usable
 from penode.pmsm.conventional.linear_maps import LinearMap, coenergy_polynomial
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.holds import check_hold
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import completed, with_physical
-from penode.pmsm.machine.terms import DeadTime, Term
+from penode.pmsm.machine.terms import Term
 from penode.pmsm.recording.channels import drive_recording, require_channels
 from penode.training.weak_form import WeakRegression, join
 

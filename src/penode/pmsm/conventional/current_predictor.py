@@ -15,8 +15,8 @@ from penode.horizon.ladder import Observer, ignore_events
 from penode.horizon.selection import Longest
 from penode.identify import identify
 from penode.pmsm.balance.start import weak_start
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.holds import HOLDS
-from penode.pmsm.machine.terms import DeadTime
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.study import Study
 from penode.predictors.one_step import RungeKutta

@@ -16,6 +16,7 @@ from penode.pmsm.balance.trial_balance import (
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judged, with_channels
 from penode.pmsm.conventions.motion import angle_over_speed
 from penode.pmsm.machine.holds import turned_voltage
+from penode.pmsm.machine.standstill import stands_still
 
 #: Channels counted the other way -> what that is called. The first of equals is taken.
 _REVERSALS = {
@@ -230,6 +231,8 @@ def judge_magnet(experiment: Experiment, in_phases: bool) -> tuple[BrokenConvent
     str
         Why nothing can be determined, empty where it can.
     """
+    if stands_still([experiment]):
+        return None, f"{experiment.name}: at standstill no voltage shows an offset of the angle."
     trial = try_balance(experiment)
     length = np.hypot(*experiment.stack(("i_d", "i_q")).T)
     magnet = float(np.hypot(*trial.magnet))

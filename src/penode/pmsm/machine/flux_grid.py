@@ -11,6 +11,7 @@ from scipy.interpolate import RectBivariateSpline
 from penode.arrays import BoolArray, FloatArray
 from penode.errors import InputError
 from penode.fit.fit import Fit
+from penode.pmsm.machine.standstill import require_magnet
 
 _COLUMNS = ("i_d", "i_q", "psi_d", "psi_q")
 _LEAST_POINTS = 5
@@ -115,13 +116,14 @@ def tabulate(fit: Fit, points: int, pole_pairs: int | None = None) -> FluxGrid:
     Raises
     ------
     InputError
-        If there are fewer than 5 points a side, pole pairs below 1, or a current was zero
-        throughout.
+        If there are fewer than 5 points a side, pole pairs below 1, a current was zero
+        throughout, or the rotor stood still.
     """
     if points < _LEAST_POINTS:
         raise InputError(f"{points} points a side came; give at least {_LEAST_POINTS}.")
     if pole_pairs is not None and pole_pairs < 1:
         raise InputError(f"{pole_pairs} pole pairs came; give a whole number from 1.")
+    require_magnet(fit)
     low, high = np.minimum(fit.excited.min(axis=0), 0), np.maximum(fit.excited.max(axis=0), 0)
     if not (high > low).all():
         raise InputError(

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 from penode.arrays import FloatArray
 from penode.errors import InputError
+from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime
 from penode.pmsm.machine.terms import (
     Channel,
-    DeadTime,
     Resistance,
     Rotation,
     TemperatureResistance,
@@ -19,6 +19,7 @@ TERMS: dict[str, type[Term]] = {
     "resistance": Resistance,
     "temperature_resistance": TemperatureResistance,
     "dead_time": DeadTime,
+    "phase_dead_time": PhaseDeadTime,
 }
 
 

@@ -10,17 +10,15 @@ subclass of `Term` and register it in `penode.pmsm.machine.term_registry.TERMS`.
 """
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import JaxArray, Leaf
 from penode.models.inputs import Inputs
-from penode.models.parameters import parameter, physical
-from penode.models.transforms import Positive
+from penode.models.parameters import physical
 from penode.pmsm.machine.flux_maps import Flux
 from penode.pmsm.machine.frames import quarter_turned
 
@@ -163,83 +161,3 @@ class Rotation(Term):
         """Return omega (J psi + d psi / d theta) in V; see `Term.drop`."""
         turned: JaxArray = quarter_turned(flux.linkage) + flux.angle_slope
         return u[SPEED.name] * turned
-
-
-class DeadTime(Term):
-    """dU tanh(i/i_0) in every phase: what an inverter's dead time takes.
-
-    While both switches of a leg are off, the phase current decides the voltage; a phase with much
-    current loses dU = u_dc t_dead / T over a sample, one near its zero less. Jeong and Park, IEEE
-    Trans. Ind. Electron. 38 (1991) 108, doi:10.1109/41.88903.
-
-    A phase current crosses zero within a fraction of a sample. The four stages of the classic
-    Runge-Kutta method would see its sign at three moments, by chance and not without a bias: at
-    1500 rpm and 10 kHz it made R of a 16 mohm machine 0.4 % too small. So each stage takes the
-    mean over its part of the sample (`Inputs.part_for`).
-
-    Attributes
-    ----------
-    dead_time_voltage : array, shape ()
-        dU in V.
-    dead_time_current : array, shape (), or None
-        i_0 in A, the phase current at which 76 % of dU are lost; a hundredth of the largest
-        recorded current where None. It moves in training but is not reported: a phase current
-        crosses zero within a fraction of a sample, which says little of it.
-    """
-
-    role: ClassVar[str] = "dead time"
-    title: ClassVar[str] = "Dead time"
-    channels: ClassVar[tuple[Channel, ...]] = (SPEED, ANGLE)
-
-    dead_time_voltage: Leaf = physical("V", default=0.0, meaning="dead-time voltage of a phase")
-    dead_time_current: Leaf = parameter(
-        unit="A", group="physical", transform=Positive(), default=None
-    )
-
-    def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
-        """Return dU times the smooth signs of the phase currents, in dq; see `Term.drop`."""
-        cosine, sine = jnp.cos(u[ANGLE.name]), jnp.sin(u[ANGLE.name])
-        alpha = cosine * x[0] - sine * x[1]
-        beta = sine * x[0] + cosine * x[1]
-        phases = _phases(alpha, beta) / self.dead_time_current
-        middle, half = u.part_for("dead time")
-        if half:
-            rates = u[SPEED.name] * (_phases(-beta, alpha) / self.dead_time_current)
-            a, b, c = _mean_tanh(phases + middle * rates, half * rates)
-        else:
-            a, b, c = jnp.tanh(phases)
-        sign_alpha, sign_beta = (2 * a - b - c) / 3, (b - c) / np.sqrt(3)
-        signs = jnp.stack(
-            [cosine * sign_alpha + sine * sign_beta, cosine * sign_beta - sine * sign_alpha]
-        )
-        return self.dead_time_voltage * signs
-
-    def prepared(self, largest_current: float) -> Self:
-        """Return the term with i_0 at a hundredth of the largest current where it is not set."""
-        if self.dead_time_current is not None:
-            return self
-        return replace(self, dead_time_current=_GUESS * largest_current)
-
-
-#: Guess of i_0 over the largest current.
-_GUESS = 0.01
-#: Half the width of the narrowest mean; the closed form divides by it.
-_NARROW = 0.02
-
-
-def _phases(alpha: JaxArray, beta: JaxArray) -> JaxArray:
-    """Return the three phase values (3, batch) of a stationary vector."""
-    half, root = 0.5 * alpha, np.sqrt(0.75) * beta
-    return jnp.stack([alpha, root - half, -root - half])
-
-
-def _mean_tanh(middle: JaxArray, sweep: JaxArray) -> JaxArray:
-    """Return the mean of tanh over all values within a sweep of the middle."""
-    half = jnp.sqrt(sweep**2 + _NARROW**2)
-    return (_log_cosh(middle + half) - _log_cosh(middle - half)) / (2 * half)
-
-
-def _log_cosh(x: JaxArray) -> JaxArray:
-    """Return log(2 cosh x), the integral of tanh, without overflow."""
-    size = jnp.abs(x)
-    return size + jnp.log1p(jnp.exp(-2 * size))

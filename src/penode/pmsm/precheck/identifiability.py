@@ -15,8 +15,9 @@ from penode.data.experiment import Experiment
 from penode.horizon.identifiability import THRESHOLD
 from penode.pmsm.balance.voltage_balance import BalanceForm, BalanceSolution
 from penode.pmsm.conventions.broken_convention import with_channels
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
-from penode.pmsm.machine.terms import DeadTime, Term
+from penode.pmsm.machine.terms import Term
 
 #: The skew part of a free map, as a voltage drop over R, from which it is an alarm.
 _ALARM = 0.1
@@ -144,7 +145,7 @@ def _repair(recordings: Sequence[Experiment], reciprocal: bool, terms: Sequence[
     trials: list[tuple[str, Sequence[Experiment], bool, Sequence[Term]]] = []
     if not reciprocal:
         trials.append(("Use a reciprocal map (--flux-map coenergy)", recordings, True, terms))
-    without = [term for term in terms if not isinstance(term, DeadTime)]
+    without = [term for term in terms if term.role != DeadTime.role]
     if len(without) < len(terms):
         text = "Leave the dead time out (--no-inverter), which R then contains"
         varied = [*recordings, *map(_varied, recordings)]

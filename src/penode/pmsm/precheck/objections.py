@@ -1,4 +1,4 @@
-"""Objections to the fit of a machine: a broken convention, the voltage limit, a standstill."""
+"""Objections to the fit of a machine: a broken convention, the voltage limit, per unit."""
 
 from collections.abc import Iterator, Sequence
 
@@ -15,8 +15,6 @@ from penode.pmsm.conventions.check import check_all
 _TOP, _LARGER = 0.1, 3.0
 #: A and V below which both currents and voltages look like fractions of a base.
 _PER_UNIT = 2.5
-#: Electrical radians that the rotor has to turn in one recording.
-_TURN = 1.0
 
 
 def machine_checks(
@@ -43,7 +41,7 @@ def machine_checks(
     def broken_conventions(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
         yield from objections
 
-    return broken_conventions, per_unit, voltage_limit, standstill
+    return broken_conventions, per_unit, voltage_limit
 
 
 def per_unit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
@@ -79,15 +77,3 @@ def voltage_limit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objec
                 "recorded command does not show.",
                 "Record the voltage behind the limiter, or stay below it.",
             )
-
-
-def standstill(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
-    """Yield an objection where the rotor turns so little that the magnet induces nothing."""
-    turned = [abs(float(np.sum(e.channels["omega_el"]))) * e.time_step for e in experiments]
-    if max(turned) < _TURN:
-        yield Objection(
-            "standstill",
-            "The rotor stands still, so no voltage shows the constant of the flux linkage; only "
-            "resistance and inductance are determined.",
-            "Add a recording with the rotor turning.",
-        )

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from penode.data.experiment import Experiment
-from penode.data.quality import check_excitation
+from penode.data.quality import check_some_excitation
 from penode.errors import InputError
 from penode.pmsm.machine.frames import dq_from_abc
 from penode.pmsm.machine.term_registry import TERMS
@@ -42,14 +42,15 @@ def drive_recording(experiment: Experiment) -> Experiment:
     Raises
     ------
     InputError
-        If a channel is missing, a current never moves, or the machine turns more than a quarter
-        electrical turn a sample (a time column in ms, or a speed in rpm).
+        If a channel is missing, neither current or neither voltage ever moves, or the machine turns
+        more than a quarter electrical turn a sample (a time column in ms, or a speed in rpm).
     """
     kinds = stationary_kinds(experiment.channels)
     if kinds:
         experiment = _from_phases(with_phases(experiment), kinds)
     experiment.stack(("i_d", "i_q", "u_d", "u_q", "omega_el"))
-    check_excitation(experiment, ("i_d", "i_q", "u_d", "u_q"))
+    for kind in "iu":
+        check_some_excitation(experiment, (f"{kind}_d", f"{kind}_q"))
     speed = np.abs(experiment.channels["omega_el"])
     turn = float(np.median(speed)) * experiment.time_step
     if turn > _LARGEST_TURN:

@@ -9,8 +9,8 @@ from penode.horizon.identifiability import Start
 from penode.horizon.ladder import ladder_plan
 from penode.pmsm.balance.start import nominal_start, weak_start
 from penode.pmsm.conventional.paper_recipe import Growing, PaperRecipe
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.holds import HOLDS
-from penode.pmsm.machine.terms import DeadTime
 from penode.pmsm.studies.extent import Extent
 from penode.predictors.base import DEFAULT_SOLVER
 from penode.predictors.solver import Solver

@@ -1,0 +1,74 @@
+"""What may act though the model leaves it out: its part of the uncertainty budget."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.horizon.uncertainty_budget import Imperfection
+from penode.pmsm.balance.equations import term_columns
+from penode.pmsm.machine.space_vectors import VOLTAGES
+from penode.pmsm.machine.term_registry import physical_values
+from penode.pmsm.machine.terms import Term
+
+
+def probability(deviations: float, equations: float) -> float:
+    """Return how probable a parameter is, as against zero, of two that are equally likely before.
+
+    Parameters
+    ----------
+    deviations : float
+        Estimate over its standard deviation.
+    equations : float
+        Independent ones: before them the parameter is believed to be about as large as one of
+        them shows (unit information; Kass and Wasserman, J. Am. Stat. Assoc. 90 (1995) 928,
+        doi:10.1080/01621459.1995.10476592).
+    """
+    against = 0.5 * np.log(max(equations, 1.0)) - 0.5 * min(deviations**2, 1e3)
+    return float(1 / (1 + np.exp(against)))
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A term that may act though the model leaves it out, or has another in its place.
+
+    Attributes
+    ----------
+    source, remedy : str
+        See `Imperfection`.
+    term : Term
+        With the values that it would have.
+    instead : Term or None
+        What the model has in its place.
+    weight : float
+        Root of the probability that it acts.
+    """
+
+    source: str
+    remedy: str
+    term: Term
+    instead: Term | None
+    weight: float
+
+    @property
+    def imperfection(self) -> Imperfection:
+        """Its effect by one standard deviation: the root mean square of acting and not acting."""
+        probable = f"{100 * self.weight**2:.2g} % probable"
+        return Imperfection(self.source, probable, self.remedy, self.applied)
+
+    def applied(self, experiment: Experiment, count: float) -> Experiment:
+        """Return a recording with the voltage that would be left if the term acted."""
+        taken = _dropped(experiment, self.term)
+        if self.instead is not None:
+            taken = taken - _dropped(experiment, self.instead)
+        left = experiment.stack(VOLTAGES) - count * self.weight * taken
+        return replace(
+            experiment,
+            channels={**experiment.channels, **dict(zip(VOLTAGES, left.T, strict=True))},
+        )
+
+
+def _dropped(experiment: Experiment, term: Term) -> np.ndarray:
+    """Return the voltage (time, 2) across a term whose parameters are known."""
+    _, by_parameter, _ = term_columns(experiment, (term,))
+    return np.asarray(by_parameter @ np.array([*physical_values((term,)).values()]))

@@ -1,0 +1,181 @@
+"""Drift over a recording: resistance and magnets that change as the machine warms.
+
+R + dR tau and psi_PM + dpsi tau, with tau from -1/2 at the beginning to 1/2 at the end, are
+linear in dR and dpsi. They come from the voltage balance, one of each a recording, and what they
+are is taken off the voltages: R and the map are those of the middle of the time.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.data.experiment import Experiment
+from penode.horizon.uncertainty_budget import Imperfection
+from penode.pmsm.balance.doubt import probability
+from penode.pmsm.balance.equations import balance_equations
+from penode.pmsm.balance.polynomial_map import PolynomialMap
+from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.machine.dead_time import DeadTime
+from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
+from penode.pmsm.machine.term_registry import completed
+from penode.pmsm.machine.terms import ANGLE, SPEED, TEMPERATURE, Term
+from penode.training.weak_form import WeakRegression, join
+
+#: Windows overlap by three quarters: so many equations are worth one.
+_OVERLAP = 4
+#: Share of R, and of the flux linkage, from which a drift matters, and up to which it is believed.
+_MATTERS, _CREDIBLE = (2e-3, 2e-4), (0.6, 0.1)
+#: Probability from which it is taken off: a drift that is not there may be one of something else.
+_SURE = 0.99
+_REMEDY = "Record the winding's temperature, or at a steady one."
+
+
+@dataclass(frozen=True)
+class Drift:
+    """What resistance and magnets change by from a recording's beginning to its end.
+
+    Attributes
+    ----------
+    resistance, magnet : tuple of float
+        One a recording, in ohm and Vs; 0 where none is taken into account.
+    left : tuple of float
+        What both may change by beside that, in ohm and Vs: one standard deviation.
+    reasons : tuple of str
+        What was found, a sentence each.
+    """
+
+    resistance: tuple[float, ...] = ()
+    magnet: tuple[float, ...] = ()
+    left: tuple[float, float] = (0.0, 0.0)
+    reasons: tuple[str, ...] = ()
+
+    def applied(self, experiments: Sequence[Experiment]) -> list[Experiment]:
+        """Return recordings with the voltages that a machine without the drift would have had."""
+        values = zip(experiments, self.resistance, self.magnet, strict=True)
+        return [_without(e, *of) for e, *of in values] if self.resistance else list(experiments)
+
+    @property
+    def imperfections(self) -> tuple[Imperfection, ...]:
+        """What is not known of the drift, as rows of the uncertainty budget."""
+        rows = []
+        for source, unit, which in (("drift of R", "ohm", 0), ("drift of the magnets", "Vs", 1)):
+            size = self.left[which]
+            if size:
+                applied = _Left(size * (which == 0), size * (which == 1))
+                rows.append(Imperfection(source, f"{size:.2g} {unit}", _REMEDY, applied))
+        return tuple(rows)
+
+
+@dataclass(frozen=True)
+class _Left:
+    """Adds some standard deviations of a drift to a recording."""
+
+    resistance: float
+    magnet: float
+
+    def __call__(self, experiment: Experiment, count: float) -> Experiment:
+        return _without(experiment, count * self.resistance, count * self.magnet)
+
+
+def drift_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> Drift:
+    """Estimate the drift of recordings.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Recordings with i_d, i_q (A), u_d, u_q (V), omega_el (rad/s) and the channels of the terms.
+    terms : sequence of Term
+        Of the voltage equation; a dead time is allowed for where the angle was recorded. One that
+        follows the winding's temperature leaves no drift of R.
+    """
+    kinds = [1] if any(TEMPERATURE in term.channels for term in terms) else [0, 1]
+    equations, first = _equations(experiments, terms, kinds)
+    solution = equations.solve()
+    count = len(equations.target) / _OVERLAP
+    sizes = abs(float(solution[first])), _largest_flux(experiments)
+    changes, left, reasons = np.zeros((2, len(experiments))), [0.0, 0.0], list[str]()
+    each = [(kind, k) for kind in kinds for k in range(len(experiments))]
+    for column, (kind, k) in enumerate(each):
+        value, deviation = float(solution[column]), equations.deviation(column)
+        matters, most = (limit[kind] * sizes[kind] for limit in (_MATTERS, _CREDIBLE))
+        share = probability(value / max(deviation, 1e-300), count)
+        unsure = math.sqrt(share) * math.hypot(value, deviation)
+        if share > _SURE and matters < abs(value) < most:
+            changes[kind, k], unsure = value, deviation
+            reasons.append(_sentence(experiments[k], kind, value, deviation, sizes[0]))
+        left[kind] = max(left[kind], unsure if matters < unsure < most else 0.0)
+    resistance, magnet = (tuple(row) for row in changes.tolist())
+    return Drift(resistance, magnet, (left[0], left[1]), tuple(reasons))
+
+
+def _equations(
+    experiments: Sequence[Experiment], terms: Sequence[Term], kinds: Sequence[int]
+) -> tuple[WeakRegression, int]:
+    """Return the balance with columns of the drifts first, and the place of the first parameter."""
+    reach = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
+    angle = all(ANGLE.name in e.channels for e in experiments)
+    extra = (DeadTime(),) if angle and all(t.role != DeadTime.role for t in terms) else ()
+    every = tuple(term.prepared(reach) for term in completed((*terms, *extra)))
+    polynomial = PolynomialMap(True, reach)
+    rows = []
+    for place, e in enumerate(experiments):
+        own = [_drift_columns(e, kind) for kind in kinds]
+        pairs = [
+            (stored * (k == place), supplied * (k == place))
+            for stored, supplied in own
+            for k in range(len(experiments))
+        ]
+        basis = polynomial.basis(e.stack(CURRENTS))
+        rows.append(balance_equations(e, every, basis, harmonic_window(e), pairs))
+    return join(rows), len(kinds) * len(experiments)
+
+
+def _drift_columns(experiment: Experiment, kind: int) -> tuple[FloatArray, FloatArray]:
+    """Return stored and supplied quantity of a drift of R, or of the magnets, (time, 2) each."""
+    tau, currents = _tau(experiment), experiment.stack(CURRENTS)
+    if kind == 0:
+        return np.zeros_like(currents), -tau[:, None] * currents
+    nothing, speed = np.zeros_like(tau), experiment.channels[SPEED.name]
+    return np.stack([tau, nothing], axis=1), np.stack([nothing, -speed * tau], axis=1)
+
+
+def _without(experiment: Experiment, resistance: float, magnet: float) -> Experiment:
+    tau, currents = _tau(experiment), experiment.stack(CURRENTS)
+    if not (resistance or magnet):
+        return experiment
+    rise = magnet / max((len(experiment) - 1) * experiment.time_step, 1e-300)
+    induced = np.stack([np.full_like(tau, rise), experiment.channels[SPEED.name] * magnet * tau], 1)
+    left = experiment.stack(VOLTAGES) - resistance * tau[:, None] * currents - induced
+    channels = {**experiment.channels, **dict(zip(VOLTAGES, left.T, strict=True))}
+    return replace(experiment, channels=channels)
+
+
+def _tau(experiment: Experiment) -> FloatArray:
+    return np.linspace(-0.5, 0.5, len(experiment))
+
+
+def _largest_flux(experiments: Sequence[Experiment]) -> float:
+    """Return about the largest flux linkage in Vs, from voltage over speed."""
+    return max(
+        float(np.median(np.hypot(*e.stack(VOLTAGES).T)))
+        / max(float(np.median(np.abs(e.channels[SPEED.name]))), 1e-9)
+        for e in experiments
+    )
+
+
+def _sentence(
+    experiment: Experiment, kind: int, value: float, deviation: float, resistance: float
+) -> str:
+    if kind == 1:
+        return (
+            f"{experiment.name}: the magnets' flux linkage changes by {1e3 * value:.3g} ± "
+            f"{1e3 * deviation:.2g} mVs over the recording; the map is that of its middle."
+        )
+    share, own = (100 * part / resistance for part in (value, deviation))
+    return (
+        f"{experiment.name}: R changes by {share:.2g} ± {own:.1g} % over the recording; R is that "
+        "of its middle."
+    )

@@ -1,0 +1,227 @@
+"""The knee of an inverter's voltage over the phase current, from short windows of the weak form.
+
+Windows that null the sixth harmonic show what dead time is worth along the current, and hardly its
+shape: knees that differ by 3 % in R explain them alike. Windows of about one period of it see the
+phases cross zero; in shorter ones the trapezoidal rule shows.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.data.experiment import Experiment
+from penode.pmsm.balance.doubt import Doubt, probability
+from penode.pmsm.balance.equations import balance_equations, term_columns
+from penode.pmsm.balance.polynomial_map import PolynomialMap
+from penode.pmsm.balance.voltage_balance import BalanceForm, short_window, waves
+from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime, PhaseSigns
+from penode.pmsm.machine.space_vectors import CURRENTS
+from penode.pmsm.machine.term_registry import completed, physical_values
+from penode.pmsm.machine.terms import ANGLE, Term
+from penode.training.weak_form import HannWindow, join
+
+#: Harmonics of the machine that short windows see too, and the degree of their coenergies.
+_HARMONICS, _DEGREE = (6, 12), 4
+#: Widths of a knee over the largest current.
+_WIDTHS = np.geomspace(0.003, 0.3, 10)
+#: Windows overlap by three quarters: so many equations are worth one.
+_OVERLAP = 4
+#: Probability from which a soft knee is trained: its softness may come out as none, but a sharp one
+#: cannot become soft. From which its doubt is worth a row of the budget; what would settle it.
+_THIN, _NOTICED = 0.1, 0.01
+_REMEDY = "Record slowly, with amplitudes from near zero to the largest."
+#: -2 log likelihood by which phases have to differ, and the share of their mean.
+_CLEAR, _DIFFERENT = 25.0, 0.02
+
+
+@dataclass(frozen=True)
+class Shaped:
+    """The dead time of recordings.
+
+    Attributes
+    ----------
+    term : PhaseSigns
+        With width, voltages and, where the recordings show it, softness.
+    doubts : tuple of Doubt
+        That the knee is soft though it is taken for sharp.
+    """
+
+    term: PhaseSigns
+    doubts: tuple[Doubt, ...]
+
+
+def with_knee(
+    experiments: Sequence[Experiment], terms: Sequence[Term], by_phase: bool = False
+) -> Shaped:
+    """Return the dead time with the knee and the voltages that short windows show.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        Recordings with i_d, i_q (A), u_d, u_q (V), omega_el (rad/s) and theta_el (rad).
+    terms : sequence of Term
+        Of the voltage equation beside the dead time.
+    by_phase : bool
+        Whether a voltage a phase is wanted, even where the phases do not differ clearly.
+    """
+    search = _Search.of(experiments, terms)
+    sharp, soft = search.best()
+    phases = {knee: search.by_phase(knee.term) for knee in (sharp, soft)}
+    gain = max(phases[sharp].misfit - phases[soft].misfit, 0.0)
+    share = probability(math.sqrt(gain), len(search.left) / _OVERLAP)
+    same = soft if share > _THIN else sharp
+    free = phases[same]
+    term = free.term if by_phase or search.phases_differ(same, free) else same.term
+    if same is soft or share < _NOTICED:
+        return Shaped(term, ())
+    other = phases[soft] if term is free.term else soft
+    doubt = Doubt("knee of the dead time", _REMEDY, other.term, term, math.sqrt(share))
+    return Shaped(term, (doubt,))
+
+
+def spread_over_knees(
+    experiments: Sequence[Experiment], reciprocal: bool, terms: Sequence[Term]
+) -> dict[str, float]:
+    """Return by how much each parameter of the voltage balance depends on the knee's softness.
+
+    Windows that null the sixth harmonic take the knee as it is given. Without a dead time there is
+    no entry.
+    """
+    dead = next((term for term in terms if isinstance(term, PhaseSigns)), None)
+    if dead is None:
+        return {}
+    ends = [
+        BalanceForm.of(
+            experiments,
+            reciprocal,
+            [replace(t, dead_time_softness=s) if t is dead else t for t in terms],
+        ).solve(experiments)
+        for s in (np.zeros(()), np.ones(()))
+    ]
+    sharp, soft = (end.values for end in ends)
+    return {name: abs(soft[name] - sharp[name]) for name in sharp}
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """A dead time with the voltages and the softness that fit best, and -2 log likelihood."""
+
+    term: PhaseSigns
+    misfit: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Short windows of recordings, with what map and other terms explain taken off."""
+
+    experiments: Sequence[Experiment]
+    windows: Sequence[int]
+    reach: float
+    basis: FloatArray
+    left: FloatArray
+
+    @classmethod
+    def of(cls, experiments: Sequence[Experiment], terms: Sequence[Term]) -> "_Search":
+        reach = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
+        every = tuple(term.prepared(reach) for term in completed(terms))
+        windows = [short_window(e, min(_HARMONICS)) for e in experiments]
+        whole = join(
+            [
+                balance_equations(e, every, _map_columns(e, reach), length)
+                for e, length in zip(experiments, windows, strict=True)
+            ]
+        )
+        size = np.maximum(np.linalg.norm(whole.matrix, axis=0), 1e-300)
+        basis = np.linalg.qr(whole.matrix / size)[0]
+        left = whole.target - basis @ (basis.T @ whole.target)
+        return cls(experiments, windows, reach, basis, left)
+
+    def best(self) -> tuple[_Fitted, _Fitted]:
+        """Return the best sharp knee and the best of any softness, with one voltage."""
+        widths = self.reach * _WIDTHS
+        tried = [self.fitted(width) for width in widths]
+        return tuple(  # type: ignore[return-value]
+            self.fitted(_least(widths, [pair[k].misfit for pair in tried]))[k] for k in (0, 1)
+        )
+
+    def fitted(self, width: float) -> tuple[_Fitted, _Fitted]:
+        """Return the sharp knee of a width, and that of any softness."""
+        sharp, soft = (self._columns(_knee(width, s)).sum(axis=1) for s in (None, 1.0))
+        (of_sharp, of_soft), _ = self._solved(np.stack([sharp, soft], axis=1))
+        softness = float(np.clip(of_soft / (of_sharp + of_soft or 1.0), 0.0, 1.0))
+        found = []
+        for s, column in ((None, sharp), (softness, sharp + softness * (soft - sharp))):
+            (voltage,), misfit = self._solved(column[:, None])
+            found.append(_Fitted(DeadTime(dead_time_voltage=voltage, **_knee(width, s)), misfit))
+        return found[0], found[1]
+
+    def by_phase(self, term: PhaseSigns) -> _Fitted:
+        """Return a dead time of the same knee with a voltage a phase."""
+        knee = knee_of(term)
+        (a, b, c), misfit = self._solved(self._columns(knee))
+        voltages = {"dead_time_voltage_a": a, "dead_time_voltage_b": b, "dead_time_voltage_c": c}
+        return _Fitted(PhaseDeadTime(**voltages, **knee), misfit)
+
+    def phases_differ(self, same: _Fitted, free: _Fitted) -> bool:
+        """Return whether a voltage a phase is clear, and differs enough to matter."""
+        voltages = np.array([*physical_values((free.term,)).values()])
+        apart = np.abs(voltages - voltages.mean()).max() > _DIFFERENT * abs(voltages.mean())
+        price = 2 * np.log(len(self.left) / _OVERLAP) + _CLEAR
+        return bool(apart and free.misfit < same.misfit - price)
+
+    def _columns(self, knee: Mapping[str, Any]) -> FloatArray:
+        """Return what each phase's voltage adds to the equations, and the rest does not explain."""
+        term = PhaseDeadTime(**knee)
+        parts = [
+            _equations(e, term, length)
+            for e, length in zip(self.experiments, self.windows, strict=True)
+        ]
+        columns = np.concatenate(parts)
+        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+
+    def _solved(self, columns: FloatArray) -> tuple[FloatArray, float]:
+        """Return the voltages that fit best, and -2 log likelihood."""
+        voltages = np.asarray(np.linalg.lstsq(columns, self.left, rcond=None)[0], dtype=float)
+        left = self.left - columns @ voltages
+        squares = max(float(left @ left), 1e-300)
+        return voltages, len(left) / _OVERLAP * float(np.log(squares))
+
+
+def knee_of(term: PhaseSigns) -> dict[str, Any]:
+    """Return width and softness of a dead time, by the names of its fields."""
+    names = ("dead_time_current", "dead_time_softness")
+    return {name: getattr(term, name) for name in names}
+
+
+def _knee(width: float, softness: float | None) -> dict[str, Any]:
+    return {"dead_time_current": width, "dead_time_softness": softness}
+
+
+def _least(at: FloatArray, values: Sequence[float]) -> float:
+    """Return where values on a geometric grid are least, by a parabola through the three least."""
+    k = int(np.argmin(values))
+    if not 0 < k < len(values) - 1:
+        return float(at[k])
+    before, here, after = values[k - 1 : k + 2]
+    step = 0.5 * (before - after) / (before - 2 * here + after)
+    return float(at[k] * (at[1] / at[0]) ** step)
+
+
+def _equations(experiment: Experiment, term: Term, length: int) -> FloatArray:
+    """Return the columns of a term's parameters, shape (equation, parameter)."""
+    _, drops, _ = term_columns(experiment, (term,))
+    columns = -HannWindow(experiment.time_step, length).of_supply(drops)
+    return columns.reshape(-1, columns.shape[2])
+
+
+def _map_columns(experiment: Experiment, reach: float) -> FloatArray:
+    """Return the flux linkage of coefficients of a mean map and of its harmonics."""
+    currents = experiment.stack(CURRENTS)
+    mean, small = (PolynomialMap(True, reach, d).basis(currents) for d in (None, _DEGREE))
+    turning = waves(experiment.channels[ANGLE.name], _HARMONICS)
+    harmonics = (turning[:, None, :, None] * small[:, :, None]).reshape(*small.shape[:2], -1)
+    return np.concatenate([mean, harmonics], axis=2)

@@ -1,0 +1,127 @@
+"""Whether a term of the model is there: its evidence in the voltage balance, what stays open."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.horizon.identifiability import THRESHOLD
+from penode.pmsm.balance.doubt import Doubt, probability
+from penode.pmsm.balance.knee import knee_of, with_knee
+from penode.pmsm.balance.voltage_balance import BalanceForm, BalanceSolution
+from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime, PhaseSigns
+from penode.pmsm.machine.term_registry import (
+    channels_of,
+    physical_places,
+    physical_values,
+    with_physical,
+)
+from penode.pmsm.machine.terms import Term
+
+#: Windows overlap by three quarters: so many equations are worth one.
+_OVERLAP = 4
+#: Probability from which a doubt is worth a row of the budget.
+_NOTICED = 0.01
+#: What would decide whether a term acts.
+_MORE = "Record longer, or more amplitudes of the current."
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What became of a candidate.
+
+    Attributes
+    ----------
+    term : Term or None
+        As it joins the model; None where it is left out.
+    reason : str
+        Why, in sentences.
+    balance : BalanceSolution or None
+        Of the model with the term.
+    doubts : tuple of Doubt
+        What may be otherwise.
+    """
+
+    term: Term | None
+    reason: str
+    balance: BalanceSolution | None = None
+    doubts: tuple[Doubt, ...] = ()
+
+
+def judged(
+    experiments: Sequence[Experiment], terms: Sequence[Term], candidate: Term, certain: bool = False
+) -> Judged:
+    """Return whether a candidate is in beside terms.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        With the channels of the terms.
+    terms : sequence of Term
+        That are in the model.
+    candidate : Term
+        A dead time whose i_0 is not set takes the knee that the recordings show.
+    certain : bool
+        Whether it is in whatever they show.
+    """
+    missing = [n for e in experiments for n in channels_of((candidate,)) if n not in e.channels]
+    title = candidate.title
+    if missing:
+        return Judged(None, f"{title} was left out: {missing[0]} was not recorded.")
+    if not isinstance(candidate, PhaseSigns) or candidate.dead_time_current is not None:
+        return _presence(experiments, terms, candidate, certain)
+    shaped = with_knee(experiments, terms, by_phase=isinstance(candidate, PhaseDeadTime))
+    presence = _presence(experiments, terms, DeadTime(**knee_of(shaped.term)), certain)
+    if presence.term is None:
+        return presence
+    reason = f"{presence.reason} {_shape(shaped.term)}"
+    return Judged(shaped.term, reason, presence.balance, shaped.doubts)
+
+
+def _presence(
+    experiments: Sequence[Experiment], terms: Sequence[Term], candidate: Term, certain: bool
+) -> Judged:
+    balance = BalanceForm.of(experiments, True, (*terms, candidate)).solve(experiments)
+    title, (_, name) = candidate.title, physical_places((candidate,))[0]
+    value, deviation = balance.physical[name]
+    shown = with_deviation(value, deviation)
+    if certain:
+        return Judged(candidate, f"{title}: the voltage balance shows {shown}.", balance)
+    equations = len(balance.equations.target) / _OVERLAP
+    share = probability(value / max(deviation, 1e-300), equations)
+    if share < 0.5:
+        root_mean_square = math.hypot(max(value, 0.0), deviation)  # no inverter adds a voltage
+        share = min(share, probability(max(value, 0.0) / max(deviation, 1e-300), equations))
+        (term,) = with_physical(
+            (candidate.prepared(balance.form.polynomial.current_scale),), [root_mean_square]
+        )
+        doubt = Doubt(title.lower(), _MORE, term, None, math.sqrt(share))
+        why = f"{title} was left out: the voltage balance shows {shown} of it."
+        return Judged(None, why, None, (doubt,) if share > _NOTICED else ())
+    if min(balance.independence.values()) < THRESHOLD:
+        why = (
+            f"{title} was left out: of one current amplitude its voltage ({shown}) cannot be "
+            "distinguished from R; record several amplitudes."
+        )
+        return Judged(None, why)
+    why = f"{title} was included: the voltage balance shows {shown} of it."
+    return Judged(candidate, why, balance)
+
+
+def _shape(term: PhaseSigns) -> str:
+    width = float(np.asarray(term.dead_time_current))
+    values = list(physical_values((term,)).values())
+    phases = f", {', '.join(f'{v:.3g}' for v in values)} V by phase" if len(values) > 1 else ""
+    kind = "sharp" if term.dead_time_softness is None else "soft"
+    return (
+        f"Its knee is {kind}, {width:.2g} A wide{phases}; what the inverter drops in proportion to "
+        "the current is in R."
+    )
+
+
+def with_deviation(value: float, deviation: float) -> str:
+    """Return a voltage with its deviation, of two digits."""
+    decimals = max(1 - math.floor(math.log10(max(deviation, 1e-6))), 0)
+    return f"{round(value, decimals) + 0.0:.{decimals}f} ± {deviation:.{decimals}f} V"

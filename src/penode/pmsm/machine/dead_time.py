@@ -1,0 +1,165 @@
+"""What an inverter takes of the voltage by the sign of each phase current: dead time and devices.
+
+While both switches of a leg are off, the phase current decides the voltage; a phase with much
+current loses dU = u_dc t_dead / T over a sample, and the threshold of its devices beside, one near
+its zero less. Jeong and Park, IEEE Trans. Ind. Electron. 38 (1991) 108, doi:10.1109/41.88903. What
+the devices drop in proportion to the current cannot be distinguished from R.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import JaxArray, Leaf
+from penode.models.inputs import Inputs
+from penode.models.parameters import parameter, physical
+from penode.models.transforms import Positive
+from penode.pmsm.machine.flux_maps import Flux
+from penode.pmsm.machine.terms import ANGLE, SPEED, Channel, Term
+
+#: Guess of i_0 over the largest current.
+_GUESS = 0.01
+#: Half the width of the narrowest mean; the closed form divides by it.
+_NARROW = 0.02
+
+
+def _area_of_tanh(x: JaxArray) -> JaxArray:
+    """Return log(2 cosh x), the integral of tanh, without overflow."""
+    size = jnp.abs(x)
+    return size + jnp.log1p(jnp.exp(-2 * size))
+
+
+def _area_of_arctan(x: JaxArray) -> JaxArray:
+    return 2 / np.pi * (x * jnp.arctan(x) - 0.5 * jnp.log1p(x**2))
+
+
+def _arctan(x: JaxArray) -> JaxArray:
+    return 2 / np.pi * jnp.arctan(x)
+
+
+def _mean(
+    sign: Callable[[JaxArray], JaxArray],
+    area: Callable[[JaxArray], JaxArray],
+    middle: JaxArray,
+    sweep: JaxArray | None,
+) -> JaxArray:
+    """Return a sign, or by its integral the mean of it over all within a sweep of the middle."""
+    if sweep is None:
+        return sign(middle)
+    half = jnp.sqrt(sweep**2 + _NARROW**2)
+    return (area(middle + half) - area(middle - half)) / (2 * half)
+
+
+class PhaseSigns(Term):
+    """Smooth signs of the phase currents, which the dead-time terms multiply by voltages.
+
+    A phase current crosses zero within a fraction of a sample. The four stages of the classic
+    Runge-Kutta method would see its sign at three moments, by chance and not without a bias: at
+    1500 rpm and 10 kHz it made R of a 16 mohm machine 0.4 % too small. So each stage takes the
+    mean over its part of the sample (`Inputs.part_for`).
+    """
+
+    role: ClassVar[str] = "dead time"
+    channels: ClassVar[tuple[Channel, ...]] = (SPEED, ANGLE)
+
+    dead_time_current: eqx.AbstractVar[Leaf]
+    dead_time_softness: eqx.AbstractVar[Leaf]
+
+    def lost(self, voltages: JaxArray, x: JaxArray, u: Inputs) -> JaxArray:
+        """Return the voltage that the phases lose, in dq.
+
+        Parameters
+        ----------
+        voltages : array, shape (3, batch) or (1, batch)
+            What each phase loses at much current, in V.
+        x, u
+            See `Term.drop`.
+        """
+        cosine, sine = jnp.cos(u[ANGLE.name]), jnp.sin(u[ANGLE.name])
+        alpha = cosine * x[0] - sine * x[1]
+        beta = sine * x[0] + cosine * x[1]
+        phases = _phases(alpha, beta) / self.dead_time_current
+        middle, half = u.part_for("dead time")
+        rates = u[SPEED.name] * (_phases(-beta, alpha) / self.dead_time_current)
+        swept = (phases + middle * rates, half * rates) if half else (phases, None)
+        signs = _mean(jnp.tanh, _area_of_tanh, *swept)
+        if self.dead_time_softness is not None:
+            soft = _mean(_arctan, _area_of_arctan, *swept)
+            signs = signs + self.dead_time_softness * (soft - signs)
+        a, b, c = voltages * signs
+        lost_alpha, lost_beta = (2 * a - b - c) / 3, (b - c) / np.sqrt(3)
+        return jnp.stack(
+            [cosine * lost_alpha + sine * lost_beta, cosine * lost_beta - sine * lost_alpha]
+        )
+
+    def prepared(self, largest_current: float) -> Self:
+        """Return the term with i_0 at a hundredth of the largest current where it is not set."""
+        if self.dead_time_current is not None:
+            return self
+        return replace(self, dead_time_current=_GUESS * largest_current)
+
+
+class DeadTime(PhaseSigns):
+    """dU knee(i/i_0) in every phase: what an inverter's dead time and thresholds take.
+
+    Attributes
+    ----------
+    dead_time_voltage : array, shape ()
+        dU in V.
+    dead_time_current : array, shape (), or None
+        i_0 in A, the width of the knee; a hundredth of the largest recorded current where None.
+        It moves in training but is not reported: a phase current crosses zero within a fraction of
+        a sample, which says little of it.
+    dead_time_softness : array, shape (), or None
+        s of the knee (1 - s) tanh(i/i_0) + s 2/pi arctan(i/i_0): 1 has long tails. It moves in
+        training, so that what is not known of it is in the interval of R. None is sharp, tanh.
+    """
+
+    title: ClassVar[str] = "Dead time"
+
+    dead_time_voltage: Leaf = physical("V", default=0.0, meaning="dead-time voltage of a phase")
+    dead_time_current: Leaf = parameter(
+        unit="A", group="physical", transform=Positive(), default=None
+    )
+    dead_time_softness: Leaf = parameter(group="physical", default=None)
+
+    def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
+        """Return dU times the smooth signs of the phase currents, in dq; see `Term.drop`."""
+        return self.dead_time_voltage * self.lost(jnp.ones((1, 1)), x, u)
+
+
+class PhaseDeadTime(PhaseSigns):
+    """dU_a, dU_b, dU_c knee(i/i_0): `DeadTime` whose phases differ.
+
+    Attributes
+    ----------
+    dead_time_voltage_a, dead_time_voltage_b, dead_time_voltage_c : array, shape ()
+        dU of each phase in V.
+    dead_time_current, dead_time_softness : array, shape (), or None
+        As in `DeadTime`, the same in every phase.
+    """
+
+    title: ClassVar[str] = "Dead time by phase"
+
+    dead_time_voltage_a: Leaf = physical("V", default=0.0, meaning="dead-time voltage, phase a")
+    dead_time_voltage_b: Leaf = physical("V", default=0.0, meaning="dead-time voltage, phase b")
+    dead_time_voltage_c: Leaf = physical("V", default=0.0, meaning="dead-time voltage, phase c")
+    dead_time_current: Leaf = parameter(
+        unit="A", group="physical", transform=Positive(), default=None
+    )
+    dead_time_softness: Leaf = parameter(group="physical", default=None)
+
+    def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
+        """Return each phase's dU times its current's smooth sign, in dq; see `Term.drop`."""
+        voltages = (self.dead_time_voltage_a, self.dead_time_voltage_b, self.dead_time_voltage_c)
+        return self.lost(jnp.stack([jnp.atleast_1d(v) for v in voltages]), x, u)
+
+
+def _phases(alpha: JaxArray, beta: JaxArray) -> JaxArray:
+    """Return the three phase values (3, batch) of a stationary vector."""
+    half, root = 0.5 * alpha, np.sqrt(0.75) * beta
+    return jnp.stack([alpha, root - half, -root - half])

@@ -1,0 +1,80 @@
+"""Resistance and magnets that change over a recording: estimated, taken off, and what is left."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from penode.pmsm.balance.drift import Drift, drift_of
+from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.references import Lissajous
+from penode.pmsm.bench.run import simulate
+from penode.pmsm.machine.terms import TemperatureResistance
+
+VOLTAGES = ("u_d", "u_q")
+R = TRACTION_300A.resistance
+
+
+@pytest.fixture(scope="module")
+def steady_run():
+    reference = Lissajous(240.0, 50.0, 43.0)
+    return simulate(TRACTION_300A, reference, speed_rpm=600.0, duration=0.5)
+
+
+def drifting(run, of_resistance, of_magnet):
+    """Return the voltages that a machine with the drift takes: those of a steady one and its own.
+
+    Written down anew: tau is the fraction of the recording that is over, less a half.
+    """
+    time = np.arange(len(run)) * run.time_step
+    tau = time / time[-1] - 0.5
+    channels = dict(run.channels)
+    channels["u_d"] = channels["u_d"] + of_resistance * tau * channels["i_d"] + of_magnet / time[-1]
+    channels["u_q"] = (
+        channels["u_q"]
+        + of_resistance * tau * channels["i_q"]
+        + channels["omega_el"] * of_magnet * tau
+    )
+    return replace(run, channels=channels)
+
+
+@pytest.mark.parametrize(("share", "magnet"), [(0.1, 0.0), (-0.2, -6e-4), (0.0, 3e-4)])
+def test_a_drift_is_estimated_and_taken_off(steady_run, share, magnet):
+    run = drifting(steady_run, share * R, magnet)
+    drift = drift_of([run])
+    assert drift.resistance[0] == pytest.approx(share * R, rel=0.1, abs=1e-9)
+    assert drift.magnet[0] == pytest.approx(magnet, rel=0.1, abs=1e-9)
+    assert len(drift.reasons) == (share != 0) + (magnet != 0)
+    known = Drift((share * R,), (magnet,))
+    (steady,) = known.applied([run])
+    np.testing.assert_allclose(steady.stack(VOLTAGES), steady_run.stack(VOLTAGES), atol=1e-9)
+
+
+def test_a_steady_machine_is_left_alone(steady_run, slow_run):
+    drift = drift_of([steady_run, slow_run])
+    assert drift.resistance == drift.magnet == (0.0, 0.0)
+    assert drift.reasons == ()
+    assert drift.applied([steady_run, slow_run]) == [steady_run, slow_run]
+
+
+def test_every_recording_has_a_drift_of_its_own(steady_run):
+    warming, cooling = (drifting(steady_run, share * R, 0.0) for share in (0.1, -0.05))
+    drift = drift_of([warming, cooling])
+    np.testing.assert_allclose(drift.resistance, [0.1 * R, -0.05 * R], rtol=0.1)
+
+
+def test_a_recorded_temperature_leaves_no_drift_of_the_resistance(steady_run):
+    warm = {"winding_temperature": np.full(len(steady_run), 20.0)}
+    run = replace(steady_run, channels={**steady_run.channels, **warm})
+    drift = drift_of([drifting(run, 0.1 * R, 0.0)], (TemperatureResistance(),))
+    assert drift.resistance == (0.0,)
+
+
+def test_what_is_left_of_a_drift_is_in_the_budget(steady_run):
+    assert Drift((0.1,), (0.0,)).imperfections == ()
+    rows = Drift((0.1,), (0.0,), (2e-4, 3e-6)).imperfections
+    assert [row.source for row in rows] == ["drift of R", "drift of the magnets"]
+    for row, of_resistance, of_magnet in zip(rows, (2e-4, 0.0), (0.0, 3e-6), strict=True):
+        found = row.applied(steady_run, -2.0).stack(VOLTAGES)
+        expected = drifting(steady_run, 2 * of_resistance, 2 * of_magnet).stack(VOLTAGES)
+        np.testing.assert_allclose(found, expected, atol=1e-9)

@@ -1,0 +1,125 @@
+"""The knee of an inverter's voltage: its kind, width and phases from the recording."""
+
+import numpy as np
+import pytest
+
+from penode.pmsm.balance.doubt import Doubt, probability
+from penode.pmsm.balance.knee import spread_over_knees, with_knee
+from penode.pmsm.balance.term_evidence import judged
+from penode.pmsm.bench.drive import Drive
+from penode.pmsm.bench.inverter import DeviceDrop, Inverter
+from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.references import Lissajous
+from penode.pmsm.bench.run import simulate
+from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime
+from penode.pmsm.machine.term_registry import physical_values
+from penode.pmsm.recording.accuracy import Accuracy
+from penode.pmsm.study import Study, identify
+
+VOLTAGES = ("u_d", "u_q")
+
+
+def behind(devices):
+    """Return 0.5 s at 600 rpm behind an inverter with these devices, noise 0.05 A."""
+    drive = Drive(current_noise=0.05, inverter=Inverter(devices=devices))
+    reference = Lissajous(240.0, 50.0, 43.0)
+    return simulate(TRACTION_300A, reference, speed_rpm=600.0, duration=0.5, drive=drive, seed=5)
+
+
+@pytest.fixture(scope="module")
+def soft_run():
+    return behind(DeviceDrop(1.0, current_scale=8.0, phase_factors=(1.0, 1.15, 0.9), soft=True))
+
+
+@pytest.fixture(scope="module")
+def sharp_run():
+    return behind(DeviceDrop(1.0, current_scale=8.0))
+
+
+def test_a_soft_knee_whose_phases_differ(soft_run):
+    term = with_knee([soft_run], ()).term
+    assert isinstance(term, PhaseDeadTime)
+    assert float(term.dead_time_softness) > 0.7
+    assert float(term.dead_time_current) == pytest.approx(8.0, rel=0.35)  # training refines it
+    found = np.array([*physical_values((term,)).values()])
+    np.testing.assert_allclose(found, [1.0, 1.15, 0.9], rtol=0.05)
+    shares = np.array([1.0, 1.15, 0.9]) / 3.05
+    np.testing.assert_allclose(found / found.sum(), shares, rtol=0.01)
+
+
+def test_a_sharp_knee_whose_phases_agree(sharp_run):
+    shaped = with_knee([sharp_run], ())
+    term = shaped.term
+    assert isinstance(term, DeadTime)
+    assert term.dead_time_softness is None
+    for doubt in shaped.doubts:
+        assert doubt.weight < np.sqrt(0.5)
+    assert float(term.dead_time_current) == pytest.approx(8.0, rel=0.35)
+    assert float(term.dead_time_voltage) == pytest.approx(1.0, rel=0.03)
+    assert isinstance(with_knee([sharp_run], (), by_phase=True).term, PhaseDeadTime)
+
+
+def test_the_knee_frees_the_resistance_of_its_bias(soft_run):
+    """A sharp knee of the same width makes R of 10 mohm 4 % too large."""
+    right = judged([soft_run], (), DeadTime())
+    wrong = judged([soft_run], (), DeadTime(dead_time_current=8.0))
+    assert abs(right.balance.resistance / TRACTION_300A.resistance - 1) < 0.02
+    assert wrong.balance.resistance / TRACTION_300A.resistance - 1 > 0.03
+    assert "Its knee is soft" in right.reason
+    assert "proportion to the current is in R" in right.reason
+
+
+@pytest.mark.slow
+def test_training_finds_knee_phases_and_resistance(soft_run):
+    study = Study(horizon=2, angle_orders=(6, 12), accuracy=Accuracy.exact())
+    fit = identify([soft_run], study=study)
+    assert fit.parameters["R"].value == pytest.approx(TRACTION_300A.resistance, rel=5e-3)
+    for phase, voltage in zip("abc", (1.0, 1.15, 0.9), strict=True):
+        found = fit.parameters[f"dead_time_voltage_{phase}"]
+        assert found.value == pytest.approx(voltage, rel=5e-3)
+    low, high = fit.parameters["R"].interval_95
+    assert low < TRACTION_300A.resistance < high
+    (dead,) = (term for term in fit.model.terms if isinstance(term, PhaseDeadTime))
+    assert float(dead.dead_time_current) == pytest.approx(8.0, rel=0.1)
+    assert float(dead.dead_time_softness) == pytest.approx(1.0, abs=0.15)
+
+
+def test_what_the_balance_owes_to_its_knee(soft_run):
+    """It is no more than what ends of the family differ by, and nothing without a dead time."""
+    spread = spread_over_knees([soft_run], True, (DeadTime(dead_time_current=8.0),))
+    assert 0.03 < spread["R"] / TRACTION_300A.resistance < 0.1
+    assert spread_over_knees([soft_run], True, ()) == {}
+
+
+def test_a_doubt_takes_the_voltage_of_its_term_off_the_recording(sharp_run):
+    """Half probable: its root mean square over acting and not acting is 0.707 of it."""
+    term, other = DeadTime(2.0, 5.0), DeadTime(1.0, 5.0)
+    doubt = Doubt("dead time", "Record longer.", term, None, np.sqrt(0.5))
+    assert doubt.imperfection.accuracy == "50 % probable"
+    change = doubt.applied(sharp_run, 1.0).stack(VOLTAGES) - sharp_run.stack(VOLTAGES)
+    current = sharp_run.stack(("i_d", "i_q"))
+    along = np.sum(change * current, axis=1) / np.hypot(*current.T)
+    large = np.hypot(*current.T) > 100.0
+    assert along[large].mean() == pytest.approx(-4 / np.pi * 2.0 * np.sqrt(0.5), rel=0.01)
+    instead = Doubt("dead time", "Record longer.", term, other, np.sqrt(0.5))
+    half = instead.applied(sharp_run, 1.0).stack(VOLTAGES) - sharp_run.stack(VOLTAGES)
+    np.testing.assert_allclose(half, 0.5 * change, atol=1e-12)
+
+
+def test_probability_of_a_parameter():
+    """Of 1000 equations an estimate at its deviation speaks against it, at five for it."""
+    assert probability(0.0, 1e4) == pytest.approx(1 / 101)
+    assert probability(np.sqrt(2 * np.log(100)), 1e4) == pytest.approx(0.5)
+    assert probability(1.0, 1000.0) < 0.06
+    assert probability(5.0, 1000.0) > 0.999
+    assert probability(-5.0, 1000.0) == probability(5.0, 1000.0)
+    assert probability(1e9, 1000.0) == pytest.approx(1.0)
+
+
+def test_what_speaks_for_a_term_that_is_left_out_stays_as_a_doubt(slow_run):
+    left_out = judged([slow_run], (), DeadTime())
+    assert left_out.term is None
+    (doubt,) = left_out.doubts
+    assert doubt.source == "dead time"
+    assert 0.1 < doubt.weight < np.sqrt(0.5)
+    assert doubt.applied(slow_run, 1.0).channels.keys() == slow_run.channels.keys()

@@ -1,0 +1,108 @@
+"""Recordings at standstill, of both axes or of one: R and incremental inductance, no magnet."""
+
+import csv
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from penode.errors import InputError
+from penode.pmsm import export
+from penode.pmsm.bench.coenergy_table import true_flux_map
+from penode.pmsm.bench.drive import Drive
+from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.run import simulate
+from penode.pmsm.recording.accuracy import Accuracy
+from penode.pmsm.result_files import flux_map_csv
+from penode.pmsm.study import Study, identify
+
+R = TRACTION_300A.resistance
+SCOPE = "R and incremental inductance: the recording has no information on the permanent magnet"
+
+
+def injected(of_d, of_q):
+    """Return sines of current at standstill, 150 A where an axis has them, with noise of 0.05 A."""
+
+    def reference(time):
+        sine = 150.0 * np.sin(2 * np.pi * 20.0 * time) * np.cos(2 * np.pi * 1.3 * time)
+        other = 150.0 * np.sin(2 * np.pi * 13.0 * time) * np.cos(2 * np.pi * 1.1 * time)
+        return np.stack([of_d * sine, of_q * other], axis=1)
+
+    drive = Drive(current_noise=0.05)
+    return simulate(TRACTION_300A, reference, speed_rpm=0.0, duration=0.3, drive=drive, seed=2)
+
+
+def at_rest(run, axis):
+    """Return a recording with one axis exactly at zero, as commissioning tests log it."""
+    nothing = {f"{kind}_{axis}": np.zeros(len(run)) for kind in "ui"}
+    return replace(run, channels={**run.channels, **nothing})
+
+
+def two_samples_late(run):
+    """Return a log whose voltages stand two samples before those that act."""
+    channels = dict(run.channels)
+    for name in ("u_d", "u_q"):
+        channels[name] = np.roll(channels[name], -2)
+    return replace(run, channels={name: values[:-2] for name, values in channels.items()})
+
+
+STUDY = Study(horizon=1, candidates=(), angle_orders=(), accuracy=Accuracy.exact())
+
+
+def rows_of(fit):
+    return list(csv.DictReader(io.StringIO(flux_map_csv(fit))))
+
+
+@pytest.fixture(scope="module")
+def one_axis():
+    return identify([at_rest(injected(1.0, 0.0), "q")], study=STUDY)
+
+
+@pytest.fixture(scope="module")
+def both_axes():
+    return identify([two_samples_late(injected(1.0, 1.0))], study=STUDY)
+
+
+def test_one_axis_alone_gives_resistance_and_inductance(one_axis):
+    assert one_axis.horizon.verdict == "fixed"
+    assert one_axis.horizon.objections == ()
+    assert one_axis.parameters["R"].value == pytest.approx(R, rel=1e-2)
+    assert one_axis.provenance["structure"][0].startswith(SCOPE)
+    psi = [np.asarray(true_flux_map(TRACTION_300A, i, 0.0)).ravel()[0] for i in (-101.0, -99.0)]
+    expected = (psi[1] - psi[0]) / 2.0
+    found = one_axis.differential_inductance(-100.0, 0.0)[0, 0]
+    assert found == pytest.approx(expected, rel=0.02)
+
+
+def test_nothing_is_written_of_an_axis_at_rest(one_axis):
+    rows = rows_of(one_axis)
+    assert {float(row["i_q"]) for row in rows} == {0.0}
+    assert all(
+        row[name] == "nan" for row in rows for name in ("delta_psi_q", "l_dq", "l_qd", "l_qq")
+    )
+    assert all(np.isfinite(float(row["l_dd"])) for row in rows)
+    assert any(row["supported"] == "1" for row in rows)
+
+
+def test_both_axes_with_a_voltage_two_samples_late(both_axes):
+    assert both_axes.horizon.objections == ()
+    assert both_axes.parameters["R"].value == pytest.approx(R, rel=1e-2)
+    reasons = both_axes.provenance["structure"]
+    assert any("a delay of 2" in reason for reason in reasons)
+
+
+def test_no_constant_is_invented_and_none_exported(both_axes, tmp_path):
+    np.testing.assert_allclose(both_axes.flux_map(0.0, 0.0), 0.0, atol=1e-9)
+    rows = rows_of(both_axes)
+    assert "psi_d" not in rows[0]
+    assert all(np.isfinite(float(row["l_qq"])) for row in rows)
+    inside = [row for row in rows if row["supported"] == "1"]
+    points = np.array([[float(row[n]) for n in ("i_d", "i_q")] for row in inside])
+    psi = np.asarray(true_flux_map(TRACTION_300A, *points.T)).reshape(len(points), 2)
+    psi = psi - np.asarray(true_flux_map(TRACTION_300A, 0.0, 0.0)).reshape(1, 2)
+    found = np.array([[float(row[f"delta_psi_{axis}"]) for axis in "dq"] for row in inside])
+    assert np.abs(found - psi).mean() < 2e-3 * TRACTION_300A.magnet_flux_linkage
+    with pytest.raises(InputError, match="the rotor stood still"):
+        export(both_axes, "npz", tmp_path / "map.npz")
+    assert not (tmp_path / "map.npz").exists()

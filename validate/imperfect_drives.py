@@ -1,0 +1,151 @@
+"""Coverage on drives with every imperfection drawn.
+
+``python -m validate.imperfect_drives [N] [K]``: N draws from number K on. Each imperfection is
+there in every second draw: a delay of 0 to 1.45 samples, a hold in the stationary frame, an
+inverter with a knee of either kind and phases that differ, iron loss, gains within the declared
+accuracy, an angle offset to 2 degrees, a winding that warms. R's truth is its mean over the
+recording. The width of its interval is compared with that of an identification that is told which
+terms are absent. Ctrl-C prints the table so far; the same command goes on.
+"""
+
+import sys
+import time
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.errors import InputError
+from penode.fit.outcome import AVERAGED
+from penode.pmsm.balance.term_selection import CANDIDATES
+from penode.pmsm.bench.current_sensors import CurrentSensors
+from penode.pmsm.bench.drive import Drive
+from penode.pmsm.bench.inverter import DeviceDrop, Inverter, RotorHold, StationaryHold
+from penode.pmsm.bench.machines import Machine
+from penode.pmsm.bench.references import Lissajous
+from penode.pmsm.bench.run import record
+from penode.pmsm.bench.sensors import Resolver
+from penode.pmsm.bench.winding import IronLoss, Warming, Winding
+from penode.pmsm.study import Study, identify
+from validate.drawn_recordings import draw_machine
+from validate.ledger import Ledger, Record
+
+COUNT = 200
+
+
+def draw_drive(random: np.random.Generator) -> tuple[Drive, frozenset[str]]:
+    """Return a drive, and the names of the imperfections that it has."""
+    names = ("delay", "hold", "inverter", "iron", "angle", "drift")
+    there = frozenset(name for name in names if random.random() < 0.5)
+    threshold, width = float(random.uniform(0.2, 2.0)), float(random.uniform(1.0, 15.0))
+    a, b = (float(x) for x in random.uniform(0.9, 1.1, 2))
+    devices = DeviceDrop(threshold, 0.0, width, (1.0, a, b), bool(random.random() < 0.5))
+    inverter = Inverter(
+        hold=StationaryHold(0.0) if "hold" in there else RotorHold(),
+        devices=devices if "inverter" in there else None,
+        delay=int(random.integers(0, 2)) if "delay" in there else 0,
+    )
+    gains = 1 + 0.005 * random.normal() + 0.002 * random.normal(size=3)
+    offset = np.deg2rad(float(random.uniform(-2.0, 2.0)))
+    warming = Warming(float(np.exp(random.uniform(np.log(25.0), np.log(250.0)))), 1.0)
+    iron = IronLoss(float(np.exp(random.uniform(np.log(50.0), np.log(500.0)))))
+    a, b, c = (float(gain) for gain in gains)
+    drive = Drive(
+        current_sensors=CurrentSensors(gain=(a, b, c), noise=0.1),
+        inverter=inverter,
+        resolver=Resolver(offset) if "angle" in there else None,
+        iron_loss=iron if "iron" in there else None,
+        winding=Winding(20.0, warming=warming if "drift" in there else None),
+    )
+    return drive, there
+
+
+def draw(number: int) -> tuple[Experiment, float, frozenset[str], Machine]:
+    """Return a recording of 1 s, the mean of R, what its drive has, and the machine."""
+    random = np.random.default_rng([number, 7])
+    while True:
+        machine, (drive, there) = draw_machine(random), draw_drive(random)
+        speed = float(np.exp(random.uniform(np.log(300), np.log(2500))))
+        rate = float(np.exp(random.uniform(np.log(12), np.log(120))))
+        reference = Lissajous(float(random.uniform(150, 250)), rate, rate * 13 / 12)
+        what = {"speed_rpm": speed, "duration": 1.0, "drive": drive, "seed": number}
+        gain, part = 1 + 0.005 * random.normal(), float(random.uniform(0.0, 0.45))
+        try:
+            made = record(machine, reference, **what)
+        except InputError:
+            continue
+        run = _logged(made.experiment, float(gain), part if "delay" in there else 0.0)
+        temperature = float(np.mean(made.truth.trace.temperature))
+        return run, machine.resistance_at(temperature), there, machine
+
+
+def _logged(run: Experiment, gain: float, part: float) -> Experiment:
+    """Return a log whose voltages are read with a gain, a part of a sample before they act."""
+    channels = dict(run.channels)
+    for name in ("u_d", "u_q"):
+        log = channels[name].copy()
+        for k in range(1, len(log)):
+            log[k] = (channels[name][k] - part * log[k - 1]) / (1 - part)
+        channels[name] = gain * log
+    return replace(run, channels=channels)
+
+
+def result_of(number: int) -> Record:
+    """Identify one draw, with nothing told and with what is absent told."""
+    began = time.perf_counter()
+    run, truth, there, _ = draw(number)
+    fit = identify([run])
+    told = Study(
+        candidates=CANDIDATES if "inverter" in there else (),
+        hold=None if there & {"delay", "hold", "iron", "angle"} else "dq",
+    )
+    known = identify([run], study=told)
+    estimate, (low, high) = fit.parameters["R"], fit.parameters["R"].interval_95
+    return {
+        "there": sorted(there),
+        "verdict": fit.horizon.verdict,
+        "objections": [one.name for one in fit.horizon.objections],
+        "error": estimate.value / truth - 1,
+        "covered": bool(low <= truth <= high),
+        "std": estimate.std / truth,
+        "told_std": known.parameters["R"].std / truth,
+        "seconds": time.perf_counter() - began,
+    }
+
+
+def line_of(one: Record) -> str:
+    """Return one line of the list."""
+    told = ", ".join(one["there"]) or "none"
+    return (
+        f"{one['draw']:3d} R {100 * one['error']:+6.2f} % (std {100 * one['std']:.2f} %, told "
+        f"{100 * one['told_std']:.2f} %) {'covered' if one['covered'] else 'MISSED'} "
+        f"{one['verdict']} {one['objections'] or ''} [{told}] {one['seconds']:.0f} s"
+    )
+
+
+def print_table(draws: list[Record]) -> None:
+    """Print coverage and widths."""
+    good = [one for one in draws if one["verdict"] in AVERAGED]
+    print(f"{len(good)} of {len(draws)} verdicts are positive;")
+    if good:
+        print(f"95 % intervals of R cover in {100 * np.mean([g['covered'] for g in good]):.1f} %;")
+        ratio = np.median([one["std"] / one["told_std"] for one in good])
+        print(f"median width over that of what is told: {ratio:.2f};")
+        print(f"median |error| {100 * np.median([abs(one['error']) for one in good]):.2f} %.")
+
+
+def main() -> None:
+    """Print a line a draw, then the table."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else COUNT
+    first = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    ledger, draws = Ledger("imperfect_drives"), []
+    with suppress(KeyboardInterrupt):
+        for number in range(first, first + count):
+            draws.append(ledger.of(number, result_of))
+            print(line_of(draws[-1]), flush=True)
+    print_table(draws)
+
+
+if __name__ == "__main__":
+    main()
