@@ -35,7 +35,8 @@ from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.conventional.paper_recipe import PaperRecipe
 from penode.pmsm.machine.model import Machine
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
+from penode.pmsm.study_settings import Study
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import RK4_38
 from penode.training import plan

@@ -74,7 +74,7 @@ def recordings(page_files, tmp_path, monkeypatch):
     ids=lambda p: str(p.relative_to(ROOT)),
 )
 def test_python_blocks_run(page, recordings, monkeypatch):
-    monkeypatch.setattr("penode.pmsm.study.HORIZONS", SHORT_LADDER)
+    monkeypatch.setattr("penode.pmsm.study_settings.HORIZONS", SHORT_LADDER)
     namespace = {"__name__": "__main__"}
     for block in blocks(page, "python"):
         for printed, shorter in SHORTER.items():
@@ -112,6 +112,7 @@ def test_the_identified_machine_and_its_dead_time_are_a_configuration(recordings
 @pytest.mark.parametrize(
     "name",
     [
+        "long-recordings",
         "map-your-channels",
         "record-a-good-experiment",
         "terms-and-temperature",
@@ -161,7 +162,7 @@ def test_ones_own_model_ends_in_its_report(tmp_path, monkeypatch):
 @pytest.mark.parametrize("command", own_commands())
 def test_commands_run(command, recordings, monkeypatch, capsys):
     """In this process, which spares the imports; tests/cli runs commands in one of their own."""
-    monkeypatch.setattr("penode.pmsm.study.HORIZONS", SHORT_LADDER)
+    monkeypatch.setattr("penode.pmsm.study_settings.HORIZONS", SHORT_LADDER)
     monkeypatch.setattr(sys, "argv", command.split())
     if command.startswith("penode init"):
         Path("study.toml").unlink()  # it never overwrites

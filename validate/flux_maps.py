@@ -21,7 +21,8 @@ from penode.pmsm.bench.drive import Drive
 from penode.pmsm.bench.machines import TRACTION_300A, Machine
 from penode.pmsm.bench.references import MOTOR, Lissajous, Reference, Steps
 from penode.pmsm.bench.run import simulate
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
+from penode.pmsm.study_settings import Study
 from validate.map_errors import error_and_coverage, rectangle
 
 AMPLITUDE = 240.0

@@ -20,7 +20,8 @@ from penode.arrays import FloatArray
 from penode.fit.fit import Fit
 from penode.fit.outcome import AVERAGED
 from penode.pmsm.recording.accuracy import Accuracy
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
+from penode.pmsm.study_settings import Study
 from validate.drawn_recordings import Campaign, draw_campaign
 from validate.ledger import Ledger, Record
 from validate.map_errors import error_and_coverage

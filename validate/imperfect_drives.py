@@ -27,7 +27,8 @@ from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import record
 from penode.pmsm.bench.sensors import Resolver
 from penode.pmsm.bench.winding import IronLoss, Warming, Winding
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
+from penode.pmsm.study_settings import Study
 from validate.drawn_recordings import draw_machine
 from validate.ledger import Ledger, Record
 

@@ -25,8 +25,8 @@ from penode.identify import identify
 from penode.models.base import Model
 from penode.pmsm.balance.start import weak_start
 from penode.pmsm.machine.model import Machine
-from penode.pmsm.study import Study
 from penode.pmsm.study import identify as identify_machine
+from penode.pmsm.study_settings import Study
 from penode.training.plan import Plan, Stage
 from penode.training.second_order import LevenbergMarquardt
 from validate.drawn_recordings import Drawn, draw_recording

@@ -14,12 +14,13 @@ Horizon
     `Checkpoint`; `loss_weighting`, which shows how each horizon weighs the residual; what joins the
     uncertainty budget: `Imperfection`, `Contribution`.
 Data and validation
-    `read`, `cut`, `inspect`; `compare`, `find_lines`, `residual_correlations`.
+    `read`, `cut`, `excerpt`, `inspect`; `compare`, `find_lines`, `residual_correlations`.
 
 The everyday names are in `penode`.
 """
 
 from penode.arrays import Leaf, float64
+from penode.data.excerpt import Excerpt, excerpt
 from penode.data.load import read
 from penode.data.mapping import Origin
 from penode.data.quality import Finding, check_excitation, inspect
@@ -146,6 +147,7 @@ __all__ = [
     "Correlations",
     "Discounted",
     "Estimate",
+    "Excerpt",
     "Finding",
     "FirstOrder",
     "FirstOrderHold",
@@ -213,6 +215,7 @@ __all__ = [
     "cut",
     "equation",
     "every_step",
+    "excerpt",
     "find_lines",
     "fitting_plan",
     "float64",

@@ -14,7 +14,7 @@ import penode as library
 from penode.cli import identify as command_line
 from penode.data.save import save
 from penode.fit.archive import write_atomically
-from penode.pmsm import study
+from penode.pmsm import study, study_settings
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
@@ -122,8 +122,9 @@ def test_the_same_command_with_resume_climbs_to_the_end(runs, folder, penode, mo
     def computed_anew(*_):
         raise AssertionError("What the stopped fit began with is in its checkpoint.")
 
-    for name in ("_start", "structure_of", "calibration_of"):
-        monkeypatch.setattr(study, name, computed_anew)
+    monkeypatch.setattr(study, "_start", computed_anew)
+    for name in ("structure_of", "calibration_of"):
+        monkeypatch.setattr(study_settings, name, computed_anew)
     stopped = json.loads((folder / "result.json").read_text())["horizon"]["ladder"]
     begun = told(folder, "rung")
     done = penode("identify", runs[0], "--horizon", 40, "--out", folder, "--resume")

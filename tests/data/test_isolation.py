@@ -121,11 +121,12 @@ def test_memory_is_watched_where_the_system_has_no_limit():
         b"",
         b"[]\n",
         b"not json\n",
-        b'{"columns": [["x", 1000000000000]], "units": {}, "clocks": {}}\n',
-        b'{"columns": [["x", -1]], "units": {}, "clocks": {}}\n',
-        b'{"columns": [["x", 4]], "units": {}, "clocks": {}}\n12345678',
-        b'{"columns": 3}\n',
-        b'{"columns": [["x", 0]], "units": 3, "clocks": {}}\n',
+        b'{"column": "x", "length": 1000000000000}\n',
+        b'{"column": "x", "length": -1}\n',
+        b'{"column": "x", "length": 4}\n12345678',
+        b'{"column": "x"}\n',
+        b'{"column": "x", "length": 0}\n{"units": 3, "clocks": {}, "text": {}}\n',
+        b'{"column": "x", "length": 1}\n12345678{"units": {}, "clocks": {}}\n',
     ],
 )
 def test_an_answer_that_is_none_is_a_crash(tmp_path, child_does, answer):

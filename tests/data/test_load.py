@@ -96,7 +96,8 @@ def test_csv_and_parquet_hold_the_same_recording(
     table.write_csv(folder / "run.csv")
     table.write_parquet(folder / "run.parquet")
     text = csv.read("run.csv", (folder / "run.csv").read_bytes()).columns
-    binary = parquet.read("run.parquet", (folder / "run.parquet").read_bytes()).columns
+    with (folder / "run.parquet").open("rb") as source:
+        binary = dict(parquet.read("run.parquet", source).columns)
     np.testing.assert_array_equal(text["x"], values)
     np.testing.assert_array_equal(binary["x"], values)
     np.testing.assert_array_equal(text["t"], binary["t"])

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from penode.data import Experiment, check_excitation, find_clipping, find_stuck, inspect
+from penode.data import (
+    Experiment,
+    check_excitation,
+    find_clipping,
+    find_stuck,
+    gathered,
+    inspect,
+)
 from penode.errors import InputError
 
 
@@ -122,3 +129,42 @@ def test_resting_at_zero_is_no_clipping() -> None:
         x = sign * np.concatenate([np.zeros(60), ramp])
         assert find_clipping(recording(x=x), "x") is None
         assert find_clipping(recording(x=x + sign), "x") is not None
+
+
+# --- in pieces ----------------------------------------------------------------------------------
+
+
+def longest_run(x: np.ndarray) -> tuple[int, int, float]:
+    """Return begin, length and median length of runs away from the extremes, by definition."""
+    begin = [k for k in range(len(x)) if k == 0 or x[k] != x[k - 1]]
+    length = np.diff([*begin, len(x)])
+    inner = [n if x.min() < x[k] < x.max() else 0 for k, n in zip(begin, length, strict=True)]
+    at = int(np.argmax(inner))
+    return begin[at], inner[at], float(np.median(length))
+
+
+@pytest.mark.parametrize("piece", [1, 7, 64, 5000])
+@pytest.mark.parametrize("seed", range(8))
+def test_pieces_find_what_the_whole_shows(piece: int, seed: int, monkeypatch) -> None:
+    rng = np.random.default_rng(seed)
+    x = np.round(rng.normal(size=600), 1 + seed % 3)
+    place, run = int(rng.integers(0, 500)), int(rng.integers(10, 90))
+    x[place : place + run] = 0.25
+    for word, limit in (("largest", 1.4), ("smallest", -1.4)):
+        clipped = np.minimum(x, limit) if word == "largest" else np.maximum(x, limit)
+        end = max if word == "largest" else min
+        at, beside = end(clipped), end(clipped[clipped != end(clipped)])
+        expected = np.sum(clipped == at) >= max(10, 10 * np.sum(clipped == beside))
+        monkeypatch.setattr(gathered, "PIECE", piece)
+        finding = find_clipping(recording(x=clipped), "x")
+        assert (finding is not None) == expected
+        if finding is not None:
+            assert (
+                f"its {word} value {limit:.6g} in {np.sum(clipped == at)} of 600"
+                in finding.sentence
+            )
+    begin, length, usual = longest_run(x)
+    stuck = find_stuck(recording(x=x), "x")
+    assert (stuck is not None) == (length >= max(20, 20 * usual))
+    if stuck is not None:
+        assert f"data rows {begin + 1} to {begin + length})" in stuck.sentence

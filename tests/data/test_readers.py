@@ -1,5 +1,6 @@
 """What each reader makes of its format, and what it refuses."""
 
+import io
 import sys
 from pathlib import Path
 
@@ -215,7 +216,7 @@ def test_a_missing_library_is_named_with_its_extra(monkeypatch, reader, library,
     monkeypatch.setitem(sys.modules, library, None)
     extra = reader.__name__.rpartition(".")[2]
     with pytest.raises(InputError, match=rf"pip install 'penode\[{extra}\]'"):
-        reader.read("run.mf4", start)
+        reader.read("run.mf4", io.BytesIO(start))
 
 
 @pytest.mark.parametrize("suffix", ["mat", "mf4", "tdms"])

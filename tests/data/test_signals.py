@@ -12,7 +12,7 @@ FAST, SLOW = np.arange(8) * 1e-3, np.arange(4) * 1e-2
 
 def signal(group, name, times=FAST, unit=""):
     count = 8 if times is None else len(times)
-    return Signal(group, name, unit, np.arange(count, dtype=float), times)
+    return Signal(group, name, unit, lambda: np.arange(count, dtype=float), times)
 
 
 def test_signals_sampled_together_share_one_clock():

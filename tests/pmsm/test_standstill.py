@@ -15,7 +15,8 @@ from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.result_files import flux_map_csv
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
+from penode.pmsm.study_settings import Study
 
 R = TRACTION_300A.resistance
 SCOPE = "R and incremental inductance: the recording has no information on the permanent magnet"

@@ -14,7 +14,8 @@ from penode.pmsm import result_files
 from penode.pmsm import study as study_module
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.result_files import GRID, flux_map_csv, write
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
+from penode.pmsm.study_settings import Study
 
 
 @pytest.fixture(scope="module")

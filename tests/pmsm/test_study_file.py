@@ -10,8 +10,8 @@ import pytest
 from penode.errors import InputError
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.recording.accuracy import Accuracy
-from penode.pmsm.study import Study
 from penode.pmsm.study_file import load_study
+from penode.pmsm.study_settings import Study
 
 TIME = np.arange(200) * 1e-4
 FILE = {

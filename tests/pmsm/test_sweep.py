@@ -13,7 +13,8 @@ from penode.pmsm import sweep as module
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
+from penode.pmsm.study_settings import Study
 from penode.pmsm.sweep import grid_of, sweep, write_sweep
 
 PLAIN = Study(candidates=(), angle_orders=())

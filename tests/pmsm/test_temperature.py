@@ -19,8 +19,9 @@ from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import record
 from penode.pmsm.bench.winding import Warming, Winding
 from penode.pmsm.machine.terms import TemperatureResistance
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
 from penode.pmsm.study_file import load_study
+from penode.pmsm.study_settings import Study
 
 ALPHA = TRACTION_300A.copper_coefficient
 

@@ -87,7 +87,8 @@ def _recordings(check: RecordingCheck) -> list[tuple[str, str]]:
         for e in check.recordings
     ]
     quality = [f.sentence for f in check.quality] or ["No channel stands still or is clipped."]
-    return rows + [("quality", sentence) for sentence in quality]
+    rows += [("quality", sentence) for sentence in quality]
+    return rows + ([("used", check.sentence)] if check.sentence else [])
 
 
 def _conventions(check: RecordingCheck) -> list[tuple[str, str]]:

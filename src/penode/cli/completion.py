@@ -7,7 +7,7 @@ from penode.pmsm.exports.formats import FORMATS
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.term_registry import TERMS
-from penode.pmsm.study import PURPOSES
+from penode.pmsm.study_settings import PURPOSES
 
 
 def simulations() -> list[str]:

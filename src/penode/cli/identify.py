@@ -26,8 +26,9 @@ from penode.fit.result_folder import replace_together
 from penode.horizon.checkpoint import Checkpoint
 from penode.identify import Stopped
 from penode.pmsm.result_files import result_files
-from penode.pmsm.study import PURPOSES, identify
+from penode.pmsm.study import identify
 from penode.pmsm.study_file import load_study
+from penode.pmsm.study_settings import PURPOSES
 
 _output, _errors = Console(), Console(stderr=True)
 

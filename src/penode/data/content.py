@@ -1,14 +1,19 @@
 """Content: the bytes of a file, read once and hashed on the way."""
 
 import hashlib
+import mmap
 import os
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
+from penode.data.gathered import write
 from penode.errors import InputError
 
 _BLOCK = 1 << 20
+#: Bytes from which a file is copied to disk rather than into memory.
+_LARGE = 1 << 26
 
 
 class Content:
@@ -77,6 +82,15 @@ class Content:
     def all(self) -> bytes:
         """Return the bytes of the file; see `blocks`."""
         return b"".join(self.blocks())
+
+    def mapped(self) -> bytes | mmap.mmap:
+        """Return the bytes of the file; those of a large one lie in a copy on disk."""
+        if self.size < _LARGE:
+            return self.all()
+        with tempfile.TemporaryFile(prefix="penode-") as copy:
+            for block in self.blocks():
+                write(copy, block)
+            return mmap.mmap(copy.fileno(), 0, access=mmap.ACCESS_READ)
 
     @property
     def sha256(self) -> str:

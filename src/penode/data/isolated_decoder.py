@@ -15,7 +15,7 @@ import time
 import types
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 _OUT_OF_MEMORY = 3
 #: Bytes of the largest temporary file; libraries begin one and leave it empty.
@@ -25,9 +25,9 @@ _TEMPORARY = 1 << 20
 def main() -> None:
     """Answer requests until there are no more.
 
-    A request is a line of JSON and, after it, the bytes of the file. The answer is a line of JSON:
-    ``refused`` with a sentence, ``failed`` with what was raised, or names, lengths, units and
-    clocks of the columns, and what is text among them, whose float64 values follow.
+    A request is a line of JSON. The answer is, for each column, a line of JSON with its name and
+    length and its float64 values; then one with ``refused`` and a sentence, ``failed`` and what was
+    raised, or the units and clocks of the columns, and which are text.
     """
     answers = os.fdopen(os.dup(1), "wb")
     nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -36,32 +36,31 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is asked to stop, and ends its child
     while line := sys.stdin.buffer.readline():
         request = json.loads(line)
-        for block in _answer(request, sys.stdin.buffer):
+        for block in _answer(request):
             answers.write(block)
         answers.flush()
 
 
-def _answer(request: dict[str, Any], source: BinaryIO) -> Iterator[bytes | memoryview]:
-    """Yield the header of an answer and the values of the columns."""
-    columns = {}
-    content = source.read(request["size"])
+def _answer(request: dict[str, Any]) -> Iterator[bytes | memoryview]:
+    """Yield what is answered; a reader may decode its columns one by one."""
     try:
         reader = _reader(request)
         _limit(request["memory"], request["seconds"])
-        table = reader.read(request["file"], content)
-        columns = table.columns
-        header = {
-            "columns": [[name, len(values)] for name, values in columns.items()],
-            "units": table.units,
-            "clocks": table.clocks,
-            "text": table.text,
-        }
+        with Path(request["content"]).open("rb") as source:
+            table = reader.read(request["file"], source)
+            for name in table.columns:
+                values = table.columns[name]
+                yield _line({"column": name, "length": len(values)})
+                yield memoryview(values.astype("<f8", order="C", copy=False)).cast("B")
+        end = {"units": table.units, "clocks": table.clocks, "text": table.text}
     except Exception as error:  # libraries raise whatever damage leads them to
         refused = type(error).__name__ == "InputError"
-        header = {"refused": str(error)} if refused else {"failed": type(error).__name__}
-    yield json.dumps(header).encode() + b"\n"
-    for values in columns.values():
-        yield memoryview(values.astype("<f8", order="C", copy=False)).cast("B")
+        end = {"refused": str(error)} if refused else {"failed": type(error).__name__}
+    yield _line(end)
+
+
+def _line(entries: dict[str, Any]) -> bytes:
+    return json.dumps(entries).encode() + b"\n"
 
 
 def _reader(request: dict[str, Any]) -> types.ModuleType:

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from penode.data.content import Content
+from penode.data.gathered import PIECE, Gathered, write
 from penode.data.table import Column, Table
 from penode.errors import InputError, printable
 
@@ -142,22 +143,23 @@ class Decoder:
         """
         memory = _MEMORY + _MEMORY_PER_BYTE * size
         seconds = _SECONDS + int(_SECONDS_PER_BYTE * size)
+        content = Path(self._folder.name) / "content"
         request = {
             "reader": self._reader,
             "libraries": _LIBRARIES[self._reader],
             "path": [str(place) for place in sys.path],
             "file": file,
-            "size": size,
+            "content": str(content),
             "memory": memory,
             "seconds": seconds,
         }
+        _store(content, blocks)  # all of the file, so that all is hashed and checked
         timer = threading.Timer(_WAIT * seconds, self._expire)
         timer.daemon = True
         timer.start()
         try:
-            self._send(request, blocks)
-            header = self._header(memory)
-            columns = {name: self._column(length) for name, length in header["columns"]}
+            self._send(request)
+            columns, header = self._answer(memory)
         except (_EndedError, MemoryError) as error:
             raise InputError(f"{file}: {self._reason(memory, seconds)}") from error
         finally:
@@ -171,41 +173,57 @@ class Decoder:
                 f"{file}: the file is damaged, or of a kind that penode cannot read "
                 f"({printable(header['failed'])}); copy or export it again."
             )
-        text = {name: (place, cell) for name, (place, cell) in header["text"].items()}
-        return Table(columns, header["units"], header["clocks"], text)
+        return Table(columns, header["units"], header["clocks"], header["text"])
 
     def _expire(self) -> None:
         self._expired = True
         self._child.kill()
 
-    def _send(self, request: dict[str, Any], blocks: Iterable[bytes]) -> None:
-        """Send a request and the file; one that ended shows when it has to answer."""
+    def _send(self, request: dict[str, Any]) -> None:
+        """Send a request; a child that ended shows when it has to answer."""
         assert self._child.stdin is not None
         with contextlib.suppress(OSError):
             self._child.stdin.write(json.dumps(request).encode() + b"\n")
-        for block in blocks:  # read to the end, so that all of the file is hashed and checked
-            with contextlib.suppress(OSError):
-                self._child.stdin.write(block)
-        with contextlib.suppress(OSError):
             self._child.stdin.flush()
 
-    def _header(self, memory: int) -> dict[str, Any]:
-        """Return the header of the answer, which has to be what it should."""
+    def _answer(self, memory: int) -> tuple[dict[str, Column], dict[str, Any]]:
+        """Return the columns and the end of the answer, which have to be what they should."""
+        columns: dict[str, Column] = {}
+        left = memory
+        while "column" in (entry := self._entry()):
+            left -= 8 * entry["length"]
+            if entry["length"] < 0 or left < 0:
+                raise _EndedError
+            columns[entry["column"]] = self._column(entry["length"])
+        return columns, entry
+
+    def _entry(self) -> dict[str, Any]:
+        """Return the next line of the answer: the head of a column, or the end."""
         assert self._child.stdout is not None
         line = self._child.stdout.readline(_HEADER)
         try:
-            header = {"columns": [], "units": {}, "clocks": {}, **json.loads(line)}
-            lengths = [int(length) for _, length in header["columns"]]
-            for entry in ("units", "clocks"):
-                header[entry] = {str(name): str(text) for name, text in header[entry].items()}
-        except (ValueError, TypeError, AttributeError, RecursionError) as error:
+            entry = json.loads(line)
+            if "column" in entry:
+                return {"column": str(entry["column"]), "length": int(entry["length"])}
+            if "refused" in entry or "failed" in entry:
+                return dict(entry)
+            for name in ("units", "clocks"):
+                entry[name] = {str(column): str(text) for column, text in entry[name].items()}
+            entry["text"] = {
+                n: (str(place), str(cell)) for n, (place, cell) in entry["text"].items()
+            }
+            return dict(entry)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise _EndedError from error
-        if any(length < 0 for length in lengths) or 8 * sum(lengths) > memory:
-            raise _EndedError
-        return header
 
     def _column(self, length: int) -> Column:
-        """Return the next column of the answer."""
+        """Return the values of the next column of the answer, on disk where they are many."""
+        column = Gathered()
+        while len(column) < length:
+            column.add(self._values(min(PIECE, length - len(column))))
+        return column.whole()
+
+    def _values(self, length: int) -> Column:
         assert self._child.stdout is not None
         values = np.empty(length, dtype="<f8")
         room = values.view(np.uint8).data
@@ -231,6 +249,13 @@ class Decoder:
             f"the library that reads such files crashed (status {status}), so the file is damaged; "
             "copy or export it again."
         )
+
+
+def _store(place: Path, blocks: Iterable[bytes]) -> None:
+    """Write the bytes of a file where a child can open them."""
+    with place.open("wb") as copy:
+        for block in blocks:
+            write(copy, block)
 
 
 def _too_large(memory: int) -> str:

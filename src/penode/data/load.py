@@ -17,7 +17,7 @@ from penode.errors import InputError
 #: Reader of each file suffix, from the content to the columns; binary files are decoded apart.
 READERS: Mapping[str, Callable[[Content], Table]] = MappingProxyType(
     {
-        ".csv": lambda content: csv.read(content.file, content.all()),
+        ".csv": lambda content: csv.read(content.file, content.mapped()),
         ".parquet": isolated("parquet"),
         ".mat": isolated("mat"),
         ".mf4": isolated("mdf"),

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.data.gathered import in_pieces, pieces
 from penode.data.table import TIME, Table, cell_error, list_names
 from penode.data.time_axis import uniform_step
 from penode.data.units import UNITS, Unit, did_you_mean, find_unit, unit_name
@@ -52,6 +53,14 @@ class Origin:
     sign: int = 1
     delay: int = 0
     times: str = ""
+
+
+@dataclass(frozen=True)
+class _Clock:
+    """Where the times of a file come from, and those in s that were read already."""
+
+    origin: Origin
+    read: dict[Origin, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +121,9 @@ def map_channels(
         a sample to be interpolated, or the times are not uniform (see `uniform_step`).
     """
     time = origins.get(TIME, Origin(TIME, "s"))
+    clocks: dict[Origin, FloatArray] = {}
     sampled = {
-        name: _sample(file, table, name, origin, time)
+        name: _sample(file, table, name, origin, _Clock(time, clocks))
         for name, origin in origins.items()
         if name != TIME
     }
@@ -122,13 +132,15 @@ def map_channels(
     return uniform_step(file, times), channels
 
 
-def _sample(file: str, table: Table, name: str, origin: Origin, time: Origin) -> _Sampled:
+def _sample(file: str, table: Table, name: str, origin: Origin, clock: _Clock) -> _Sampled:
     """Take one channel out of the table, with its times."""
-    clock = table.clocks.get(origin.column)
-    if clock is not None and clock != table.clocks.get(time.column):
-        time = Origin(clock, "s")
+    own, time = table.clocks.get(origin.column), clock.origin
+    if own is not None and own != table.clocks.get(time.column):
+        time = Origin(own, "s")
     values, si = _si_values(file, table, name, origin)
-    times, _ = _si_values(file, table, TIME, time)
+    if time not in clock.read:
+        clock.read[time] = _si_values(file, table, TIME, time)[0]
+    times = clock.read[time]
     if len(values) != len(times):
         raise InputError(
             f"{file}: channel {name}: column {origin.column} has {len(values)} values where its "
@@ -143,7 +155,8 @@ def _si_values(file: str, table: Table, name: str, origin: Origin) -> tuple[Floa
     factor = origin.scale * origin.sign
     if not origin.times:
         unit = _unit(file, table, name, origin)
-        return unit.to_si(_column(file, table, name, origin.column), factor), unit.si
+        column = _column(file, table, name, origin.column)
+        return in_pieces(lambda piece: unit.to_si(piece, factor), column), unit.si
     share = Origin(origin.column, "1", scale=factor)
     whole = Origin(origin.times, origin.si, origin.unit)
     shares, _ = _si_values(file, table, name, share)
@@ -155,7 +168,7 @@ def _si_values(file: str, table: Table, name: str, origin: Origin) -> tuple[Floa
             f"{origin.times} {len(wholes)} of its own times; multiply columns that were sampled "
             "together."
         )
-    return shares * wholes, si
+    return in_pieces(np.multiply, shares, wholes), si
 
 
 def _column(file: str, table: Table, name: str, column: str) -> FloatArray:
@@ -167,9 +180,12 @@ def _column(file: str, table: Table, name: str, column: str) -> FloatArray:
             f"{file}: no column {column} for channel {name}{did_you_mean(column, table.columns)}; "
             f"the columns are {list_names(table.columns)}."
         )
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        raise cell_error(file, f"data row {bad[0] + 1}", column, str(values[bad[0]]))
+    row = 0
+    for piece in pieces(values):
+        bad = np.flatnonzero(~np.isfinite(piece))
+        if bad.size:
+            raise cell_error(file, f"data row {row + bad[0] + 1}", column, str(piece[bad[0]]))
+        row += len(piece)
     return values
 
 
@@ -199,7 +215,7 @@ def _on_one_clock(
     """Return the common times in s and the channels at them."""
     first, *others = sampled
     times = sampled[first].times
-    odd = [name for name in others if not np.array_equal(sampled[name].times, times)]
+    odd = [name for name in others if not _same(sampled[name].times, times)]
     if not odd:
         return times, {name: channel.values for name, channel in sampled.items()}
     if not resample:
@@ -215,6 +231,10 @@ def _on_one_clock(
     end = min(channel.times[-1] for channel in sampled.values()) + slack
     times = times[(times >= begin) & (times <= end)]
     return times, {name: _at(file, name, times, channel) for name, channel in sampled.items()}
+
+
+def _same(times: FloatArray, others: FloatArray) -> bool:
+    return times is others or np.array_equal(times, others)
 
 
 def _pace(times: FloatArray) -> str:
@@ -249,5 +269,6 @@ def _without_delays(
     delays = {name: origins[name].delay for name in channels}
     begin = max(0, -min(delays.values()))
     end = len(times) - max(0, *delays.values())
-    rows = np.arange(begin, max(begin, end))
-    return times[rows], {name: values[rows + delays[name]] for name, values in channels.items()}
+    end = max(begin, end)
+    moved = {name: v[begin + delays[name] : end + delays[name]] for name, v in channels.items()}
+    return times[begin:end], moved

@@ -1,13 +1,18 @@
-"""Quality of a recording: generic checks that report and never repair."""
+"""Quality of a recording: generic checks that report and never repair.
 
-from collections.abc import Callable, Sequence
+Every sample is looked at, piece by piece.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from penode.arrays import FloatArray
+from penode.arrays import FloatArray, IntArray
 from penode.data.experiment import Experiment
+from penode.data.gathered import pieces
 from penode.errors import InputError
 
 # A spread below this share of the magnitude is rounding: the channel is constant.
@@ -147,21 +152,25 @@ def find_stuck(experiment: Experiment, channel: str) -> Finding | None:
         If the channel is missing.
     """
     values = _values(experiment, channel)
+    low, high = _range(values)
     if _is_constant(values):
         return None
-    begin = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
-    length = np.diff(begin, append=len(values))
-    usual = float(np.median(length))
-    inner = (values[begin] > values.min()) & (values[begin] < values.max())
-    longest = int(np.argmax(np.where(inner, length, 0)))
-    run = int(length[longest])
-    if not inner[longest] or run < max(_STUCK_SAMPLES, _STUCK_RATIO * usual):
+    lengths: Counter[int] = Counter()
+    run, first, at = 0, 0, 0.0
+    for begin, length, level in _runs(values):
+        lengths.update(
+            dict(zip(*(a.tolist() for a in np.unique(length, return_counts=True)), strict=True))
+        )
+        inner = np.where((level > low) & (level < high), length, 0)
+        longest = int(np.argmax(inner))
+        if inner[longest] > run:
+            run, first, at = int(inner[longest]), int(begin[longest]) + 1, float(level[longest])
+    if run < max(_STUCK_SAMPLES, _STUCK_RATIO * _median(lengths)):
         return None
-    first = int(begin[longest]) + 1
     return Finding(
         "warning",
         channel,
-        f"{experiment.name}: channel {channel} stands still at {values[first - 1]:.6g} for {run} "
+        f"{experiment.name}: channel {channel} stands still at {at:.6g} for {run} "
         f"samples (data rows {first} to {first + run - 1}); check the sensor or the link.",
     )
 
@@ -190,15 +199,14 @@ def find_clipping(experiment: Experiment, channel: str) -> Finding | None:
     values = _values(experiment, channel)
     if _is_constant(values):
         return None
-    levels, counts = np.unique(values, return_counts=True)
-    for word, at, beside in (("largest", -1, -2), ("smallest", 0, 1)):
-        count = int(counts[at])
-        enough = max(_CLIPPED_SAMPLES, _CLIPPED_RATIO * int(counts[beside]))
-        if count >= enough and levels[at] != 0.0:
+    for word, sign in (("largest", 1.0), ("smallest", -1.0)):
+        (level, count), (_, beside) = _two_largest(values, sign)
+        enough = max(_CLIPPED_SAMPLES, _CLIPPED_RATIO * beside)
+        if count >= enough and level != 0.0:
             return Finding(
                 "warning",
                 channel,
-                f"{experiment.name}: channel {channel} equals its {word} value {levels[at]:.6g} in "
+                f"{experiment.name}: channel {channel} equals its {word} value {level:.6g} in "
                 f"{count} of {len(values)} samples, as if clipped; check the measuring range.",
             )
     return None
@@ -210,9 +218,54 @@ CHECKS: tuple[Check, ...] = (find_constant, find_stuck, find_clipping)
 
 def _values(experiment: Experiment, channel: str) -> FloatArray:
     """Return one channel, refusing one that is missing."""
-    return experiment.stack([channel])[:, 0]
+    experiment.require([channel])
+    return experiment.channels[channel]
 
 
 def _is_constant(values: FloatArray) -> bool:
     """Return whether all values are equal but for rounding."""
-    return bool(np.ptp(values) <= _CONSTANT * np.abs(values).max())
+    low, high = _range(values)
+    return bool(high - low <= _CONSTANT * max(abs(low), abs(high)))
+
+
+def _range(values: FloatArray) -> tuple[float, float]:
+    """Return the smallest and the largest value."""
+    ends = [(float(piece.min()), float(piece.max())) for piece in pieces(values)]
+    return min(low for low, _ in ends), max(high for _, high in ends)
+
+
+def _runs(values: FloatArray) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Yield begin, length and value of runs of equal values, piece by piece, in order."""
+    done, before = 0, np.nan
+    opened = np.empty(0, dtype=np.int64)
+    for piece in pieces(values):
+        begin = np.concatenate(
+            [opened, done + np.flatnonzero(np.diff(piece, prepend=before) != 0.0)]
+        )
+        level = np.concatenate([[before] * len(opened), piece[begin[len(opened) :] - done]])
+        if len(begin) > 1:
+            yield begin[:-1], np.diff(begin), level[:-1]
+        opened, before, done = begin[-1:], piece[-1], done + len(piece)
+    yield opened, done - opened, np.array([before])
+
+
+def _median(counted: Counter[int]) -> float:
+    """Return the median of whole numbers that were counted."""
+    numbers = np.array(sorted(counted))
+    below = np.cumsum([counted[n] for n in numbers.tolist()])
+    middle = [(below[-1] - 1) // 2, below[-1] // 2]
+    return float(numbers[np.searchsorted(below, middle, side="right")].mean())
+
+
+def _two_largest(values: FloatArray, sign: float) -> list[tuple[float, int]]:
+    """Return the two largest values and how often each comes; the smallest with sign -1."""
+    counted: Counter[float] = Counter()
+    for piece in pieces(values):
+        left = sign * piece
+        for _ in range(2):
+            if left.size:
+                top = float(left.max())
+                counted[top] += int(np.sum(left == top))
+                left = left[left < top]
+    levels = [(sign * level, counted[level]) for level in sorted(counted, reverse=True)]
+    return [*levels, (0.0, 0), (0.0, 0)][:2]

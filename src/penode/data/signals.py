@@ -1,12 +1,13 @@
 """Signals: channels as file formats with groups and several sampling rates hold them."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from penode.data.table import TIME, Column, Table, clean_names, clocks_within
+from penode.data.table import TIME, Column, Decoded, Table, clean_names, clocks_within
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,8 +18,8 @@ class Signal:
     ----------
     group, name, unit : str
         As the file has them; the unit is empty where the file gives none.
-    values : ndarray, shape (time,)
-        In that unit.
+    decode : callable
+        Returns the values in that unit, shape (time,).
     times : ndarray of shape (time,), or None
         Sampling times in s; None where the file knows none but those in a column.
     """
@@ -26,7 +27,7 @@ class Signal:
     group: str
     name: str
     unit: str
-    values: Column
+    decode: Callable[[], Column]
     times: Column | None
 
 
@@ -43,9 +44,9 @@ def table_of(file: str, signals: Sequence[Signal]) -> Table:
     Returns
     -------
     Table
-        Times in s become columns, shared by the channels that were sampled together: the first
-        is called ``t``, the next ``t_2``. Channels without times have the column of their group
-        that is called t, time or Zeit for a clock.
+        The columns are decoded when they are asked for. Times in s become columns, shared by the
+        channels that were sampled together: the first is called ``t``, the next ``t_2``. Channels
+        without times have the column of their group that is called t, time or Zeit for a clock.
 
     Raises
     ------
@@ -57,10 +58,12 @@ def table_of(file: str, signals: Sequence[Signal]) -> Table:
     often = Counter([*clocks, *(signal.name for signal in signals)])
     names = [f"{s.group}/{s.name}" if often[s.name] > 1 else s.name for s in signals]
     names = clean_names(file, [*clocks, *names])[len(clocks) :]
-    table = Table(dict(clocks), dict.fromkeys(clocks, "s"), {name: name for name in clocks})
+    columns: dict[str, Callable[[], Column]] = {}
+    columns |= {name: partial(np.asarray, times) for name, times in clocks.items()}
+    table = Table(Decoded(columns), dict.fromkeys(clocks, "s"), {name: name for name in clocks})
     groups: dict[str, dict[str, str]] = {}
     for name, signal, tick in zip(names, signals, ticks, strict=True):
-        table.columns[name] = signal.values
+        columns[name] = signal.decode
         if signal.unit:
             table.units[name] = signal.unit
         if tick is not None:
@@ -75,7 +78,7 @@ def table_of(file: str, signals: Sequence[Signal]) -> Table:
 def _clock(clocks: dict[str, Column], times: Column) -> str:
     """Return the name of these times, which are added where they are new."""
     for name, clock in clocks.items():
-        if np.array_equal(times, clock):
+        if times is clock or np.array_equal(times, clock):
             return name
     name = f"{TIME}_{len(clocks) + 1}" if clocks else TIME
     clocks[name] = times

@@ -1,7 +1,7 @@
 """Table: the named numeric columns of one file, and what every reader shares."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -28,7 +28,7 @@ class Table:
 
     Attributes
     ----------
-    columns : dict of str to ndarray, each of shape (time,)
+    columns : mapping of str to ndarray, each of shape (time,)
         Float64, in the order and the units of the file.
     units : dict of str to str
         Unit as the file spells it, of the columns for which it gives one.
@@ -40,7 +40,7 @@ class Table:
         out: where the first cell is, and what it holds.
     """
 
-    columns: dict[str, Column]
+    columns: Mapping[str, Column]
     units: dict[str, str] = field(default_factory=dict)
     clocks: dict[str, str] = field(default_factory=dict)
     text: dict[str, tuple[str, str]] = field(default_factory=dict)
@@ -63,6 +63,28 @@ class Table:
         if column in self.text:
             place, cell = self.text[column]
             raise cell_error(file, place, column, cell)
+
+
+class Decoded(Mapping[str, Column]):
+    """Columns of a file that are decoded one by one, each when it is asked for.
+
+    Parameters
+    ----------
+    decoders : mapping of str to callable
+        Name -> what returns the column.
+    """
+
+    def __init__(self, decoders: Mapping[str, Callable[[], Column]]) -> None:
+        self._decoders = decoders
+
+    def __getitem__(self, name: str) -> Column:
+        return self._decoders[name]()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._decoders)
+
+    def __len__(self) -> int:
+        return len(self._decoders)
 
 
 def clocks_within(members: Mapping[str, str]) -> dict[str, str]:

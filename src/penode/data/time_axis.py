@@ -3,6 +3,7 @@
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.data.gathered import pieces
 from penode.errors import InputError
 
 #: Fewest samples that make a recording.
@@ -44,20 +45,33 @@ def uniform_step(file: str, t: FloatArray) -> float:
             f"{file}: only {len(t)} samples came where at least {MINIMUM_SAMPLES} were wanted; "
             "record for longer."
         )
-    largest = float(np.abs(t).max())
+    largest = max(float(np.abs(piece).max()) for piece in pieces(t))
     if largest > LARGEST_TIME:
         raise InputError(
             f"{file}: t reaches {largest:.3g} s where at most {LARGEST_TIME:.0e} s was wanted; "
             "export t in s, or name its unit in a mapping."
         )
+    least, most = _ends_of_steps(t)
+    if least > 0.0 and most - least <= STEP_TOLERANCE * least:
+        return float((t[-1] - t[0]) / (len(t) - 1))
     steps = np.diff(t)
-    if steps.min() <= 0.0:
+    if least <= 0.0:
         raise _not_increasing(file, t, int(np.argmax(steps <= 0.0)))
     median = float(np.median(steps))
     deviation = np.abs(steps - median)
     if deviation.max() > STEP_TOLERANCE * median and not _uniform_but_for_digits(t):
         raise _irregular(file, steps, median, int(np.argmax(deviation)))
     return float((t[-1] - t[0]) / (len(t) - 1))
+
+
+def _ends_of_steps(t: FloatArray) -> tuple[float, float]:
+    """Return the smallest and the largest step between times."""
+    before, ends = t[:1], []
+    for piece in pieces(t[1:]):
+        steps = np.diff(piece, prepend=before)
+        before = piece[-1:].copy()
+        ends += [float(steps.min()), float(steps.max())]
+    return min(ends), max(ends)
 
 
 def _uniform_but_for_digits(t: FloatArray) -> bool:

@@ -40,6 +40,8 @@ class Unit:
         factor : float
             What one count of the values is in this unit.
         """
+        if factor * self.numerator == self.denominator == 1.0 and not self.offset:
+            return values
         scaled = values * (factor * self.numerator) / self.denominator
         return scaled + self.offset if self.offset else scaled
 

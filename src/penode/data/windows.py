@@ -1,4 +1,4 @@
-"""Windows: a batch of stretches cut from recordings, each predicted from its measured start."""
+"""Windows: a batch cut from recordings, each predicted from its measured start."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -40,8 +40,7 @@ class Jittered:
     """One start drawn uniformly from each stratum of admissible starts, as long as the horizon.
 
     Regular starts sample a periodic disturbance at few phases, which biases parameters; these
-    starts do not. The draw depends on the seed and the place of the recording only, so the same
-    call gives the same windows, and different recordings get different ones.
+    do not. The draw depends on the seed and the place of the recording only.
 
     Attributes
     ----------
@@ -50,6 +49,8 @@ class Jittered:
     stride : int, optional
         Length of a stratum; the horizon if not given. A shorter one makes windows overlap, which
         keeps their number up where the horizon is long and the recording short.
+    shortest : int
+        Of a stratum as long as the horizon: short horizons then leave samples between windows.
 
     Raises
     ------
@@ -59,6 +60,7 @@ class Jittered:
 
     seed: int = 0
     stride: int | None = None
+    shortest: int = 1
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -81,11 +83,10 @@ class Jittered:
         ndarray of int64, shape (ceil((last - first + 1) / stratum),)
             Starts in ascending order.
         """
-        stratum = self.stride or horizon
+        stratum = self.stride or max(horizon, self.shortest)
         lower = np.arange(first, last + 1, stratum, dtype=np.int64)
         upper = np.minimum(lower + stratum, last + 1)
-        # `first` counts through all recordings, so it sets each one's draw apart; the horizon sets
-        # the rungs of a ladder apart.
+        # `first` sets the draws of recordings apart, the horizon those of a ladder's rungs.
         random = np.random.default_rng([self.seed, first, horizon])
         return random.integers(lower, upper, dtype=np.int64)
 
@@ -229,7 +230,6 @@ def cut(
 
 
 def _check_counts(horizon: int, past: int) -> None:
-    """Refuse a horizon or a past without samples."""
     for word, count in (("horizon", horizon), ("past", past)):
         if count < 1:
             raise InputError(

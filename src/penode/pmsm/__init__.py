@@ -57,8 +57,9 @@ from penode.pmsm.report.line_causes import NamedLine, named_lines
 from penode.pmsm.report.machine_report import machine_report
 from penode.pmsm.result_files import flux_map_csv, write
 from penode.pmsm.simulation.simulated_drive import torque_of
-from penode.pmsm.study import PURPOSES, Study, identify
+from penode.pmsm.study import identify
 from penode.pmsm.study_file import StudyFile, load_study
+from penode.pmsm.study_settings import PURPOSES, Study
 
 __all__ = [
     "CANDIDATES",

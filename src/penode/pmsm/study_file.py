@@ -34,7 +34,7 @@ from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.recording.drive_mapping import BASES, RECORDED, DriveMapping, DriveOrigin
 from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.recording.stationary_frame import LINK
-from penode.pmsm.study import DEFAULT_STUDY, Study
+from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 
 #: Entries of a channel and what they hold.
 _CHANNEL = {
@@ -57,6 +57,7 @@ _SETTINGS = {
     "terms": NAMES,
     "angle_orders": WHOLES,
     "hold": TEXT,
+    "samples": COUNT,
     "purpose": TEXT,
     **dict.fromkeys((*BASES.values(), LINK), POSITIVE),
     "resample": Kind('"linear"', lambda value: value == "linear"),

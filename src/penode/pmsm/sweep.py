@@ -21,7 +21,8 @@ from penode.fit.archive import to_json, write_atomically
 from penode.fit.provenance import penode_version
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.studies.panels import Panel, Series
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
+from penode.pmsm.study_settings import Study
 from penode.report.quantities import scale_for
 
 #: Seconds until Ctrl-C is noticed.
@@ -92,7 +93,7 @@ def sweep(
     InputError
         If a recording cannot be used, or is too short for a horizon.
     """
-    recordings = [drive_recording(e) for e in experiments]
+    recordings = [drive_recording(e) for e in study.excerpt(experiments).experiments]
     for recording in recordings:
         check_length(recording, max(horizon for horizon, _ in grid), past=1)
     study, *_ = study.decided(recordings)

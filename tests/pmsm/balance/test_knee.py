@@ -14,7 +14,8 @@ from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime
 from penode.pmsm.machine.term_registry import physical_values
 from penode.pmsm.recording.accuracy import Accuracy
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
+from penode.pmsm.study_settings import Study
 
 VOLTAGES = ("u_d", "u_q")
 

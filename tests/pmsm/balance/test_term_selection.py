@@ -17,7 +17,7 @@ from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.term_registry import completed
-from penode.pmsm.study import Study
+from penode.pmsm.study_settings import Study
 
 
 @pytest.fixture(scope="module")

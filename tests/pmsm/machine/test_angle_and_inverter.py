@@ -21,7 +21,8 @@ from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.terms import Resistance
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
+from penode.pmsm.study_settings import Study
 from penode.predictors.base import DEFAULT_SOLVER, Predictor
 from penode.predictors.field import Field
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal

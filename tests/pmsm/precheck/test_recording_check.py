@@ -7,7 +7,7 @@ import pytest
 
 from penode.data.experiment import Experiment
 from penode.pmsm.precheck.recording_check import check_recordings
-from penode.pmsm.study import Study
+from penode.pmsm.study_settings import Study
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")
 

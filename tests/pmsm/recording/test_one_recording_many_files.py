@@ -17,8 +17,9 @@ from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.recording.channels import drive_recording
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
 from penode.pmsm.study_file import load_study
+from penode.pmsm.study_settings import Study
 
 # --- writers ----------------------------------------------------------------------------------
 

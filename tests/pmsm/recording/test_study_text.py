@@ -14,8 +14,8 @@ from penode.pmsm.recording.channel_guess import ChannelGuess
 from penode.pmsm.recording.drive_mapping import RECORDED
 from penode.pmsm.recording.guess import StudyGuess, guess_study
 from penode.pmsm.recording.study_text import study_text
-from penode.pmsm.study import DEFAULT_STUDY
 from penode.pmsm.study_file import load_study
+from penode.pmsm.study_settings import DEFAULT_STUDY
 
 NAMES = ("t", "u_d", "u_q", "i_d", "i_q", "omega_el", "theta_el")
 TEXT = study_text(guess_study(Table({name: np.zeros(0) for name in NAMES})), "run.csv", "s.toml")

@@ -8,12 +8,14 @@ slowly, to find the row and channel that a refusal has to name.
 import csv
 import gzip
 import io
+import mmap
 import zlib
 from collections.abc import Collection, Iterator
 
 import numpy as np
 import polars as pl
 
+from penode.data.gathered import forget
 from penode.data.readers.csv_cells import Cells, Dialect, unsplittable
 from penode.data.table import Column, Table, clean_names
 from penode.data.units import unit_name
@@ -27,7 +29,7 @@ _BLOCK = 1 << 23
 _UNPACKED = 1 << 30
 
 
-def read(file: str, content: bytes) -> Table:
+def read(file: str, content: bytes | mmap.mmap) -> Table:
     """Read the columns of a CSV file.
 
     Cells are separated by commas, semicolons, tabulators or ``|``; numbers have a decimal point,
@@ -39,7 +41,7 @@ def read(file: str, content: bytes) -> Table:
     ----------
     file : str
         Name of the file, for messages.
-    content : bytes
+    content : bytes or mmap
 
     Returns
     -------
@@ -54,7 +56,7 @@ def read(file: str, content: bytes) -> Table:
         counted), the line of the file and the channel.
     """
     _check_text(file, content)
-    start = len(_MARK) if content.startswith(_MARK) else 0
+    start = len(_MARK) if content[: len(_MARK)] == _MARK else 0
     body = _line_end(content, start)
     below = _line_end(content, body)
     header, second = content[start:body].decode(), content[body:below].decode()
@@ -111,20 +113,20 @@ def read_packed(file: str, content: bytes) -> Table:
     return read(file, unpacked)
 
 
-def _check_text(file: str, content: bytes) -> None:
+def _check_text(file: str, content: bytes | mmap.mmap) -> None:
     """Refuse what is not text."""
-    if not content[:_BLOCK].strip() and not content.strip():
+    if not any(block.strip() for block in _blocks(content, 0)):
         raise InputError(f"{file}: the file is empty; a header line and data rows were wanted.")
-    if content.startswith(b"PAR1"):
+    if content[:4] == b"PAR1":
         raise InputError(
             f"{file}: the content is parquet, not CSV text; rename the file to end in .parquet."
         )
-    start = 0
+    start, where = 0, None
     try:
         for block in _blocks(content, 0):
             block.decode()
+            where = "" if b"\0" in block else where
             start += len(block)
-        where = "" if b"\0" in content else None
     except UnicodeDecodeError as error:
         where = f" (byte {start + error.start + 1})"
     if where is not None:
@@ -134,23 +136,25 @@ def _check_text(file: str, content: bytes) -> None:
         )
 
 
-def _line_end(content: bytes, start: int) -> int:
+def _line_end(content: bytes | mmap.mmap, start: int) -> int:
     """Return where the line that begins at ``start`` ends: behind LF, CR LF or CR."""
     feed = content.find(b"\n", start) + 1 or len(content)
     carriage = content.find(b"\r", start, feed) + 1 or feed
-    return feed if feed == carriage + 1 and content.endswith(b"\n", 0, feed) else carriage
+    return feed if feed == carriage + 1 and content[feed - 1 : feed] == b"\n" else carriage
 
 
-def _blocks(content: bytes, start: int) -> Iterator[bytes]:
+def _blocks(content: bytes | mmap.mmap, start: int) -> Iterator[bytes]:
     """Yield whole lines of about 8 MiB; a quoted cell may hold more than one line."""
     while start < len(content):
         end, open_quote = start, False
         while open_quote or end == start:
             begin, end = end, content.find(b"\n", end + _BLOCK) + 1 or len(content)
-            open_quote ^= content.count(b'"', begin, end) % 2 == 1
+            open_quote ^= content[begin:end].count(b'"') % 2 == 1
             open_quote &= end < len(content)
         yield content[start:end]
         start = end
+        if isinstance(content, mmap.mmap):
+            forget(content)
 
 
 def _dialect(header: str, second: str, comma_below: bool) -> Dialect:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from penode.data.gathered import Gathered
 from penode.data.table import Column, cell_error
 from penode.errors import InputError
 
@@ -81,7 +82,7 @@ class Cells:
         self._rows = 0
         self._lines = lines
         self._seen = {name: _Seen() for name in names}
-        self._parts: dict[str, list[Column]] = {name: [] for name in names}
+        self._parts = {name: Gathered() for name in names}
 
     @property
     def text(self) -> dict[str, tuple[str, str]]:
@@ -102,7 +103,7 @@ class Cells:
             How many lines it has.
         """
         for name, values in block.items():
-            self._parts[name].append(values)
+            self._parts[name].add(values)
             self._seen[name].number |= len(values) > 0
         self._rows += len(next(iter(block.values())))
         self._lines += lines
@@ -137,7 +138,7 @@ class Cells:
             raise unsplittable(self._file, self._lines + reader.line_num, error) from error
         self._lines += reader.line_num
         for parts, column in zip(self._parts.values(), table, strict=True):
-            parts.append(np.array(column, dtype=np.float64))
+            parts.add(np.array(column, dtype=np.float64))
 
     def _value(self, seen: _Seen, cell: str, place: str) -> float:
         number = self._dialect.number(cell)
@@ -164,14 +165,7 @@ class Cells:
             if seen.first is not None and (seen.other or seen.number):
                 place, cell = seen.first
                 raise cell_error(self._file, place, name, cell)
-        return {name: _joined(self._parts[name]) for name in numbers}
-
-
-def _joined(parts: list[Column]) -> Column:
-    """Return the parts as one column, and let go of them."""
-    whole = np.concatenate(parts) if parts else np.empty(0)
-    parts.clear()
-    return whole
+        return {name: self._parts[name].whole() for name in numbers}
 
 
 def unsplittable(file: str, line: int, error: csv.Error) -> InputError:

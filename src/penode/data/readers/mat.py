@@ -3,7 +3,7 @@
 import io
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 
@@ -25,14 +25,14 @@ _HEADERS = (0, 512, 1024, 2048, 4096)
 _COMPRESSION = 1040
 
 
-def read(file: str, content: bytes) -> Table:
+def read(file: str, source: BinaryIO) -> Table:
     """Read the numeric vectors of a MATLAB file.
 
     Parameters
     ----------
     file : str
         Name of the file, for messages.
-    content : bytes
+    source : binary file
 
     Returns
     -------
@@ -51,10 +51,14 @@ def read(file: str, content: bytes) -> Table:
         If the file is no MATLAB file, holds no numeric vector, or less than it declares. A
         damaged file makes the libraries raise what they will.
     """
-    table = Table({})
-    for name, variable in _variables(file, content).items():
+    columns: dict[str, Column] = {}
+    table = Table(columns)
+    for name, variable in _variables(file, source.read()).items():
         for vectors, clock in _vectors_within(printable(name), variable, None):
-            _put(file, table, vectors, clock)
+            clean_names(file, [*vectors, *(twice for twice in vectors if twice in columns)])
+            columns.update(vectors)
+            if clock is not None:
+                table.clocks.update(dict.fromkeys(vectors, clock))
     if not table.columns:
         raise InputError(
             f"{file}: no numeric vector in this MATLAB file; save vectors or structs of vectors "
@@ -81,15 +85,6 @@ def _variables(file: str, content: bytes) -> dict[str, _Variable]:
             )
     held = loadmat(io.BytesIO(content), simplify_cells=True)
     return {name: value for name, value in held.items() if not name.startswith("__")}
-
-
-def _put(file: str, table: Table, vectors: dict[str, Column], clock: str | None) -> None:
-    """Add columns to the table, refusing a name that is there."""
-    twice = [name for name in vectors if name in table.columns]
-    clean_names(file, [*vectors, *twice])
-    table.columns.update(vectors)
-    if clock is not None:
-        table.clocks.update(dict.fromkeys(vectors, clock))
 
 
 def _vectors_within(

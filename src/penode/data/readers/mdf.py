@@ -1,14 +1,14 @@
 """Reader of MDF measurement files (ASAM MDF version 4), by the library asammdf."""
 
 import importlib
-import io
 import sys
-from typing import Any
+from functools import partial
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from penode.data.signals import Signal, table_of
-from penode.data.table import Table
+from penode.data.table import Column, Table
 from penode.errors import InputError
 
 # Types of conversion (ASAM MDF 4, block CC) that make numbers of numbers: none, linear, rational,
@@ -20,14 +20,14 @@ _TEXT = 7
 _TIME = 1
 
 
-def read(file: str, content: bytes) -> Table:
+def read(file: str, source: BinaryIO) -> Table:
     """Read the numeric channels of an MDF file.
 
     Parameters
     ----------
     file : str
         Name of the file, for messages.
-    content : bytes
+    source : binary file
 
     Returns
     -------
@@ -43,7 +43,8 @@ def read(file: str, content: bytes) -> Table:
         less than it declares, or a formula to compute a channel by. A damaged file makes the
         library raise what it will.
     """
-    _check_kind(file, content)
+    _check_kind(file, source.read(16))
+    source.seek(0)
     sys.modules.setdefault("sympy", None)  # type: ignore[arg-type]  # it executes formulas
     try:
         library = importlib.import_module("asammdf")
@@ -51,20 +52,20 @@ def read(file: str, content: bytes) -> Table:
         raise InputError(
             f"{file}: reading MDF needs the library asammdf; pip install 'penode[mdf]'."
         ) from error
-    with library.MDF(io.BytesIO(content), process_bus_logging=False) as recording:
-        return table_of(file, _signals(file, recording))
+    recording = library.MDF(source, process_bus_logging=False)
+    return table_of(file, _signals(file, recording))
 
 
-def _check_kind(file: str, content: bytes) -> None:
+def _check_kind(file: str, head: bytes) -> None:
     """Refuse what is no finished MDF file of version 4."""
-    if content.startswith(b"UnFinMF"):
+    if head.startswith(b"UnFinMF"):
         raise InputError(
             f"{file}: the MDF file was not closed by what recorded it; let the recorder or its "
             "tools finalise it."
         )
-    if not content.startswith(b"MDF"):
+    if not head.startswith(b"MDF"):
         raise InputError(f"{file}: the content is no MDF file; export the recording as MDF 4.")
-    version = content[8:16].decode("ascii", "replace").strip("\0 ")
+    version = head[8:16].decode("ascii", "replace").strip("\0 ")
     if not version.startswith("4."):
         raise InputError(f"{file}: version {version!r} of MDF came; export the recording as MDF 4.")
 
@@ -74,27 +75,39 @@ def _signals(file: str, recording: Any) -> list[Signal]:
     signals = []
     for number, group in enumerate(recording.groups):
         numeric = [i for i, channel in enumerate(group.channels) if _is_numeric(file, channel)]
-        if numeric:
-            _check_length(file, recording, number)
-        master = _time_channel(recording, number)
+        if not numeric:
+            continue
+        shared, master = _times(file, recording, number), _time_channel(recording, number)
         for index in numeric:
-            signal = recording.get(group=number, index=index)
-            if index != master and signal.samples.ndim == 1 and signal.samples.dtype.kind in "biuf":
-                values, times = (a.astype(np.float64) for a in (signal.samples, signal.timestamps))
-                place, clock = f"group {number + 1}", None if master is None else times
-                signals.append(Signal(place, signal.name, signal.unit or "", values, clock))
+            head = recording.get(group=number, index=index, record_count=1)
+            if index == master or head.samples.ndim != 1 or head.samples.dtype.kind not in "biuf":
+                continue
+            decode, times = partial(_values, recording, number, index), shared
+            if group.channel_group.invalidation_bytes_nr:
+                signal = recording.get(group=number, index=index)
+                decode = partial(np.asarray, signal.samples.astype(np.float64))
+                times = signal.timestamps.astype(np.float64)
+            place, clock = f"group {number + 1}", None if master is None else times
+            signals.append(Signal(place, head.name, head.unit or "", decode, clock))
     return signals
 
 
-def _check_length(file: str, recording: Any, number: int) -> None:
-    """Refuse a group that holds other than the samples that it declares."""
+def _values(recording: Any, number: int, index: int) -> Column:
+    """Return the values of a channel of which no sample is invalid."""
+    samples, _ = recording.get(group=number, index=index, samples_only=True)
+    return np.asarray(samples, dtype=np.float64)
+
+
+def _times(file: str, recording: Any, number: int) -> Column:
+    """Return the times of a group, refusing one that holds other samples than it declares."""
     declared = recording.groups[number].channel_group.cycles_nr
-    held = len(recording.get_master(number))
-    if held != declared:
+    times = np.asarray(recording.get_master(number), dtype=np.float64)
+    if len(times) != declared:
         raise InputError(
-            f"{file}: group {number + 1} declares {declared} samples and holds {held}; copy or "
-            "export it again."
+            f"{file}: group {number + 1} declares {declared} samples and holds {len(times)}; copy "
+            "or export it again."
         )
+    return times
 
 
 def _time_channel(recording: Any, number: int) -> int | None:

@@ -1,30 +1,31 @@
 """Reader of parquet files with flat numeric columns."""
 
-import io
+from functools import partial
+from typing import Any, BinaryIO
 
 import numpy as np
 import polars as pl
 
-from penode.data.table import Column, Table, cell_error, clean_names
+from penode.data.table import Column, Decoded, Table, cell_error, clean_names
 from penode.errors import InputError
 
 _MAGIC = b"PAR1"
 
 
-def read(file: str, content: bytes) -> Table:
+def read(file: str, source: BinaryIO) -> Table:
     """Read the columns of a parquet file.
 
     Parameters
     ----------
     file : str
         Name of the file, for messages.
-    content : bytes
+    source : binary file
 
     Returns
     -------
     Table
-        Columns in the order of the file, float64 and finite, in the units of the file; text and
-        dates are left out.
+        Columns in the order of the file, float64 and finite, in the units of the file, each decoded
+        when it is asked for; text and dates are left out.
 
     Raises
     ------
@@ -33,12 +34,17 @@ def read(file: str, content: bytes) -> Table:
         numeric, or a value that is missing or not finite; the message names the data row (from 1)
         and the channel.
     """
-    frame = _frame(file, content)
-    names = clean_names(file, frame.columns)
-    series = dict(zip(names, frame.get_columns(), strict=True))
+    head = _frame(file, source, n_rows=1)
+    names = clean_names(file, head.columns)
+    series = dict(zip(names, head.get_columns(), strict=True))
     text = {name: ("data row 1", str(s[0])) for name, s in series.items() if len(s) and _is_text(s)}
-    numbers = {name: s for name, s in series.items() if name not in text}
-    return Table({name: _column(file, name, s) for name, s in numbers.items()}, text=text)
+    numbers = {name: s.name for name, s in series.items() if name not in text}
+
+    def column(name: str) -> Column:
+        frame = _frame(file, source, columns=[numbers[name]])
+        return _column(file, name, frame.to_series())
+
+    return Table(Decoded({name: partial(column, name) for name in numbers}), text=text)
 
 
 def _is_text(series: pl.Series) -> bool:
@@ -46,17 +52,20 @@ def _is_text(series: pl.Series) -> bool:
     return series.dtype in (pl.String, pl.Categorical) or series.dtype.is_temporal()
 
 
-def _frame(file: str, content: bytes) -> pl.DataFrame:
-    """Decode the bytes of the file."""
-    if not content:
+def _frame(file: str, source: BinaryIO, **what: Any) -> pl.DataFrame:
+    """Decode a part of the file."""
+    source.seek(0)
+    head = source.read(len(_MAGIC))
+    source.seek(0)
+    if not head:
         raise InputError(f"{file}: the file is empty; a parquet file was wanted.")
-    if not content.startswith(_MAGIC):
+    if head != _MAGIC:
         raise InputError(
             f"{file}: the content is not parquet; rename a text file to end in .csv, "
             "or export the recording again."
         )
     try:
-        return pl.read_parquet(io.BytesIO(content))
+        return pl.read_parquet(source, **what)
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(

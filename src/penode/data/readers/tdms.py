@@ -2,7 +2,8 @@
 
 import importlib
 import io
-from typing import Any, Literal
+from functools import partial
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
@@ -18,14 +19,14 @@ _BIG_ENDIAN = 1 << 6
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "unit")
 
 
-def read(file: str, content: bytes) -> Table:
+def read(file: str, source: BinaryIO) -> Table:
     """Read the numeric channels of a TDMS file.
 
     Parameters
     ----------
     file : str
         Name of the file, for messages.
-    content : bytes
+    source : binary file
 
     Returns
     -------
@@ -39,7 +40,9 @@ def read(file: str, content: bytes) -> Table:
         If npTDMS is not installed, or the file is no TDMS file or cut short. A damaged file makes
         the library raise what it will.
     """
-    if not content.startswith(_TAG):
+    size = source.seek(0, io.SEEK_END)
+    source.seek(0)
+    if source.read(len(_TAG)) != _TAG:
         raise InputError(f"{file}: the content is no TDMS file; export the recording as TDMS.")
     try:
         library = importlib.import_module("nptdms")
@@ -47,21 +50,23 @@ def read(file: str, content: bytes) -> Table:
         raise InputError(
             f"{file}: reading TDMS needs the library npTDMS; pip install 'penode[tdms]'."
         ) from error
-    if not _is_complete(content):
+    if not _is_complete(source, size):
         raise InputError(f"{file}: the TDMS file is cut short; copy or export it again.")
-    return table_of(file, _signals(library.TdmsFile.read(io.BytesIO(content))))
+    source.seek(0)
+    return table_of(file, _signals(library.TdmsFile.open(source)))
 
 
-def _is_complete(content: bytes) -> bool:
+def _is_complete(source: BinaryIO, size: int) -> bool:
     """Return whether the last segment ends where the file does; the library reads what is left."""
     end = 0
-    while end < len(content):
-        head = content[end : end + _LEAD_IN]
+    while end < size:
+        source.seek(end)
+        head = source.read(_LEAD_IN)
         if len(head) < _LEAD_IN or not head.startswith(_TAG):
             return False
         order: Literal["big", "little"] = "big" if head[4] & _BIG_ENDIAN else "little"
         end += _LEAD_IN + int.from_bytes(head[12:20], order)
-    return end == len(content)
+    return end == size
 
 
 def _signals(recording: Any) -> list[Signal]:
@@ -73,12 +78,16 @@ def _signals(recording: Any) -> list[Signal]:
             channel.group_name,
             channel.name,
             _unit(channel),
-            np.asarray(channel[:], dtype=np.float64),
+            partial(_values, channel),
             _times(channel, min(begins, default=None)),
         )
         for channel in channels
         if channel.dtype is not None and channel.dtype.kind in "biuf"
     ]
+
+
+def _values(channel: Any) -> Column:
+    return np.asarray(channel[:], dtype=np.float64)
 
 
 def _unit(channel: Any) -> str:

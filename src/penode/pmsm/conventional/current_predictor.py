@@ -18,7 +18,7 @@ from penode.pmsm.balance.start import weak_start
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.recording.channels import drive_recording
-from penode.pmsm.study import Study
+from penode.pmsm.study_settings import Study
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
 from penode.training.plan import Plan, Stage

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from penode.arrays import one_blas_thread
+from penode.data.excerpt import STRETCH, excerpt
 from penode.data.experiment import Experiment
 from penode.data.quality import Finding, inspect
 from penode.errors import InputError
@@ -16,11 +17,11 @@ from penode.pmsm.conventions.check import check_all
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.precheck.excitation import Excitation, excitation_of
 from penode.pmsm.precheck.identifiability import Identifiability, identifiability_of
-from penode.pmsm.recording.channels import drive_recording, require_channels
+from penode.pmsm.recording.channels import drive_recording, electrical, require_channels
 from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
-from penode.pmsm.recording.stationary_frame import LINK
 
-_INSPECTED = ("u", "i")
+#: Samples that are enough to judge all but the quality of the channels by.
+SAMPLES = 10 * STRETCH
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,8 @@ class RecordingCheck:
     identifiability : Identifiability or None
     structure : tuple of str
         How the voltage acts where that is not as recorded, terms that the model would get, and why.
+    sentence : str
+        What was used beyond the quality of the channels; empty where all was.
     """
 
     recordings: tuple[Experiment, ...]
@@ -52,6 +55,7 @@ class RecordingCheck:
     excitation: Excitation | None = None
     identifiability: Identifiability | None = None
     structure: tuple[str, ...] = ()
+    sentence: str = ""
 
     @property
     def verdict(self) -> str:
@@ -104,6 +108,7 @@ class RecordingCheck:
                 for b in self.broken
             ],
             "untold": list(self.untold),
+            "used": self.sentence,
         }
         if self.excitation is not None and self.identifiability is not None:
             document["excitation"] = {
@@ -181,15 +186,16 @@ def check_recordings(
     InputError
         If a recording cannot be used at all.
     """
-    quality = tuple(f for e in recordings for f in inspect(e, _electrical(e)))
-    calibration = _calibration(recordings, study)
-    judged = check_all(recordings, calibration, pole_pairs, plate)
+    quality = tuple(f for e in recordings for f in inspect(e, electrical([e])))
+    used = excerpt(recordings, electrical(recordings), SAMPLES)
+    calibration = _calibration(used.experiments, study)
+    judged = check_all(used.experiments, calibration, pole_pairs, plate)
     broken = tuple(b for one in judged for b in one.broken)
     untold = tuple(dict.fromkeys(sentence for one in judged for sentence in one.untold))
     if broken:
-        return RecordingCheck(tuple(recordings), quality, broken, untold)
+        return RecordingCheck(tuple(recordings), quality, broken, untold, sentence=used.sentence)
     drives = tuple(
-        calibration.acting(calibration.applied(e)) for e in _drives(recordings, study.terms)
+        calibration.acting(calibration.applied(e)) for e in _drives(used.experiments, study.terms)
     )
     structure = structure_of(drives, study.flux_map, study.terms, study.candidates)
     return RecordingCheck(
@@ -201,6 +207,7 @@ def check_recordings(
         excitation_of(drives),
         identifiability_of(drives, study.flux_map, structure.terms),
         (*calibration.reasons, *structure.term_reasons, *structure.angle_reasons),
+        used.sentence,
     )
 
 
@@ -218,8 +225,3 @@ def _calibration(recordings: Sequence[Experiment], study: AskedModel) -> Calibra
         return calibration_of(_drives(recordings, study.terms), study.terms)
     except InputError:
         return AS_RECORDED
-
-
-def _electrical(experiment: Experiment) -> list[str]:
-    """Return the voltages and currents; that of the DC link may stand still."""
-    return [n for n in experiment.channels if n.split("_")[0] in _INSPECTED and n != LINK]

@@ -11,7 +11,12 @@ from penode.errors import InputError
 from penode.pmsm.machine.frames import dq_from_abc
 from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.machine.terms import ANGLE, Channel, Term
-from penode.pmsm.recording.stationary_frame import form_of, turns_with_rotor, with_phases
+from penode.pmsm.recording.stationary_frame import (
+    LINK,
+    form_of,
+    turns_with_rotor,
+    with_phases,
+)
 
 #: Channel -> unit. Currents and voltages are peak values in the amplitude-invariant dq frame.
 CANONICAL = {
@@ -21,6 +26,8 @@ CANONICAL = {
 
 #: Electrical angle turned in one sample beyond which the recording cannot be what it says.
 _LARGEST_TURN = np.pi / 2
+#: What voltages and currents begin with.
+_ELECTRICAL = ("u", "i")
 
 
 def drive_recording(experiment: Experiment) -> Experiment:
@@ -45,10 +52,7 @@ def drive_recording(experiment: Experiment) -> Experiment:
         If a channel is missing, neither current or neither voltage ever moves, or the machine turns
         more than a quarter electrical turn a sample (a time column in ms, or a speed in rpm).
     """
-    kinds = stationary_kinds(experiment.channels)
-    if kinds:
-        experiment = _from_phases(with_phases(experiment), kinds)
-    experiment.stack(("i_d", "i_q", "u_d", "u_q", "omega_el"))
+    experiment = in_dq(experiment)
     for kind in "iu":
         check_some_excitation(experiment, (f"{kind}_d", f"{kind}_q"))
     speed = np.abs(experiment.channels["omega_el"])
@@ -60,6 +64,38 @@ def drive_recording(experiment: Experiment) -> Experiment:
             f"{_LARGEST_TURN:.2g} was wanted; give t in seconds and omega_el in electrical rad/s."
         )
     return experiment
+
+
+def in_dq(experiment: Experiment) -> Experiment:
+    """Return a recording with the channels of `drive_recording`, not judged by its values.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        As in `drive_recording`.
+
+    Raises
+    ------
+    InputError
+        If a channel is missing.
+    """
+    kinds = stationary_kinds(experiment.channels)
+    if kinds:
+        experiment = _from_phases(with_phases(experiment), kinds)
+    experiment.require(("i_d", "i_q", "u_d", "u_q", "omega_el"))
+    return experiment
+
+
+def electrical(experiments: Sequence[Experiment]) -> tuple[str, ...]:
+    """Return the voltages and currents of recordings; that of the DC link may stand still.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        As a study file maps them.
+    """
+    names = dict.fromkeys(name for e in experiments for name in e.channels)
+    return tuple(n for n in names if n.split("_")[0] in _ELECTRICAL and n != LINK)
 
 
 def missing_channels(present: Collection[str]) -> list[str]:

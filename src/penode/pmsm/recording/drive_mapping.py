@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
+from penode.data.gathered import gathered, in_pieces
 from penode.data.load import experiment_of, read
 from penode.data.mapping import Origin
 from penode.data.table import TIME, Table, list_names
@@ -128,8 +130,8 @@ class DriveMapping:
         self._require(path, table, {*origins, *constant})
         origins = {n: self._in_base(str(path), table, n, o) for n, o in origins.items()}
         run = experiment_of(table, source, origins, self.resample)
-        channels = {name: values * self._factor(name) for name, values in run.channels.items()}
-        channels |= {name: np.full(len(run), value) for name, value in constant.items()}
+        channels = {name: self._scaled(name, values) for name, values in run.channels.items()}
+        channels |= {name: gathered(np.full(len(run), value)) for name, value in constant.items()}
         return replace(run, channels=channels)
 
     def _require(self, path: str | Path, table: Table, present: Collection[str]) -> None:
@@ -167,6 +169,10 @@ class DriveMapping:
                 f"is missing; give {base}, what 1 is in {origin.si}, in the study file."
             )
         return origin
+
+    def _scaled(self, name: str, values: FloatArray) -> FloatArray:
+        factor = self._factor(name)
+        return values if factor == 1.0 else in_pieces(lambda piece: piece * factor, values)
 
     def _factor(self, name: str) -> float:
         channel = self.channels.get(name, DriveOrigin(Origin(name)))

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from penode.pmsm.study import Study
+from penode.pmsm.study_settings import Study
 
 
 @dataclass(frozen=True)

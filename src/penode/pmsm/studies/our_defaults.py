@@ -7,7 +7,8 @@ from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.horizon.ladder import Observer, ignore_events
 from penode.pmsm.recording.accuracy import Accuracy
-from penode.pmsm.study import Study, identify
+from penode.pmsm.study import identify
+from penode.pmsm.study_settings import Study
 
 
 @dataclass(frozen=True)

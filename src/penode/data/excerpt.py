@@ -1,0 +1,177 @@
+"""Excerpt: stretches of recordings that hold far more samples than an answer needs.
+
+A recording of a day is used by stretches of it, each of which is a recording like any other. They
+are spread over its whole length and over all that its channels do there, and the uncertainty of
+what is estimated from them is that of what was used.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.arrays import BoolArray, FloatArray, IntArray
+from penode.data.experiment import Experiment
+from penode.data.gathered import released
+from penode.errors import InputError
+
+#: Samples of a stretch, and the fewest where recordings are many.
+STRETCH, _SHORTEST = 10_000, 2_000
+#: Movement of a stretch, over that of those that move most, from which it is worth a look.
+_LIVELY = 0.1
+#: Movement of a channel, over its size, that is rounding.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class Excerpt:
+    """What is used of recordings.
+
+    Attributes
+    ----------
+    experiments : tuple of Experiment
+        Recordings that are used whole, and stretches of the others in order of time.
+    sentence : str
+        What was used and what there is; empty where all is used.
+    """
+
+    experiments: tuple[Experiment, ...]
+    sentence: str = ""
+
+
+def excerpt(
+    experiments: Sequence[Experiment],
+    moving: Collection[str],
+    samples: int,
+    *,
+    seed: int = 0,
+    length: int = STRETCH,
+) -> Excerpt:
+    """Return recordings as they are, or stretches of them where there are more samples than wanted.
+
+    Half of the stretches of a recording are drawn one from each part of its length; the other half
+    are those that differ most from all before: in the mean, the range and the power of each moving
+    channel. Stretches in which next to nothing moves are left aside.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+    moving : collection of str
+        Channels that have to move and that are to be covered, where they are recorded.
+    samples : int
+        Most samples wanted of all recordings together.
+    seed : int
+        Of the draw, not negative.
+    length : int
+        Samples of a stretch; fewer where there are many recordings.
+
+    Returns
+    -------
+    Excerpt
+
+    Raises
+    ------
+    InputError
+        If fewer samples are wanted than make one stretch of each recording, or a recording has none
+        of the channels.
+    """
+    whole = sum(map(len, experiments))
+    if whole <= samples:
+        return Excerpt(tuple(experiments))
+    length = min(length, samples // len(experiments))
+    if length < _SHORTEST:
+        raise InputError(
+            f"samples {samples} came for {len(experiments)} recordings; ask for "
+            f"{_SHORTEST * len(experiments)} at least, {_SHORTEST} of each."
+        )
+    parts: list[Experiment] = []
+    for number, experiment in enumerate(experiments):
+        count = max(int(samples / whole * len(experiment) / length), 1)
+        random = np.random.default_rng([seed, number])
+        parts += _stretches(experiment, moving, (count, length), random)
+    used = sum(map(len, parts))
+    if used == whole:
+        return Excerpt(tuple(parts))
+    spread = "one stretch"
+    if len(parts) > 1:
+        spread = f"{len(parts)} stretches over the whole length and all that the channels do there"
+    sentence = (
+        f"Of {_grouped(whole)} samples {_grouped(used)} were used, in {spread}; the intervals are "
+        "those of what was used."
+    )
+    return Excerpt(tuple(parts), sentence)
+
+
+def _grouped(number: int) -> str:
+    return f"{number:,}".replace(",", "\N{NO-BREAK SPACE}")
+
+
+def _stretches(
+    experiment: Experiment,
+    moving: Collection[str],
+    count_and_length: tuple[int, int],
+    random: np.random.Generator,
+) -> list[Experiment]:
+    """Return stretches of one recording, or the whole where they would be most of it."""
+    count, length = count_and_length
+    blocks = len(experiment) // length
+    if blocks <= count:
+        return [experiment]
+    first = int(random.integers(len(experiment) - blocks * length + 1))
+    names = [name for name in experiment.channels if name in moving]
+    experiment.require(names or tuple(moving))
+    traits, movement = _traits(experiment, names, slice(first, first + blocks * length), blocks)
+    lively = np.flatnonzero(_is_lively(movement, count))
+    drawn = [int(random.choice(part)) for part in np.array_split(lively, -(-count // 2))]
+    chosen = _with_furthest(traits, lively, drawn, count)
+    return [experiment.part(first + length * k, first + length * (k + 1)) for k in chosen]
+
+
+def _traits(
+    experiment: Experiment, names: Sequence[str], rows: slice, blocks: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return what channels do in each block: traits (block, trait), movement (block, channel).
+
+    Traits are fractions of what the channel spans in the whole recording.
+    """
+    traits, movement = [np.zeros((blocks, 1))], [np.zeros((blocks, 0))]
+    for name in names:
+        values = experiment.channels[name][rows].reshape(blocks, -1)
+        low, high = values.min(axis=1), values.max(axis=1)
+        power = np.einsum("bt,bt->b", values, values) / values.shape[1]
+        each = np.stack([low, high, values.mean(axis=1), np.sqrt(power)], axis=1)
+        released(experiment.channels[name])
+        traits.append(each / max(float(np.ptp(each[:, :2])), 1e-300))
+        movement.append(
+            np.where(high - low > _ROUNDING * np.abs(each).max(), high - low, 0.0)[:, None]
+        )
+    return np.concatenate(traits, axis=1), np.concatenate(movement, axis=1)
+
+
+def _is_lively(movement: FloatArray, count: int) -> BoolArray:
+    """Return in which blocks (block,) every channel moves, and all together as much as elsewhere.
+
+    Elsewhere: where each moves most, but for so few blocks that they may be outliers.
+    """
+    usual = np.sort(movement, axis=0)[-min(count + 1, len(movement))]
+    share = np.mean(movement / np.maximum(usual, 1e-300), axis=1)
+    moving = ((movement > 0.0) | (usual == 0.0)).all(axis=1)  # one that never moves says nothing
+    lively = moving & (share >= _LIVELY)
+    enough = [kept for kept in (lively, moving) if kept.sum() >= count]
+    return np.asarray([*enough, np.ones(len(movement), dtype=bool)][0])
+
+
+def _with_furthest(
+    traits: FloatArray, lively: IntArray, chosen: Sequence[int], count: int
+) -> list[int]:
+    """Return `count` blocks in order: those chosen, and one by one the furthest from them all."""
+    chosen = list(chosen)
+    gap = np.full(len(lively), np.inf)
+    for block in chosen:
+        gap = np.minimum(gap, np.linalg.norm(traits[lively] - traits[block], axis=1))
+    while len(chosen) < count:
+        block = int(lively[np.argmax(gap)])
+        chosen.append(block)
+        gap = np.minimum(gap, np.linalg.norm(traits[lively] - traits[block], axis=1))
+        gap[np.isin(lively, chosen)] = -1.0
+    return sorted(chosen)

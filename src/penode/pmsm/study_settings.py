@@ -1,0 +1,162 @@
+"""What a user may ask for: settings of an identification, and what they mean for recordings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from penode.data.excerpt import STRETCH, Excerpt, excerpt
+from penode.data.experiment import Experiment
+from penode.data.windows import Jittered
+from penode.errors import InputError
+from penode.horizon.held_out import LOOK_AHEADS, HeldOut
+from penode.horizon.ladder import HORIZONS, fitting_plan, ladder_plan
+from penode.horizon.selection import Longest, Plateau, Selector
+from penode.pmsm.balance.calibration import Calibration
+from penode.pmsm.balance.calibration_fit import calibration_of
+from penode.pmsm.balance.doubt import Doubt
+from penode.pmsm.balance.term_selection import CANDIDATES, is_open, structure_of
+from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
+from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
+from penode.pmsm.machine.term_registry import completed
+from penode.pmsm.machine.terms import Term
+from penode.pmsm.recording.accuracy import DEFAULT_ACCURACY, Accuracy
+from penode.pmsm.recording.channels import electrical, require_channels
+from penode.training.plan import Plan
+from penode.training.second_order import LevenbergMarquardt
+
+#: What the horizon may be chosen for.
+PURPOSES = ("parameters", *LOOK_AHEADS)
+#: Samples between windows of short horizons where recordings hold far more than is used.
+_APART = 5
+#: First damping for a map that is linear in its coefficients: one step reaches the minimum.
+_NEARLY_LINEAR = 1e-6
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a user may ask for; everything has a default.
+
+    Attributes
+    ----------
+    flux_map : str
+        A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
+    horizon : int or None
+        Steps of one sample; None selects it from the data.
+    pole_pairs : int or None
+        For the torque; None where it is not needed.
+    seed : int
+        Seed of window placement, and of the draw of a map other than ``"coenergy"``.
+    terms : tuple of Term
+        Of the voltage equation, beside resistance and rotation or in their place.
+    candidates : tuple of Term
+        Terms that the data decide; dead time by default.
+    angle_orders : tuple of int or None
+        Harmonics of the electrical angle in the flux map, such as (6, 12); they need theta_el.
+        None decides from the data.
+    purpose : str
+        ``"parameters"`` picks the horizon by the agreement of the physical parameters,
+        ``"simulation"`` and ``"one_step"`` by the errors of free runs and of single steps, on the
+        validation recordings where there are any.
+    hold : str or None
+        Frame in which the voltage of a row is held until the next: ``"dq"``, or
+        ``"stationary"`` for an inverter without correction of the turn. None decides from the
+        data, and whether the voltage acts later than it was recorded.
+    samples : int
+        Most samples that are used; of more, stretches are (`penode.data.excerpt`).
+    accuracy : Accuracy
+        Of the recording chain, for the uncertainty budget; an ordinary bench's by default.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, the horizon is below 1, the map cannot have angle orders, or two
+        terms have one role.
+    """
+
+    flux_map: str = "coenergy"
+    horizon: int | None = None
+    pole_pairs: int | None = None
+    seed: int = 0
+    terms: tuple[Term, ...] = ()
+    candidates: tuple[Term, ...] = CANDIDATES
+    angle_orders: tuple[int, ...] | None = None
+    hold: str | None = None
+    samples: int = 10 * STRETCH
+    purpose: str = "parameters"
+    accuracy: Accuracy = DEFAULT_ACCURACY
+
+    def __post_init__(self) -> None:
+        if self.flux_map not in FLUX_MAPS:
+            raise InputError(
+                f"flux map {self.flux_map!r} came; choose one of {', '.join(FLUX_MAPS)}."
+            )
+        if self.horizon is not None and self.horizon < 1:
+            raise InputError(f"horizon {self.horizon} came; give a whole number from 1, or auto.")
+        if self.samples < 1:
+            raise InputError(f"samples {self.samples} came; give a whole number from 1.")
+        if self.purpose not in PURPOSES:
+            raise InputError(f"purpose {self.purpose!r} came; choose one of {', '.join(PURPOSES)}.")
+        check_hold(self.hold or DEFAULT_HOLD)
+        completed(self.terms)
+        check_angle_orders(self.flux_map, self.angle_orders or ())
+
+    def plan(self, experiments: Sequence[Experiment], partly: bool = False) -> Plan:
+        """Return the ladder: up to the horizon asked for, or as far as the recordings reach.
+
+        Of recordings that are used partly short horizons leave samples between their windows.
+        """
+        # A map with angle orders is larger and starts closer: fewer rungs, none of them cold.
+        horizons = HORIZONS[:: 2 if self.angle_orders else 1]
+        optimiser = LevenbergMarquardt(evaluations=25) if self.angle_orders else None
+        if self.flux_map == "coenergy":
+            optimiser = LevenbergMarquardt(evaluations=25, damping=_NEARLY_LINEAR)
+        if self.horizon is None:
+            plan = fitting_plan(ladder_plan(horizons, optimiser, self.seed), experiments)
+        else:
+            below = [h for h in HORIZONS if h < self.horizon]
+            plan = ladder_plan([*below[::3], self.horizon], optimiser, self.seed)
+        placement = Jittered(self.seed, shortest=_APART if partly else 1)
+        return replace(plan, hold=HOLDS[self.hold or DEFAULT_HOLD], placement=placement)
+
+    def excerpt(self, experiments: Sequence[Experiment]) -> Excerpt:
+        """Return what is used of recordings."""
+        return excerpt(experiments, electrical(experiments), self.samples, seed=self.seed)
+
+    def check(self, experiments: Sequence[Experiment]) -> None:
+        """Refuse recordings without a channel that the model needs.
+
+        Raises
+        ------
+        InputError
+            If a channel of a term, or theta_el for angle orders, is missing or not credible.
+        """
+        require_channels(experiments, self.terms, self.angle_orders or ())
+
+    def decided(
+        self, experiments: Sequence[Experiment]
+    ) -> tuple["Study", tuple[str, ...], tuple[Doubt, ...]]:
+        """Return the study with what was left to the data decided, why, and what stays open."""
+        if self.angle_orders is not None and not (self.candidates or any(map(is_open, self.terms))):
+            return self, (), ()
+        structure = structure_of(experiments, self.flux_map, self.terms, self.candidates)
+        study, reasons = replace(self, terms=structure.terms, candidates=()), structure.term_reasons
+        if self.angle_orders is None:
+            study = replace(study, angle_orders=structure.angle_orders)
+            reasons += structure.angle_reasons
+        return study, reasons, structure.doubts
+
+    def calibration(self, experiments: Sequence[Experiment]) -> Calibration:
+        """Return what the channels of recordings have to be corrected by."""
+        if self.hold is not None:
+            return Calibration(hold=self.hold)
+        return calibration_of(experiments, self.terms)
+
+    def selector(self, experiments: Sequence[Experiment]) -> Selector:
+        """Return the rule that picks the horizon, given what it may predict."""
+        if self.horizon is not None:
+            return Longest()
+        if self.purpose == "parameters":
+            return Plateau()
+        return HeldOut(experiments, LOOK_AHEADS[self.purpose])
+
+
+DEFAULT_STUDY = Study()
