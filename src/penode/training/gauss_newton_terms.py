@@ -85,7 +85,9 @@ def residual_scale(model: Model, visited: FloatArray, loss: Loss) -> FloatArray:
         Its `scale`; by default 1 if the states share a unit and else the channels' deviations.
     """
     with float64():
-        quantity = np.asarray(loss.domain(with_batch_axis(model), jnp.asarray(visited.T)))
+        quantity = np.asarray(
+            loss.domain(with_batch_axis(model), jnp.asarray(np.ascontiguousarray(visited.T)))
+        )
     if loss.scale is None and len(set(model.state_units)) == 1:
         return np.ones(len(quantity))
     scale = loss.scale or channel_deviation
