@@ -83,10 +83,10 @@ def compare(
     rows = _measured_rows(model)
     freed = [model.states.index(name) for name in (model.unmeasured if free is None else free)]
     with float64():
-        recorded = (experiment.stack(names).T for names in (model.states, model.inputs))
-        read, inputs = (np.ascontiguousarray(columns) for columns in recorded)
+        read, inputs = (experiment.stack(names).T for names in (model.states, model.inputs))
         batched = with_batch_axis(model)
-        measured = np.asarray(batched.corrected(jnp.asarray(read)))
+        corrected = batched.corrected(with_shared_length(read))
+        measured = np.asarray(corrected)[:, : len(experiment)]
         ahead = look_ahead(predictor, batched, measured, inputs, 1).T
         start = jnp.asarray(measured[:, : predictor.past].T[::-1].copy())
         if freed:
