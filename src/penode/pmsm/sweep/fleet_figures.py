@@ -20,6 +20,9 @@ _MARKS = (
     (palette.CAUTION, "triangle-down"),
     (palette.REFUSAL, "pentagon"),
 )
+SINGLED = len(_MARKS)
+#: Factor between the horizons at which variants are drawn beside each other.
+_BESIDE = 1.06
 #: Most points of a figure; of more, evenly spaced ones are drawn.
 _MOST = 3000
 
@@ -44,7 +47,7 @@ def over_dates(
     dated = bool(len(rows)) and not rows["date"].has_nulls()
     scale = scale_for(rows[name].to_numpy(), unit)
     figure = panels.blank_figure()
-    groups = [(one, rows.filter(pl.col("machine") == one)) for one in singled[: len(_MARKS)]]
+    groups = [(one, rows.filter(pl.col("machine") == one)) for one in singled[:SINGLED]]
     rest = rows.filter(~pl.col("machine").is_in([one for one, _ in groups]))
     for (label, group), (colour, marker) in zip(groups, _MARKS, strict=False):
         figure.add_trace(_points(group, label, (name, scale.factor, bars), dated))
@@ -115,17 +118,19 @@ def over_horizons(rows: pl.DataFrame) -> go.Figure:
     rows = rows.filter(pl.col("R").is_finite()).gather_every(max(-(-len(rows) // _MOST), 1))
     scale = scale_for(rows["R"].to_numpy(), "ohm")
     figure = panels.blank_figure()
-    groups = rows.group_by("variant", maintain_order=True)
-    for ((variant,), group), (colour, marker) in zip(groups, _MARKS, strict=False):
+    groups = list(rows.group_by("variant", maintain_order=True))[:SINGLED]
+    pairs = zip(groups, _MARKS, strict=False)
+    for number, (((variant,), group), (colour, marker)) in enumerate(pairs):
+        beside = _BESIDE ** (number - (len(groups) - 1) / 2)
         figure.add_trace(
             go.Scatter(
-                x=group["selected"].to_list(),
+                x=(group["selected"] * beside).to_list(),
                 y=panels.compact(group["R"].to_numpy() * scale.factor),
                 mode="markers",
                 name=str(variant) or "as the study says",
                 marker={"color": colour.light, "symbol": marker, "size": 8},
-                text=[_told(row, "R") for row in group.iter_rows(named=True)],
-                hovertemplate="H = %{x}, %{text}<extra></extra>",
+                text=[f"H = {r['selected']}, {_told(r, 'R')}" for r in group.iter_rows(named=True)],
+                hovertemplate="%{text}<extra></extra>",
             )
         )
     ticks = sorted(set(rows["selected"].to_list()))

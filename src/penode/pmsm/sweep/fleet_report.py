@@ -11,6 +11,8 @@ from penode.report.document import Block, Document, KeyValue, KeyValues, Notice
 from penode.report.html import render
 from penode.report.quantities import with_unit
 
+#: Verdicts under which the value was not tested.
+_UNTESTED = {"fixed", "predicts best"}
 _SPACE = "\N{NO-BREAK SPACE}"
 
 
@@ -83,7 +85,11 @@ def _answer(table: pl.DataFrame, main: pl.DataFrame, drifting: Sequence[str]) ->
     if len(bad):
         text = f"{len(bad)} of {len(table)} give no answer that may be used; see Trust."
         notices.append(Notice("caution", "Not answered", text))
-    elif not drifting:
+    untested = set(table["verdict"].drop_nulls()) & _UNTESTED
+    if untested:
+        text = "Nothing tests whether R depends on the horizon where it was given; sweep with auto."
+        notices.append(Notice("caution", "Not tested", text))
+    if not notices:
         notices.append(Notice("good", "All answered", "Every recording gives an answer."))
     sound = main.filter(pl.col("answered"))
     return [

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import polars as pl
 
 from penode.pmsm.sweep.drift import Drift, drift_of
-from penode.pmsm.sweep.fleet_figures import dates_of, over_dates
+from penode.pmsm.sweep.fleet_figures import SINGLED, dates_of, over_dates
 from penode.pmsm.sweep.fleet_trust import MOST, counted, cut, mean_of
 from penode.report.document import Cell, Figure, Row, Section, Table
 from penode.report.quantities import number, with_unit
@@ -114,9 +114,10 @@ def flux_linkage_map(sound: pl.DataFrame, machines: Sequence[Machine]) -> Sectio
 
 
 def _singled(machines: Sequence[Machine]) -> list[str]:
-    """Return the machines with names, those that drift first."""
+    """Return the machines that are drawn apart: all if they are few, else those that drift."""
     named = [one for one in machines if one.name != UNNAMED]
-    return [one.name for one in sorted(named, key=lambda one: not one.drifting)]
+    few = len(named) <= SINGLED
+    return [one.name for one in named if few or one.drifting]
 
 
 def _drift_title(machines: Sequence[Machine], which: int, name: str) -> str:
