@@ -76,8 +76,8 @@ def workers_of(process: int) -> list[int]:
     return found
 
 
-def ended(processes: list[int], patience: float = 5.0) -> bool:
-    """Return whether all of these end within some seconds."""
+def ended(processes: list[int], patience: float = 60.0) -> bool:
+    """Return whether all of these end within some seconds: one that starts imports to the end."""
     limit = time.monotonic() + patience
     while time.monotonic() < limit:
         if not any(Path(f"/proc/{one}").exists() for one in processes):

@@ -1,5 +1,6 @@
 """The command ``penode sweep`` as a person uses it."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -144,6 +145,38 @@ if __name__ == "__main__":
         print(executor.submit(os.getpid).result(), flush=True)
         time.sleep(60)
 """
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="No list of processes.")
+def test_ctrl_c_while_workers_start_is_one_sentence(recording, tmp_path):
+    """As a terminal sends it: to the processes that import as well."""
+    program = Path(sys.executable).with_name("penode")
+    process = subprocess.Popen(
+        [
+            program,
+            "sweep",
+            recording,
+            "--jobs",
+            "2",
+            "--horizons",
+            "1,2",
+            "--out",
+            tmp_path / "out",
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    limit = time.monotonic() + 100
+    while len(children.read_text().split()) < 3 and time.monotonic() < limit:
+        time.sleep(0.01)
+    time.sleep(0.3)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said == "Stopped; what is finished is kept, and the same command goes on.\n"
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="No list of processes.")

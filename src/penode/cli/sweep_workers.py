@@ -122,7 +122,8 @@ def _outcomes(
     while True:
         while idle and (task := again.pop() if again else next(tasks, None)):
             place = idle.pop()
-            busy[place.executor.submit(_done, task)] = place, task
+            with _ctrl_c_held():
+                busy[place.executor.submit(_done, task)] = place, task
         if not busy:
             return
         # A wait without end would not notice Ctrl-C before the next one is done.
@@ -140,6 +141,19 @@ def _outcomes(
                     continue
                 outcome = failed(f"It ended its worker {_TRIES} times; the memory may not suffice.")
             yield task, outcome
+
+
+@contextmanager
+def _ctrl_c_held() -> Iterator[None]:
+    """Hold Ctrl-C back while a process may start: it does not know it, in its imports neither."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _done(task: Task) -> Outcome:
