@@ -10,6 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import polars as pl
 import pytest
 from distributed import LocalCluster
@@ -74,9 +75,12 @@ def test_a_line_a_row_and_every_fit(whole):
     assert table["status"].to_list() == ["done"] * 4 + ["failed"] * 2
     assert table["R"].head(4).to_list() == pytest.approx([0.01] * 4, rel=0.05)
     assert (table["R_low"] < table["R"]).sum() == 4
-    assert table["psi_d"].head(4).to_list() == pytest.approx([0.058] * 4, rel=0.02)
     fit = Fit.load(out / "fits" / table["key"][1])
     assert fit.parameters["R"].value == table["R"][1]
+    flux, inductance = fit.flux_map(0.0, 0.0), fit.differential_inductance(0.0, 0.0)
+    assert (table["psi_d"][1], table["psi_q"][1]) == tuple(flux)
+    assert (table["l_dd"][1], table["l_qq"][1]) == (inductance[0, 0], inductance[1, 1])
+    assert table["psi_d_std"][1] == fit.learned_deviation(np.zeros((1, 2)))[0, 0]
     assert "2 of 3 recordings answered" in (out / "report.html").read_text()
     rows = [line.split() for line in done.stdout.splitlines()[1:3]]
     assert [(row[:2], row[-3:]) for row in rows] == [
