@@ -43,6 +43,7 @@ validate: $(STAMP)
 	$(BIN)/python -m validate.aliasing
 	$(BIN)/python -m fuzz.readers --seconds 300
 	$(BIN)/python -m validate.interruption
+	$(BIN)/python -m validate.sweep_interruption 10
 
 fuzz: $(STAMP)
 	$(BIN)/python -m fuzz.readers --seconds 3600

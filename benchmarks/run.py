@@ -10,8 +10,8 @@ from benchmarks import (
     gauss_newton,
     identification,
     memory,
+    parallel_starts,
     roofline,
-    sweep,
 )
 
 HERE = (
@@ -21,7 +21,7 @@ HERE = (
     memory,
     identification,
     bench_speed,
-    sweep,
+    parallel_starts,
     c_lookup,
 )
 

@@ -1,62 +1,111 @@
-"""Twelve horizons by sixteen seeds, the paper's training: ``python -m benchmarks.sweep [SECONDS]``.
+"""Short fits by one process and by two: ``python -m benchmarks.sweep [COUNT]``.
 
-The seeds of a horizon train side by side in one program. On a processor that costs what training
-them one by one costs; an accelerator, which one seed leaves idle, takes hardly longer for sixteen.
-Run on both, the whole times of the two runs are the comparison; within one run the ratio to seeds
-trained alone is printed. The first seed alone must end where it ends among the others.
+COUNT recordings of a quarter of a second are swept at H = 1, by one process and by two. Both tables
+have to be the same to the last bit. On idle cores the ratio of the times is what a second process
+gains; on cores that others use, only processor times mean something. What a task costs beside its
+fit is the processor time of the parent, and the time in which no task of a process ran. At last the
+finished sweep is asked for once more.
 """
 
+import resource
+import subprocess
 import sys
+import tempfile
 import time
+from dataclasses import dataclass, replace
+from pathlib import Path
 
-import jax
-import numpy as np
+import polars as pl
 
-from benchmarks.problem import paper_recording
-from penode.arrays import FloatArray
-from penode.horizon.ladder import LadderProblem
-from penode.pmsm.balance.start import nominal_start
-from penode.pmsm.conventional.paper_recipe import PaperRecipe
-from penode.training.first_order import FirstOrder
-from penode.training.plan import Problem
+from penode.data.save import save
+from penode.pmsm.bench.drive import DEFAULT_DRIVE
+from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.references import Lissajous
+from penode.pmsm.bench.run import simulate
+from penode.pmsm.sweep.table import FITS, LINES, PARQUET, TIMES
 
-HORIZONS = (1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135)
-SEEDS = 16
-EPOCHS = 5
-DURATION = 0.4
-#: Adam divides by the root of its second moments: rounding in a gradient grows.
-AGREEMENT = 1e-6
-
-
-def train(stages: list[tuple[FirstOrder, Problem]], raws: FloatArray) -> FloatArray:
-    """Return where starts (start, parameter) end, (horizon, start, parameter)."""
-    ends = [optimiser.minimise_together(problem, raws) for optimiser, problem in stages]
-    return np.array([[solution.raw for solution in solutions] for solutions in ends])
+COUNT = 500
+_PROGRAM = (sys.executable, "-m", "penode_launcher", "sweep")
+_STUDY = """
+inverter = false
+angle_orders = []
+[sweep]
+recordings = ["*.csv"]
+horizons = [1]
+"""
 
 
-def main(duration: float = DURATION) -> None:
-    """Print the times of the whole sweep and of one seed's share of it."""
-    run = paper_recording(duration)
-    starts = [nominal_start([run], seed) for seed in range(SEEDS)]
-    plans = [PaperRecipe(lambda _, h=h: h, EPOCHS).plan() for h in HORIZONS]
-    ascent = LadderProblem.of(starts[0], [run], plans[0], lambda event: None)
-    stages = [(p.stages[0].optimiser, ascent.problem(p.stages[0], p)) for p in plans]
-    raws = np.stack([ascent.objective.layout.raw(start) for start in starts])
+@dataclass(frozen=True)
+class Swept:
+    """One sweep: its table, whole and processor time in s, and that of the parent alone."""
 
-    def timed(count: int) -> tuple[FloatArray, float]:
-        train(stages, raws[:count])  # compiles
-        began = time.perf_counter()
-        return train(stages, raws[:count]), time.perf_counter() - began
+    table: pl.DataFrame
+    took: float
+    processor: float
+    parent: float
 
-    together, whole = timed(SEEDS)
-    alone, single = timed(1)
-    gap = np.abs(together[:, :1] - alone).max() / np.abs(alone).max()
-    if not gap < AGREEMENT:
-        raise SystemExit(f"parameters differ by {gap:.1e} from alone; nothing is timed.")
-    print(f"{jax.devices()[0].device_kind}: {len(run)} samples, {EPOCHS} epochs of 20 batches")
-    print(f"{len(HORIZONS)} horizons x {SEEDS} seeds: {whole:.1f} s, one seed: {single:.1f} s")
-    print(f"one by one / together: {SEEDS * single / whole:.1f}x; agreement {gap:.0e}")
+    @property
+    def fits(self) -> float:
+        """Processor time of all fits in s."""
+        return float(self.table["processor_seconds"].sum())
+
+
+def record(folder: Path, count: int) -> None:
+    """Simulate recordings of slightly different lengths, speeds and noise."""
+    (folder / "study.toml").write_text(_STUDY)
+    drive, reference = replace(DEFAULT_DRIVE, current_noise=0.05), Lissajous(240.0, 50.0, 54.0)
+    for k in range(count):
+        speed, duration = 1500.0 + k % 50, 0.25 + 1e-4 * (k % 100)
+        run = simulate(
+            TRACTION_300A, reference, speed_rpm=speed, duration=duration, drive=drive, seed=k
+        )
+        save(run, folder / f"{k:06d}.csv")
+
+
+def sweep(folder: Path, out: Path, jobs: int) -> Swept:
+    """Sweep in a process of its own."""
+    study = ("--config", str(folder / "study.toml"), "--out", str(out), "--jobs", str(jobs))
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    subprocess.run([*_PROGRAM, *study], check=True, capture_output=True)
+    took, after = time.monotonic() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    table = pl.read_parquet(out / PARQUET)
+    return Swept(table, took, processor, processor - float(table["processor_seconds"].sum()))
+
+
+def size(path: Path) -> float:
+    """Return what a file or folder holds, in kB."""
+    files = [path] if path.is_file() else [one for one in path.rglob("*") if one.is_file()]
+    return sum(one.stat().st_size for one in files) / 1e3
+
+
+def main(count: int = COUNT) -> None:
+    """Print times and sizes, and end with status 1 if the tables differ."""
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        record(folder, 3)
+        sweep(folder, folder / "warm", 1)  # compiles; the others find its programs
+        record(folder, count)
+        one, two = (sweep(folder, folder / f"jobs{jobs}", jobs) for jobs in (1, 2))
+        for jobs, swept in ((1, one), (2, two)):
+            print(
+                f"{jobs} jobs: {swept.took:7.1f} s, processor {swept.processor:7.1f} s, of fits "
+                f"{swept.fits:7.1f} s ({swept.fits / count:.3f} s each, median "
+                f"{swept.table['processor_seconds'].median():.3f} s); beside a fit "
+                f"{swept.parent / count * 1e3:.0f} ms of processor"
+            )
+        print(f"one process / two: {one.took / two.took:.2f}x of the whole time")
+        again = sweep(folder, folder / "jobs2", 2)
+        print(f"all there: {again.took:.1f} s, of which a task {again.took / count * 1e3:.1f} ms")
+        memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
+        print(f"largest process: {memory:.0f} MB")
+        for name in (LINES, PARQUET, FITS):
+            print(f"{name}: {size(folder / 'jobs2' / name) / count:.2f} kB a task")
+        same = one.table.drop(TIMES).equals(two.table.drop(TIMES))
+        print(f"tables the same to the last bit: {'yes' if same else 'NO'}")
+        if not same:
+            sys.exit(1)
 
 
 if __name__ == "__main__":
-    main(*map(float, sys.argv[1:]))
+    main(*map(int, sys.argv[1:]))

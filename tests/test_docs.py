@@ -24,6 +24,7 @@ from penode.pmsm.study_file import load_study
 ROOT = Path(__file__).parents[1]
 HOW_TO = ROOT / "docs" / "how-to"
 DRIVE_PAGE = HOW_TO / "drive-the-identified-machine.md"
+FLEET_PAGE = HOW_TO / "sweep-a-fleet.md"
 OWN_MODEL_PAGE = HOW_TO / "report-your-own-model.md"
 TOP = [ROOT / f"{name}.md" for name in ("README", "ARCHITECTURE", "CONTRIBUTING", "CHANGELOG")]
 PAGES = [*TOP, *sorted((ROOT / "docs").rglob("*.md"))]
@@ -58,6 +59,7 @@ def page_files(tmp_path_factory, machine_fit):
     guess = guess_study(read(folder / "run.csv")[0])
     (folder / "study.toml").write_text(study_text(guess, "run.csv", "study.toml"))
     (folder / "drive.toml").write_text(blocks(DRIVE_PAGE, "toml")[0])
+    (folder / "fleet.toml").write_text(blocks(FLEET_PAGE, "toml")[0])
     return folder
 
 
@@ -115,6 +117,7 @@ def test_the_identified_machine_and_its_dead_time_are_a_configuration(recordings
         "long-recordings",
         "map-your-channels",
         "record-a-good-experiment",
+        "sweep-a-fleet",
         "terms-and-temperature",
         "uncertainty-budget",
     ],

@@ -1,72 +1,130 @@
 """The command ``penode sweep`` as a person uses it."""
 
-import csv
+import os
 import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import Executor, Future
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
+import polars as pl
 import pytest
 from distributed import LocalCluster
 
+from penode import Fit
+from penode.cli.sweep_workers import _outcomes
 from penode.data.save import save
+from penode.fit.result_folder import claimed
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
-from penode.pmsm.sweep import Swept
+from penode.pmsm.sweep.table import LINES, PARQUET, TIMES
+from penode.pmsm.sweep.task import Outcome
 
-PLAIN = ("--no-inverter", "--angle-orders", "none")
+STUDY = """
+inverter = false
+angle_orders = []
+
+[sweep]
+recordings = ["run*.csv", "missing.csv"]
+name = "(?P<machine>run.)"
+horizons = [1, 2]
+"""
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    path = tmp_path_factory.mktemp("recording") / "run.csv"
-    reference = Lissajous(200.0, 140.0, 150.0)
-    save(simulate(TRACTION_300A, reference, speed_rpm=150.0, duration=0.2), path)
-    return path
+def fleet(tmp_path_factory):
+    """Return a study file beside two recordings."""
+    folder = tmp_path_factory.mktemp("fleet")
+    for name, rate in (("runA", 140.0), ("runB", 135.0)):
+        reference = Lissajous(200.0, rate, 150.0)
+        run = simulate(TRACTION_300A, reference, speed_rpm=150.0, duration=0.2)
+        save(run, folder / f"{name}.csv")
+    (folder / "study.toml").write_text(STUDY)
+    return folder / "study.toml"
 
 
-def test_a_table_a_figure_and_every_fit(recording, penode, tmp_path):
-    asked = ("sweep", recording, *PLAIN, "--horizons", "1,4", "--seeds", 1, "--out", tmp_path)
-    done = penode(*asked, "--jobs", 2)
+@pytest.fixture(scope="module")
+def recording(fleet):
+    return fleet.parent / "runA.csv"
+
+
+@pytest.fixture(scope="module")
+def whole(fleet, penode_process, tmp_path_factory):
+    """Return what two processes made of the fleet, and its folder."""
+    out = tmp_path_factory.mktemp("sweep") / "out"
+    return penode_process("sweep", "--config", fleet, "--out", out, "--jobs", 2), out
+
+
+def untimed(out):
+    return pl.read_parquet(out / PARQUET).drop(TIMES)
+
+
+def test_a_line_a_row_and_every_fit(whole):
+    done, out = whole
     assert done.returncode == 0, done.stderr
-    assert "seed 0, H = 4: R 9.8" in done.stderr
-    assert [line.split()[0] for line in done.stdout.splitlines()] == [
-        "H",
-        "1",
-        "4",
-        "table",
-        "figure",
+    assert "runA.csv, H = 2, seed 0: R 9." in done.stderr
+    assert "missing.csv: the file cannot be read" in done.stderr
+    table = untimed(out)
+    assert table["horizon"].to_list() == [1, 2] * 3
+    assert table["machine"].to_list() == ["runA", "runA", "runB", "runB", None, None]
+    assert table["status"].to_list() == ["done"] * 4 + ["failed"] * 2
+    assert table["R"].head(4).to_list() == pytest.approx([0.01] * 4, rel=0.05)
+    assert (table["R_low"] < table["R"]).sum() == 4
+    fit = Fit.load(out / "fits" / table["key"][1])
+    assert fit.parameters["R"].value == table["R"][1]
+    flux, inductance = fit.flux_map(0.0, 0.0), fit.differential_inductance(0.0, 0.0)
+    assert (table["psi_d"][1], table["psi_q"][1]) == tuple(flux)
+    assert (table["l_dd"][1], table["l_qq"][1]) == (inductance[0, 0], inductance[1, 1])
+    assert table["psi_d_std"][1] == fit.learned_deviation(np.zeros((1, 2)))[0, 0]
+    assert "2 of 3 recordings answered" in (out / "report.html").read_text()
+    rows = [line.split() for line in done.stdout.splitlines()[1:3]]
+    assert [(row[:2], row[-3:]) for row in rows] == [
+        (["1", "3"], ["2", "0", "1"]),
+        (["2", "3"], ["2", "0", "1"]),
     ]
-    rows = list(csv.DictReader((tmp_path / "sweep.csv").open()))
-    assert [(row["horizon"], row["seed"]) for row in rows] == [("1", "0"), ("4", "0")]
-    assert all(float(row["R"]) == pytest.approx(0.01, rel=0.03) for row in rows)
-    assert (tmp_path / "sweep.png").exists()
-    before = (tmp_path / "seed0" / "H4" / "swept.json").stat().st_mtime_ns
-    assert penode(*asked, "--resume").returncode == 0
-    assert (tmp_path / "seed0" / "H4" / "swept.json").stat().st_mtime_ns == before
 
 
-def test_on_a_cluster(recording, penode, tmp_path):
+def test_a_cluster_makes_the_same_table_and_does_nothing_twice(whole, fleet, penode, tmp_path):
+    """To the last bit, of one process where the other table is of two."""
     with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
-        asked = ("sweep", recording, *PLAIN, "--horizons", "1", "--seeds", 1, "--out", tmp_path)
+        asked = ("sweep", "--config", fleet, "--out", tmp_path)
         done = penode(*asked, "--dask", cluster.scheduler_address)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "seed0" / "H1" / "fit" / "fit.npz").exists()
+    assert untimed(tmp_path).equals(untimed(whole[1]))
+    before = (tmp_path / LINES).read_text().splitlines()
+    fewer = fleet.with_name("fewer.toml")
+    fewer.write_text(STUDY.replace(', "missing.csv"', ""))
+    assert penode("sweep", "--config", fewer, "--out", tmp_path).returncode == 0
+    assert (tmp_path / LINES).read_text().splitlines() == before
+    assert len(untimed(tmp_path)) == 4
+
+
+def test_report_writes_the_page_anew(whole, penode):
+    _, out = whole
+    page = (out / "report.html").read_bytes()
+    (out / "report.html").unlink()
+    assert penode("report", out).returncode == 0
+    assert (out / "report.html").read_bytes() == page
 
 
 def test_ctrl_c_stops_at_once_and_keeps_what_is_finished(recording, tmp_path):
     program = Path(sys.executable).with_name("penode")
-    asked = ("--horizons", "1,4,5,6,7,8", "--seeds", "1", "--jobs", "1", "--out", tmp_path)
+    asked = ("--horizons", "1,4,5,6,7,8", "--jobs", "1", "--out", tmp_path)
     process = subprocess.Popen(
-        [program, "sweep", recording, *PLAIN, *asked],
+        [program, "sweep", recording, "--no-inverter", "--angle-orders", "none", *asked],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
-    kept, limit = tmp_path / "seed0" / "H1" / "swept.json", time.monotonic() + 200
-    while process.poll() is None and not kept.exists() and time.monotonic() < limit:
+    kept, limit = tmp_path / LINES, time.monotonic() + 200
+    while process.poll() is None and time.monotonic() < limit:
+        if kept.exists() and kept.stat().st_size:
+            break
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     pressed = time.monotonic()
@@ -74,19 +132,55 @@ def test_ctrl_c_stops_at_once_and_keeps_what_is_finished(recording, tmp_path):
     assert time.monotonic() - pressed < 5
     assert process.returncode == 130
     assert printed == ""
-    assert said.splitlines()[-1] == "Stopped; finished fits are kept. Add --resume to go on."
-    assert kept.exists()
-    assert not (tmp_path / "sweep.csv").exists()
+    last = "Stopped; what is finished is kept, and the same command goes on."
+    assert said.splitlines()[-1] == last
+    assert kept.read_bytes().endswith(b"\n")
+    assert not (tmp_path / PARQUET).exists()
+    with claimed(tmp_path):
+        pass
 
 
 PARENT = """
 import os, time
-from penode.cli.sweep import _workers
+from penode.cli import sweep_workers
 if __name__ == "__main__":
-    with _workers(1, None) as executor:
+    with sweep_workers.processes(1) as workers:
+        executor = workers.args[0][0]()
         print(executor.submit(os.getpid).result(), flush=True)
         time.sleep(60)
 """
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="No list of processes.")
+def test_ctrl_c_while_workers_start_is_one_sentence(recording, tmp_path):
+    """As a terminal sends it: to the processes that import as well."""
+    program = Path(sys.executable).with_name("penode")
+    process = subprocess.Popen(
+        [
+            program,
+            "sweep",
+            recording,
+            "--jobs",
+            "2",
+            "--horizons",
+            "1,2",
+            "--out",
+            tmp_path / "out",
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    limit = time.monotonic() + 100
+    while len(children.read_text().split()) < 3 and time.monotonic() < limit:
+        time.sleep(0.01)
+    time.sleep(0.3)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said == "Stopped; what is finished is kept, and the same command goes on.\n"
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="No list of processes.")
@@ -106,11 +200,10 @@ def test_the_workers_of_a_killed_sweep_end(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--horizons", "1,1000000000"), "horizon 1000000000 with 1 past samples"),
         (("--seeds", "1000000000000"), "1000000000000 seeds came"),
         (("--horizons", "1,a"), "--horizons 1,a came"),
         (("--horizons", "0"), "horizons [0] came"),
-        (("--seeds", "0"), "0 seeds came"),
+        (("--seeds", "0"), "seeds = 0 came"),
         (("--jobs", "0"), "--jobs 0 came"),
         (("--dask", "nonsense"), "--dask nonsense: no scheduler answers"),
     ],
@@ -118,58 +211,60 @@ def test_the_workers_of_a_killed_sweep_end(tmp_path):
 def test_bad_options_are_one_sentence_and_write_nothing(
     recording, penode, tmp_path, options, words
 ):
-    done = penode("sweep", recording, *PLAIN, *options, "--out", tmp_path / "out")
+    done = penode("sweep", recording, *options, "--out", tmp_path / "out")
     assert done.returncode == 2
     assert words in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
 
-def swept(horizon, seed, resistance, free_run, failure=""):
-    parameters = {} if failure else {"R": resistance}
-    units = {} if failure else {"R": "ohm"}
-    return Swept(horizon, seed, parameters, {}, units, 0.1, free_run, 12.4, failure)
+class Lossy(Executor):
+    """Does tasks at once, but the first of some names are lost with the worker."""
+
+    def __init__(self, losses):
+        self.losses = losses
+
+    def submit(self, function, /, task):
+        future = Future()
+        if self.losses.get(task.key, 0):
+            self.losses[task.key] -= 1
+            future.set_exception(BrokenProcessPool())
+        else:
+            future.set_result(Outcome({"status": "done"}))
+        return future
 
 
-@pytest.fixture
-def made(penode, tmp_path, monkeypatch):
-    """Return a function that prints a sweep whose identifications are given."""
-    run_file = tmp_path / "run.csv"
-    rows = (",".join([f"{k / 1e3}", *["1"] * 5]) for k in range(9))
-    run_file.write_text("\n".join(["t,u_d,u_q,i_d,i_q,omega_el", *rows]) + "\n")
+def test_the_task_of_a_lost_worker_is_done_again_by_another():
+    made, losses = [], {"b": 2, "c": 3}
 
-    def run(*ones, horizons="1,4"):
-        written = []
-        monkeypatch.setattr("penode.cli.sweep.sweep", lambda *_: iter(ones))
-        monkeypatch.setattr("penode.cli.sweep.write_sweep", lambda all_, _: written.extend(all_))
-        done = penode("sweep", run_file, "--horizons", horizons, "--seeds", 3, "--out", tmp_path)
-        return done, written
+    def renew():
+        made.append(Lossy(losses))
+        return made[-1]
 
-    return run
-
-
-def test_a_row_is_the_mean_over_seeds_and_what_they_differ_by(made):
-    """Half the range beside the mean, and the median of the free runs; seeds end in any order."""
-    ones = [swept(4, 0, 9e-3, 3.0), swept(1, 1, 10.4e-3, 1.0), swept(4, 1, 11e-3, float("inf"))]
-    done, written = made(*ones, swept(1, 0, 10e-3, 2.0), swept(1, 2, 10.4e-3, 9.0))
-    assert done.returncode == 0
-    assert [(one.horizon, one.seed) for one in written] == [(1, 0), (1, 1), (1, 2), (4, 0), (4, 1)]
-    assert [line.split() for line in done.stdout.splitlines()[:3]] == [
-        ["H", "R", "free", "run"],
-        ["1", "10.27", "±", "0.20", "mΩ", "2.00", "A"],
-        ["4", "10.00", "±", "1.0", "mΩ", "diverges"],
-    ]
-    assert done.stderr.splitlines()[0] == "seed 0, H = 4: R 9.000 mΩ, 12 s"
+    tasks = [SimpleNamespace(key=key) for key in "abcd"]
+    outcomes = {t.key: o.values for t, o in _outcomes([renew] * 2, BrokenProcessPool, iter(tasks))}
+    assert {key: values["status"] for key, values in outcomes.items()} == {
+        "a": "done",
+        "b": "done",
+        "c": "failed",
+        "d": "done",
+    }
+    assert "ended its worker 3 times" in outcomes["c"]["error"]
+    assert len(made) == 2 + 5
 
 
-def test_failures_are_counted_and_only_all_of_them_are_an_error(made):
-    lost = [swept(1, seed, 0.0, 0.0, "It diverged.") for seed in (0, 1)]
-    done, _ = made(*lost, swept(4, 0, 9e-3, 3.0), swept(4, 1, 0.0, 0.0, "It diverged."))
-    assert done.returncode == 0
-    assert [line.split() for line in done.stdout.splitlines()[:3]] == [
-        ["H", "R", "free", "run", "failed"],
-        ["1", "–", "–", "2"],
-        ["4", "9.000", "mΩ", "3.00", "A", "1"],
-    ]
-    assert done.stderr.splitlines()[0] == "seed 0, H = 1: It diverged., 12 s"
-    assert made(*lost, horizons="1")[0].returncode == 1
+@pytest.mark.slow
+def test_killed_workers_of_a_cluster_change_nothing(whole, fleet, tmp_path):
+    """One of its workers is killed again and again; their nannies start others."""
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        program = Path(sys.executable).with_name("penode")
+        asked = ("--config", fleet, "--out", tmp_path, "--dask", cluster.scheduler_address)
+        killed = 0
+        with subprocess.Popen([program, "sweep", *asked]) as process:
+            while killed < 2 and process.poll() is None:
+                time.sleep(6)
+                next(iter(cluster.workers.values())).process.process.kill()
+                killed += 1
+        assert process.returncode == 0
+    assert killed
+    assert untimed(tmp_path).equals(untimed(whole[1]))

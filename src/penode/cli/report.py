@@ -12,28 +12,38 @@ from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.report.machine_report import machine_report
+from penode.pmsm.sweep.fleet_report import fleet_report
+from penode.pmsm.sweep.table import LINES, read_table
 from penode.report.fit_report import fit_report
 
 _output = Console()
 
 
 def report_command(
-    folder: Annotated[Path, typer.Argument(help="Folder that identify, demo or Fit.save wrote.")],
+    folder: Annotated[
+        Path, typer.Argument(help="Folder that identify, demo, sweep or Fit.save wrote.")
+    ],
     trust: TrustClasses = False,
 ) -> None:
-    """Write report.html from a saved fit, of a machine or of any other model.
+    """Write report.html from a saved fit, of a machine or of any other model, or from a sweep.
 
     A model of your own is imported from its module with --trust-classes alone, as this runs the
     module: give the command in that module's folder, or name the folder in PYTHONPATH.
 
     Example: penode report result
 
+    Example: penode report fleet
+
     Example: penode report motor --trust-classes
     """
+    page = folder / "report.html"
+    if (folder / LINES).exists():
+        write_atomically(page, fleet_report(read_table(folder)))
+        _output.print(f"report  {page}", soft_wrap=True, highlight=False)
+        return
     if trust:
         sys.path.append(str(Path.cwd()))
     fit = Fit.load(folder, trust)
     of_kind = machine_report if isinstance(fit.model, Machine) else fit_report
-    page = folder / "report.html"
     write_atomically(page, of_kind(fit))
     _output.print(f"report  {page}", soft_wrap=True, highlight=False)

@@ -1,190 +1,162 @@
 """The command ``penode sweep``."""
 
-import multiprocessing
 import os
-import signal
-import threading
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
-from importlib import import_module
-from multiprocessing.connection import wait
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
+import polars as pl
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from penode.cli.compilation_cache import use_compilation_cache
 from penode.cli.options import (
     AngleOrders,
     Config,
     FluxMapOption,
     HoldOption,
     Inverter,
-    Runs,
     Terms,
     given,
     whole_numbers,
 )
 from penode.cli.progress import Interrupted
-from penode.errors import InputError
+from penode.cli.sweep_workers import cluster, processes
+from penode.fit.archive import write_atomically
 from penode.fit.result_folder import claimed
-from penode.pmsm.study_file import load_study
-from penode.pmsm.sweep import Swept, grid_of, sweep, write_sweep
-from penode.report.quantities import number, scale_for
+from penode.pmsm.sweep.campaign import load_campaign
+from penode.pmsm.sweep.fleet_report import fleet_report
+from penode.pmsm.sweep.run import sweep
+from penode.pmsm.sweep.table import LINES, PARQUET, read_table
+from penode.report.quantities import number, with_unit
 
 _output, _errors = Console(), Console(stderr=True)
 
 
 def sweep_command(  # noqa: PLR0913 (an argument an option)
-    runs: Runs,
     out: Annotated[Path, typer.Option(help="Folder for the results; made if absent.")],
+    runs: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Recordings, each by itself, in place of the study file's."),
+    ] = None,
     horizons: Annotated[
-        str, typer.Option(help="Steps, with commas between them.")
-    ] = "1,2,5,10,20,50,100",
-    seeds: Annotated[int, typer.Option(help="Seeds at each horizon.")] = 3,
+        str | None,
+        typer.Option(
+            help="Steps, with commas between them, or auto.", show_default="the study's, or auto"
+        ),
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option(help="Seeds at each horizon, from 0.", show_default="one")
+    ] = None,
     config: Config = None,
     flux_map: FluxMapOption = None,
     inverter: Inverter = None,
     terms: Terms = None,
     angle_orders: AngleOrders = None,
     hold: HoldOption = None,
-    jobs: Annotated[int, typer.Option(help="Processes side by side.")] = 1,
-    dask: Annotated[
-        str | None, typer.Option(help="Scheduler of a dask cluster to train on, host:port.")
+    jobs: Annotated[
+        int | None, typer.Option(help="Processes side by side.", show_default="one a core")
     ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Keep the fits that --out has already.")
-    ] = False,
+    dask: Annotated[
+        str | None, typer.Option(help="Scheduler of a Dask cluster to work on, host:port.")
+    ] = None,
 ) -> None:
-    """Identify independently at every horizon from every seed, to see what depends on them.
+    """Identify many recordings, each by itself, at horizons, from seeds, in variants.
 
-    Writes sweep.csv, sweep.png and every fit, which penode report and penode export take. That
-    seeds agree says nothing of their value being right: look at how it moves with the horizon.
+    What is swept stands in the table [sweep] of the study file, or in options. Writes table.jsonl,
+    a line a task as it ends, fits/KEY for penode report and penode export, and at the end
+    table.parquet and report.html.
 
-    Ctrl-C stops; finished fits stay, and the same command with --resume added goes on.
+    Ctrl-C stops; the same command goes on. What is finished is not done again as long as data,
+    settings and penode are the same; to change the study file adds to the table.
 
     Example: penode sweep run.csv --horizons 1,10,100 --seeds 3 --out sweep
+
+    Example: penode sweep --config fleet.toml --out fleet --jobs 8
     """
     options = given(
         flux_map=flux_map, inverter=inverter, terms=terms, angle_orders=angle_orders, hold=hold
     )
-    asked = load_study(config, options)
-    grid = grid_of(whole_numbers("horizons", horizons), seeds)
-    recordings = [asked.load(run) for run in runs]
-    swept = []
+    asked = given(horizons=None if horizons is None else _horizons(horizons), seeds=seeds)
+    campaign = load_campaign(config, runs or (), options, asked)
+    workers = processes(_cores() if jobs is None else jobs) if dask is None else cluster(dask)
     try:
         with claimed(out):
-            with _workers(jobs, dask) as executor:
-                for one in sweep(recordings, asked.study, grid, out, executor, resume):
-                    _report(one)
-                    swept.append(one)
-            swept.sort(key=lambda one: grid.index((one.horizon, one.seed)))
-            write_sweep(swept, out)
+            with workers as at_work:
+                for count, row in enumerate(sweep(campaign, out, at_work), 1):
+                    _say(f"{count}/{len(campaign)} {_told(row)}")
+            table = read_table(out)
+            write_atomically(out / "report.html", fleet_report(table))
     except KeyboardInterrupt as error:
-        message = "Stopped; finished fits are kept. Add --resume to go on."
+        message = "Stopped; what is finished is kept, and the same command goes on."
         raise Interrupted(message) from error
-    _print_table(swept)
-    _output.print(f"table   {out / 'sweep.csv'}", soft_wrap=True, highlight=False)
-    _output.print(f"figure  {out / 'sweep.png'}", soft_wrap=True, highlight=False)
-    if all(one.failure for one in swept):
+    _print_table(table)
+    for what, name in (("lines", LINES), ("table", PARQUET), ("report", "report.html")):
+        _output.print(f"{what:7} {out / name}", soft_wrap=True, highlight=False)
+    if not (table["status"] == "done").any():
         raise typer.Exit(1)
 
 
-@contextmanager
-def _workers(jobs: int, dask: str | None) -> Iterator[Executor]:
-    """Give processes of this machine or of a cluster; Ctrl-C ends what they do."""
-    if dask is not None:
-        with _cluster(dask) as executor:
-            yield executor
-        return
-    if jobs < 1:
-        raise InputError(f"--jobs {jobs} came; give at least 1.")
-    spawned = multiprocessing.get_context("spawn")  # forked, JAX would wait for itself
-    with ProcessPoolExecutor(jobs, spawned, _begin) as executor:
-        try:
-            yield executor
-        except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
-            for process in multiprocessing.active_children():
-                process.kill()
-            raise
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _begin() -> None:
-    """Prepare a worker: Ctrl-C is the parent's to handle, and a dead parent ends it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    use_compilation_cache()
+def _horizons(text: str) -> list[Any]:
+    parts = [part.strip() for part in text.split(",")]
+    numbers = ",".join(part for part in parts if part != "auto")
+    wanted = iter(whole_numbers("horizons", numbers) if numbers else ())
+    return [part if part == "auto" else next(wanted) for part in parts]
 
 
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)
+def _told(row: dict[str, Any]) -> str:
+    horizon = "auto" if row["horizon"] is None else row["horizon"]
+    name = " ".join(part for part in (row["recording"], row["variant"]) if part)
+    return f"{name}, H = {horizon}, seed {row['seed']}: {_answer(row)}"
 
 
-@contextmanager
-def _cluster(address: str) -> Iterator[Executor]:
-    try:
-        distributed: Any = import_module("distributed")
-    except ImportError as error:
-        raise InputError(
-            "--dask needs the package distributed; install penode[cluster], or use --jobs."
-        ) from error
-    try:
-        client = distributed.Client(address, timeout=10)
-    except (OSError, ValueError) as error:
-        raise InputError(f"--dask {address}: no scheduler answers there ({error}).") from error
-    with client:
-        yield client.get_executor()
+def _answer(row: dict[str, Any]) -> str:
+    if row.get("error"):
+        return str(row["error"])
+    value = with_unit(row.get("R"), "ohm", 4)
+    return f"R {value}, {row['verdict']}, {row['seconds']:.1f} s"
 
 
-def _report(one: Swept) -> None:
-    shown = one.failure or ", ".join(
-        f"{name} {_shown(value, one.units[name])}" for name, value in one.parameters.items()
-    )
-    text = f"seed {one.seed}, H = {one.horizon}: {shown}, {one.wall_time:.0f} s"
-    _errors.print(text, soft_wrap=True, highlight=False, markup=False)
+def _print_table(table: pl.DataFrame) -> None:
+    """Print a row a variant and horizon: how many, their R, and what it varies by."""
+    shown = Table(box=None, padding=(0, 2, 0, 0))
+    varied = table["variant"].n_unique() > 1
+    for title in (
+        *(("variant",) if varied else ()),
+        "H",
+        "tasks",
+        "R",
+        "answered",
+        "refused",
+        "failed",
+    ):
+        shown.add_column(title, justify="left" if title == "variant" else "right")
+    for (variant, horizon), group in table.group_by("variant", "horizon", maintain_order=True):
+        name = (str(variant),) if varied else ()
+        status = group["status"]
+        counts = [group["answered"].sum(), *((status == s).sum() for s in ("refused", "failed"))]
+        few = "auto" if horizon is None else str(horizon)
+        shown.add_row(
+            *name,
+            few,
+            str(len(group)),
+            _spread(group["R"].drop_nulls().to_list()),
+            *map(str, counts),
+        )
+    _output.print(shown)
 
 
-def _print_table(swept: Sequence[Swept]) -> None:
-    """Print a row a horizon: the mean over the seeds, and what they differ by."""
-    units = {name: unit for one in swept for name, unit in one.units.items()}
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    failing = any(one.failure for one in swept)
-    for name in ("H", *units, "free run", *(["failed"] if failing else [])):
-        table.add_column(name, justify="right")
-    for horizon in dict.fromkeys(one.horizon for one in swept):
-        here = [one for one in swept if one.horizon == horizon]
-        good = [one for one in here if not one.failure]
-        cells = [_over_seeds([one.parameters[n] for one in good], u) for n, u in units.items()]
-        failed = [str(len(here) - len(good))] if failing else []
-        table.add_row(str(horizon), *cells, _free([one.free_run_rmse for one in good]), *failed)
-    _output.print(table, highlight=False)
-
-
-def _over_seeds(values: Sequence[float], unit: str) -> str:
+def _spread(values: Sequence[float]) -> str:
     if not values:
         return "–"
-    scale = scale_for(values, unit)
-    middle, half = np.mean(values) * scale.factor, np.ptp(values) / 2 * scale.factor
-    apart = f" ± {number(float(half), 2)}" if len(values) > 1 else ""
-    return f"{number(float(middle), 4)}{apart} {scale.unit}"
+    middle, half = sum(values) / len(values), (max(values) - min(values)) / 2
+    text = with_unit(middle, "ohm", 4)
+    return f"{text} ± {number(100 * half / abs(middle), 2)} %" if half and middle else text
 
 
-def _free(errors: Sequence[float]) -> str:
-    """Return the median of free-run errors in A."""
-    if not errors:
-        return "–"
-    middle = float(np.median(errors))
-    return f"{number(middle)} A" if np.isfinite(middle) else "diverges"
-
-
-def _shown(value: float, unit: str) -> str:
-    scale = scale_for(value, unit)
-    return f"{number(value * scale.factor, 4)} {scale.unit}"
+def _say(text: str) -> None:
+    _errors.print(text, soft_wrap=True, highlight=False, markup=False)

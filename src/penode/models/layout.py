@@ -3,8 +3,8 @@
 import itertools
 import math
 from collections.abc import Sequence
-from functools import cached_property
-from typing import Any, Generic, TypeAlias
+from functools import partial
+from typing import Generic, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,7 @@ class Layout(Generic[AnyModule]):
 
     The optimiser moves the raw vector (unconstrained). Predictors are differentiated with respect
     to the vector of values, and the transforms enter once, as the Jacobian between the two.
+    Layouts of models of one structure are equal: one compiled program serves them all.
 
     Parameters
     ----------
@@ -63,6 +64,13 @@ class Layout(Generic[AnyModule]):
         self._raw = _consecutive([n * s.transform.size(d) for s, d, n in entries])
         self._values = _consecutive([n * math.prod(d) for _, d, n in entries])
         self.size = self._raw[-1].stop if self._raw else 0
+        self._form = (self._structure, self.settings, self._shapes, experiments)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Layout) and self._form == other._form
+
+    def __hash__(self) -> int:
+        return hash(self._form)
 
     @property
     def physical(self) -> tuple[str, ...]:
@@ -144,17 +152,8 @@ class Layout(Generic[AnyModule]):
         shares = np.full((self.experiments, 1), 1.0 / self.experiments)
         if experiment is not None:
             shares[:, 0] = np.arange(self.experiments) == experiment
-        model: AnyModule = jax.tree.map(np.asarray, self._plain(jnp.asarray(raw), shares))
+        model: AnyModule = jax.tree.map(np.asarray, _plain(self, jnp.asarray(raw), shares))
         return model
-
-    @cached_property
-    def _plain(self) -> Any:
-        def of(raw: JaxArray, shares: JaxArray) -> AnyModule:
-            batched = self.model(self.values(raw)[:, None], shares)
-            model: AnyModule = jax.tree.map(lambda leaf: leaf[..., 0], batched)
-            return model
-
-        return jax.jit(of)
 
     def nuisances(self, raw: FloatArray) -> dict[str, FloatArray]:
         """Return the nuisances, each of shape (experiment, *shape), of a raw vector (size,)."""
@@ -242,6 +241,13 @@ class Layout(Generic[AnyModule]):
 
     def _entries(self) -> tuple[tuple[Setting, slice, tuple[int, ...], int], ...]:
         return tuple(zip(self.settings, self._raw, self._shapes, self._copies, strict=True))
+
+
+@partial(jax.jit, static_argnums=0)
+def _plain(layout: Layout[AnyModule], raw: JaxArray, shares: JaxArray) -> AnyModule:
+    batched = layout.model(layout.values(raw)[:, None], shares)
+    model: AnyModule = jax.tree.map(lambda leaf: leaf[..., 0], batched)
+    return model
 
 
 def _public_names(paths: Sequence[str], settings: Sequence[Setting]) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from penode.data.experiment import Experiment
@@ -64,6 +65,7 @@ _SETTINGS = {
     "name_plate": TABLE,
     "accuracy": TABLE,
     "channels": TABLE,
+    "sweep": TABLE,
 }
 _NAME_PLATE = {entry.name: POSITIVE for entry in fields(NamePlate)}
 _ACCURACY = {entry.name: NUMBER for entry in fields(Accuracy)}
@@ -81,18 +83,25 @@ class StudyFile:
         Where the channels come from; that of canonical columns where the file maps none.
     name_plate : NamePlate
         What is known of the machine, for `penode check`.
+    sweep : mapping of str to object
+        Entries of the table ``[sweep]``, for `penode sweep`.
     """
 
     study: Study = DEFAULT_STUDY
     mapping: DriveMapping = field(default_factory=DriveMapping)
     name_plate: NamePlate = field(default_factory=NamePlate)
+    sweep: Mapping[str, Any] = field(default_factory=dict)
 
     def load(self, path: str | Path) -> Experiment:
         """Load a recording as the file maps it; see `DriveMapping.load`."""
         return self.mapping.load(path)
 
 
-def load_study(path: str | Path | None = None, given: Mapping[str, Any] | None = None) -> StudyFile:
+def load_study(
+    path: str | Path | None = None,
+    given: Mapping[str, Any] | None = None,
+    changes: Mapping[str, Any] = MappingProxyType({}),
+) -> StudyFile:
     """Read a study file.
 
     Parameters
@@ -101,6 +110,8 @@ def load_study(path: str | Path | None = None, given: Mapping[str, Any] | None =
         A TOML file; without one, canonical columns and the default study.
     given : mapping of str to object, optional
         Entries that override the file's.
+    changes : mapping of str to object
+        Entries in place of the file's, as a file has them; they override what is given.
 
     Returns
     -------
@@ -112,16 +123,16 @@ def load_study(path: str | Path | None = None, given: Mapping[str, Any] | None =
         If there is no such file, it is not TOML, or an entry is unknown, missing or of the wrong
         kind; the message names the file and the entry, and suggests the nearest known one.
     """
-    entries = {} if path is None else read_toml(Path(path))
+    entries = {**({} if path is None else read_toml(Path(path))), **changes}
     read = _read(path, entries)
-    return replace(read, study=_study({**entries, **given})) if given else read
+    return replace(read, study=_study({**entries, **given, **changes})) if given else read
 
 
 def _read(path: str | Path | None, entries: dict[str, Any]) -> StudyFile:
     try:
         return _study_file(entries)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(str(error) if path is None else f"{path}: {error}") from error
 
 
 def _study_file(entries: dict[str, Any]) -> StudyFile:
@@ -132,7 +143,7 @@ def _study_file(entries: dict[str, Any]) -> StudyFile:
     mapping = DriveMapping(channels, entries.get("pole_pairs"), "resample" in entries, constants)
     plate = entries.get("name_plate", {})
     require_kinds("name_plate:", plate, _NAME_PLATE)
-    return StudyFile(_study(entries), mapping, NamePlate(**plate))
+    return StudyFile(_study(entries), mapping, NamePlate(**plate), entries.get("sweep", {}))
 
 
 def _study(entries: Mapping[str, Any]) -> Study:

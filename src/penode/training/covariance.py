@@ -1,13 +1,12 @@
 """Uncertainty under autocorrelated residuals: the HAC sandwich and the influence of each window."""
 
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import BoolArray, FloatArray, float64
+from penode.arrays import BoolArray, FloatArray, JaxArray, float64, with_shared_length
 from penode.data.windows import Windows
 from penode.models.base import Model
 from penode.models.layout import Layout
@@ -84,25 +83,33 @@ class Reported:
     def jacobian(self, raw: FloatArray) -> FloatArray:
         """Return d(reported)/d(raw), shape (reported, parameter); physical parameters first."""
         with float64():
-            return np.asarray(self._jacobian(jnp.asarray(raw), jnp.asarray(self._points.T)))
+            return self._joined(_slopes(self.layout, jnp.asarray(raw), self._padded))
 
     def values(self, raw: FloatArray) -> FloatArray:
         """Return the reported quantities, shape (reported,), SI units."""
         with float64():
-            return np.asarray(self._values(jnp.asarray(raw), jnp.asarray(self._points.T)))
-
-    def _evaluate(self, raw: Any, points: Any) -> Any:
-        values = self.layout.values(raw)
-        learned = self.layout.model(values[:, None]).learned(points)
-        return jnp.concatenate([self.layout.physical_values(values), learned.ravel()])
+            return self._joined(_reported(self.layout, jnp.asarray(raw), self._padded))
 
     @cached_property
-    def _values(self) -> Any:
-        return jax.jit(self._evaluate)
+    def _padded(self) -> JaxArray:
+        return with_shared_length(self._points.T)
 
-    @cached_property
-    def _jacobian(self) -> Any:
-        return jax.jit(jax.jacfwd(self._evaluate))
+    def _joined(self, parts: tuple[JaxArray, JaxArray]) -> FloatArray:
+        """Return physical parameters and, behind them, the map without the points that pad."""
+        physical, learned = (np.asarray(part) for part in parts)
+        used = learned[:, : len(self._points)]
+        return np.concatenate([physical, used.reshape(-1, *used.shape[2:])])
+
+
+@partial(jax.jit, static_argnums=0)
+def _reported(layout: Layout[Model], raw: JaxArray, points: JaxArray) -> tuple[JaxArray, JaxArray]:
+    """Return the physical parameters and the learned map (output, point)."""
+    values = layout.values(raw)
+    learned = layout.model(values[:, None]).learned(points)
+    return layout.physical_values(values), learned
+
+
+_slopes = jax.jit(jax.jacfwd(_reported, argnums=1), static_argnums=0)
 
 
 def sandwich_deviation(

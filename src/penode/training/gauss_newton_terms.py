@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, float64
+from penode.arrays import FloatArray, float64, with_shared_length
 from penode.models.base import Model
 from penode.models.parameters import with_batch_axis
 from penode.training.loss import Loss, channel_deviation
@@ -85,7 +84,8 @@ def residual_scale(model: Model, visited: FloatArray, loss: Loss) -> FloatArray:
         Its `scale`; by default 1 if the states share a unit and else the channels' deviations.
     """
     with float64():
-        quantity = np.asarray(loss.domain(with_batch_axis(model), jnp.asarray(visited.T)))
+        padded = loss.domain(with_batch_axis(model), with_shared_length(visited.T))
+        quantity = np.asarray(padded)[:, : len(visited)]
     if loss.scale is None and len(set(model.state_units)) == 1:
         return np.ones(len(quantity))
     scale = loss.scale or channel_deviation

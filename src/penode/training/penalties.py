@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol
 
 import jax
@@ -15,7 +16,10 @@ from penode.models.layout import Layout
 
 
 class Penalty(Protocol):
-    """Residuals that do not come from data; the sum of their squares is added to the loss."""
+    """Residuals that do not come from data; the sum of their squares is added to the loss.
+
+    Numbers of one that is a pytree are arguments of compiled code; any other is compiled anew.
+    """
 
     def residuals(self, layout: Layout[Model], values: JaxArray) -> JaxArray:
         """Return the residuals.
@@ -75,6 +79,11 @@ class Priors:
         return layout.beliefs(values) * (self.noise / math.sqrt(self.count))
 
 
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("factor", "variance", "mean"),
+    meta_fields=("group",),
+)
 @dataclass(frozen=True, eq=False)
 class GaussianPrior:
     """A Gaussian belief about linear combinations of the learned parameters.

@@ -5,6 +5,7 @@ Loss, gradient, Gauss-Newton terms, scores and estimated starts all call these f
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -93,6 +94,9 @@ def compiled_windows(windows: Windows, capacity: int) -> Batch:
 class PredictionError:
     """Scaled k-step-ahead error of a model.
 
+    Two are equal if one compiled program serves both that takes the scale as an argument and
+    leaves out the penalties.
+
     Attributes
     ----------
     predictor : Predictor
@@ -135,6 +139,18 @@ class PredictionError:
                 f"estimated, but {self.predictor.solver} starts from {self.predictor.past} samples;"
                 " choose a one-step solver."
             )
+
+    @cached_property
+    def _form(self) -> tuple[Any, ...]:
+        loss = self.loss
+        freed = tuple(sorted(loss.free_starts.items()))
+        return self.predictor, self.layout, loss.domain, loss.weight, loss.prefilter, freed
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, PredictionError) and self._form == other._form
+
+    def __hash__(self) -> int:
+        return hash(self._form)
 
     @cached_property
     def free(self) -> IntArray:

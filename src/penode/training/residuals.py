@@ -3,9 +3,10 @@
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +21,7 @@ from penode.predictors.rollout import rollout
 from penode.training.free_starts import eliminated, estimated_starts
 from penode.training.gauss_newton_terms import GaussNewtonTerms
 from penode.training.loss import DEFAULT_LOSS, Loss
-from penode.training.penalties import GaussianPrior
+from penode.training.penalties import GaussianPrior, Penalty
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
 from penode.training.sensitivities import window_sums
 
@@ -95,7 +96,9 @@ class Objective:
         residuals = len(windows.starts) * windows.horizon * len(self.error.compared)
         with float64():
             at = jnp.asarray(raw)
-            penalties, slopes = (np.asarray(part) for part in self._penalties(at))
+            penalties, slopes = (
+                np.asarray(part) for part in _penalties_at(self.layout, self._arguments, at)
+            )
             prior = self._prior(at, residuals)
         squares, normal, scores = self._sums(raw, windows)
         return GaussNewtonTerms(
@@ -112,20 +115,15 @@ class Objective:
         beliefs = [p for p in self.loss.penalties if isinstance(p, GaussianPrior)]
         if not beliefs:
             return 0.0
-        transform = np.asarray(self._transform(raw))
+        transform = np.asarray(_transform(self.layout, raw))
         slopes = [belief.slopes(self.layout) @ transform for belief in beliefs]
         parts = zip(beliefs, slopes, strict=True)
         return residuals**2 * sum(s.T @ (b.variance[:, None] * s) for b, s in parts)
 
     @cached_property
-    def _transform(self) -> Any:
-        return jax.jit(jax.jacfwd(self.layout.values))
-
-    @cached_property
     def chunk(self) -> int:
         """Windows that are worked on together."""
-        each = 8 * len(self.error.model.states) * self.layout.size
-        return next((n for n in (CHUNK, CHUNK // 2) if n * each <= _NEAR), CHUNK // 4)
+        return _chunk(self.error)
 
     def _sums(self, raw: FloatArray, windows: Windows) -> tuple[FloatArray, ...]:
         """Return summed squares, normal matrix and the windows' scores, by strands."""
@@ -137,7 +135,7 @@ class Objective:
 
         def add_up(first: int, count: int) -> list[FloatArray]:
             with float64():
-                sums = self._terms(*shared, first, count, windows.horizon)
+                sums = _sum_over_chunks(self.error, *shared, (first, count), windows.horizon)
                 return [np.asarray(part) for part in sums]
 
         count = len(windows.starts)
@@ -149,7 +147,7 @@ class Objective:
         squares, normal = (np.sum([part[k] for part in sums], axis=0) for k in (0, 1))
         scores = [part[2][:, :used] for part, used in zip(sums, counts, strict=True)]
         with float64():
-            transposed = csr_array(np.asarray(self._transform(shared[0])).T)
+            transposed = csr_array(np.asarray(_transform(self.layout, shared[0])).T)
         raw_normal = transposed @ (transposed @ normal).T
         return squares, raw_normal, transposed @ np.concatenate(scores, axis=1)
 
@@ -158,17 +156,10 @@ class Objective:
         return jax.jit(self.loss_and_gradient_of, static_argnums=2)
 
     @cached_property
-    def _terms(self) -> Any:
-        return jax.jit(self._sum_over_chunks)
-
-    @cached_property
-    def _penalties(self) -> Any:
-        return jax.jit(lambda raw: (self._penalty(raw), jax.jacfwd(self._penalty)(raw)))
-
-    def _penalty(self, raw: JaxArray) -> JaxArray:
-        values = self.layout.values(raw)
-        parts = [penalty.residuals(self.layout, values) for penalty in self.loss.penalties]
-        return jnp.concatenate([raw[:0], *parts])
+    def _arguments(self) -> tuple[Penalty, ...]:
+        """The penalties with their numbers as arrays, which are arguments of compiled code."""
+        numbers = partial(jax.tree.map, lambda n: np.asarray(n) if isinstance(n, float) else n)
+        return tuple(numbers(penalty) for penalty in self.loss.penalties)
 
     def loss_and_gradient_of(
         self, raw: JaxArray, batch: Batch, horizon: int
@@ -195,7 +186,8 @@ class Objective:
         nothing = (jnp.zeros((), raw.dtype), jnp.zeros_like(raw))
         (squares, slopes), _ = jax.lax.scan(add, nothing, batch.parts(GRADIENT_CHUNK))
         count = len(self.error.compared) * horizon * jnp.sum(batch.used)
-        penalty, bent = jax.value_and_grad(lambda raw: jnp.sum(self._penalty(raw) ** 2))(raw)
+        believed = partial(_penalties, self.layout, self.loss.penalties)
+        penalty, bent = jax.value_and_grad(lambda raw: jnp.sum(believed(raw) ** 2))(raw)
         return squares / count + penalty, slopes / count + bent
 
     def _squares(self, raw: JaxArray, batch: Batch, horizon: int) -> JaxArray:
@@ -231,45 +223,74 @@ class Objective:
             estimated_starts(self.error, each, jnp.asarray(horizon), batch)
         )
 
-    def _sum_over_chunks(
-        self,
-        raw: JaxArray,
-        scale: JaxArray,
-        windows: Batch,
-        first: JaxArray,
-        count: JaxArray,
-        horizon: JaxArray,
-    ) -> tuple[JaxArray, ...]:
-        """Sum over `count` windows from the window `first` on.
 
-        The scale of a recording is an argument: the program serves others of the same model.
-        """
-        error = replace(self.error, scale=scale)
-        values = self.layout.values(raw)
-        size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS
-        width = self.chunk
-        each = jnp.broadcast_to(values[:, None], (size, width))
+def _chunk(error: PredictionError) -> int:
+    each = 8 * len(error.model.states) * error.layout.size
+    return next((n for n in (CHUNK, CHUNK // 2) if n * each <= _NEAR), CHUNK // 4)
 
-        def body(chunk: JaxArray, sums: tuple[JaxArray, ...]) -> tuple[JaxArray, ...]:
-            batch = windows.part(first + chunk * width, width)
-            correction = estimated_starts(error, each, horizon, batch)
-            joint = window_sums(error, each, correction, horizon, batch)
-            squares, scores, normal = eliminated(error, joint, correction, batch.used)
-            here = (jnp.zeros_like(chunk), chunk * width)
-            return (
-                sums[0] + jnp.sum(squares),
-                sums[1] + normal,
-                jax.lax.dynamic_update_slice(sums[2], scores, here),
-            )
 
-        nothing = (
-            jnp.zeros((), values.dtype),
-            jnp.zeros((size, size), values.dtype),
-            jnp.zeros((size, capacity), values.dtype),
+def _penalties(layout: Layout[Model], penalties: tuple[Penalty, ...], raw: JaxArray) -> JaxArray:
+    values = layout.values(raw)
+    return jnp.concatenate([raw[:0], *(penalty.residuals(layout, values) for penalty in penalties)])
+
+
+# Compiled once for all objectives whose structure is the same: what differs from one recording to
+# the next are arguments.
+
+
+@eqx.filter_jit
+def _penalties_at(
+    layout: Layout[Model], penalties: tuple[Penalty, ...], raw: JaxArray
+) -> tuple[JaxArray, JaxArray]:
+    """Return the residuals of penalties and their Jacobian."""
+    residuals = partial(_penalties, layout, penalties)
+    return residuals(raw), jax.jacfwd(residuals)(raw)
+
+
+@partial(jax.jit, static_argnums=0)
+def _transform(layout: Layout[Model], raw: JaxArray) -> JaxArray:
+    """Return d(values)/d(raw)."""
+    slopes: JaxArray = jax.jacfwd(layout.values)(raw)
+    return slopes
+
+
+@partial(jax.jit, static_argnums=0)
+def _sum_over_chunks(
+    error: PredictionError,
+    raw: JaxArray,
+    scale: JaxArray,
+    windows: Batch,
+    span: tuple[JaxArray, JaxArray],
+    horizon: JaxArray,
+) -> tuple[JaxArray, ...]:
+    """Sum over a span of windows: the first of them, and how many."""
+    first, count = span
+    error = replace(error, scale=scale)
+    values = error.layout.values(raw)
+    size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS
+    width = _chunk(error)
+    each = jnp.broadcast_to(values[:, None], (size, width))
+
+    def body(chunk: JaxArray, sums: tuple[JaxArray, ...]) -> tuple[JaxArray, ...]:
+        batch = windows.part(first + chunk * width, width)
+        correction = estimated_starts(error, each, horizon, batch)
+        joint = window_sums(error, each, correction, horizon, batch)
+        squares, scores, normal = eliminated(error, joint, correction, batch.used)
+        here = (jnp.zeros_like(chunk), chunk * width)
+        return (
+            sums[0] + jnp.sum(squares),
+            sums[1] + normal,
+            jax.lax.dynamic_update_slice(sums[2], scores, here),
         )
-        chunks = (count + width - 1) // width
-        sums: tuple[JaxArray, ...] = jax.lax.fori_loop(0, chunks, body, nothing)
-        return sums
+
+    nothing = (
+        jnp.zeros((), values.dtype),
+        jnp.zeros((size, size), values.dtype),
+        jnp.zeros((size, capacity), values.dtype),
+    )
+    chunks = (count + width - 1) // width
+    sums: tuple[JaxArray, ...] = jax.lax.fori_loop(0, chunks, body, nothing)
+    return sums
 
 
 @cache

@@ -83,18 +83,19 @@ def compare(
     rows = _measured_rows(model)
     freed = [model.states.index(name) for name in (model.unmeasured if free is None else free)]
     with float64():
-        recorded = (experiment.stack(names).T for names in (model.states, model.inputs))
-        measured, inputs = (jnp.asarray(columns) for columns in recorded)
+        read, inputs = (experiment.stack(names).T for names in (model.states, model.inputs))
         batched = with_batch_axis(model)
-        measured = batched.corrected(measured)
-        ahead = np.asarray(look_ahead(predictor, batched, measured, inputs, 1)).T
-        start = jnp.stack([measured[:, predictor.past - 1 - j] for j in range(predictor.past)])
+        corrected = batched.corrected(with_shared_length(read))
+        measured = np.asarray(corrected)[:, : len(experiment)]
+        ahead = look_ahead(predictor, batched, measured, inputs, 1).T
+        start = jnp.asarray(measured[:, : predictor.past].T[::-1].copy())
         if freed:
-            start = _estimated_start(predictor, batched, (measured, inputs), (rows, freed))
+            both = jnp.asarray(measured), jnp.asarray(inputs)
+            start = _estimated_start(predictor, batched, both, (rows, freed))
         samples = inputs.shape[1] - predictor.past
         padded = with_shared_length(inputs)
         run = np.asarray(_free_run(predictor, batched, start, padded, samples)).T[:samples]
-    whole = np.asarray(measured).T
+    whole = measured.T
     first = np.asarray(start)[::-1]
     return Comparison(
         name=experiment.name,
@@ -185,11 +186,11 @@ def _squares(
 def look_ahead(
     predictor: Predictor,
     model: Model,
-    states: JaxArray,
-    inputs: JaxArray,
+    states: JaxArray | FloatArray,
+    inputs: JaxArray | FloatArray,
     steps: int,
     stride: int = 1,
-) -> JaxArray:
+) -> FloatArray:
     """Predict every sample from the measured ones `steps` before it (paper, k-step-ahead).
 
     Parameters
@@ -206,14 +207,14 @@ def look_ahead(
 
     Returns
     -------
-    array, shape (state, ceil((time - past) / stride))
+    ndarray, shape (state, ceil((time - past) / stride))
         For samples past .. time - 1; the first k - 1 of them start from fewer steps before.
     """
     count = len(range(predictor.past, states.shape[1], stride))
     ahead = _ahead(
         predictor, model, with_shared_length(states), with_shared_length(inputs), steps, stride
     )
-    return jnp.asarray(np.asarray(ahead)[:, :count])
+    return np.asarray(ahead)[:, :count]
 
 
 @partial(jax.jit, static_argnums=(0, 5))

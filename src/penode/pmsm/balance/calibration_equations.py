@@ -10,10 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, float64
+from penode.arrays import FloatArray, float64, with_shared_length
 from penode.data.experiment import Experiment
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.equations import balance_equations
@@ -106,9 +105,10 @@ class Balance:
         maps = []
         with float64():
             for experiment in self.experiments:
-                at = jnp.asarray(experiment.stack(CURRENTS).T / self.reach)
+                at = with_shared_length(experiment.stack(CURRENTS).T / self.reach)
                 psi, slope = (np.asarray(part) for part in splines.value_and_jacobian(at))
-                maps.append((psi.T, np.moveaxis(slope, -1, 0) / self.reach))
+                count = len(experiment)
+                maps.append((psi.T[:count], np.moveaxis(slope, -1, 0)[:count] / self.reach))
         return tuple(maps)
 
     @cached_property

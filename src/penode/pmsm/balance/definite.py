@@ -5,10 +5,11 @@ at the edge of the recordings that the differential inductance leaves the physic
 the rectangle that holds the recorded currents, where tables are made, it is held.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -98,6 +99,11 @@ def held_definite(
     return Held(solution, rows, target, min(floor / 2, reached) if reached > 0 else floor / 2)
 
 
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("hessians", "least", "weight"),
+    meta_fields=(),
+)
 @dataclass(frozen=True, eq=False)
 class PositiveInductance:
     """A penalty on inductances that are smaller than a least one, in any direction.
@@ -123,7 +129,7 @@ class PositiveInductance:
         a, b, c = (jnp.asarray(self.hessians) @ values[chosen]).T
         half = jnp.sqrt(((a - c) / 2) ** 2 + b**2 + (1e-6 * self.least) ** 2)
         lacking = jnp.maximum(self.least - ((a + c) / 2 - half), 0.0)
-        return lacking * (math.sqrt(self.weight) / self.least)
+        return lacking * (jnp.sqrt(self.weight) / self.least)
 
 
 def held_in_training(

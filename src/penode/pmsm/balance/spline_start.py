@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -263,12 +262,10 @@ def _misfit(machine: Machine, experiment: Experiment) -> float:
     """Return half the median squared error in A^2 of predictions some samples ahead."""
     predictor = Predictor(experiment.time_step)
     with float64():
-        states, inputs = (
-            jnp.asarray(experiment.stack(names).T) for names in (machine.states, machine.inputs)
-        )
+        states, inputs = (experiment.stack(names).T for names in (machine.states, machine.inputs))
         stride = max(len(experiment) // _JUDGED, 1)
         ahead = look_ahead(predictor, with_batch_axis(machine), states, inputs, _AHEAD, stride)
-        gap = np.asarray(ahead - states[:, predictor.past :: stride])
+        gap = ahead - states[:, predictor.past :: stride]
     return float(np.median(np.sum(gap**2, axis=0)) / 2)
 
 

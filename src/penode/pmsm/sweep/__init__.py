@@ -1,0 +1,1 @@
+"""Sweeps: many identifications in one campaign, one table, one report."""

@@ -1,0 +1,63 @@
+"""Drift: how fast a quantity changes over dates, and how sure the scatter about a line is of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+from scipy.stats import linregress, t
+
+from penode.arrays import FloatArray
+
+_YEAR = 365.25
+#: Confidence from which a change is called a drift: of a hundred machines without, one is.
+_CONFIDENCE = 0.99
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A straight line through a quantity over dates.
+
+    Attributes
+    ----------
+    mean : float
+        Of the quantity.
+    per_year : float
+        Slope, in the quantity's unit a year.
+    half_95 : float
+        Half of its 95 % interval, by Student's distribution of the scatter about the line.
+    significant : bool
+        Whether the 99 % interval leaves zero out.
+    """
+
+    mean: float
+    per_year: float
+    half_95: float
+    significant: bool
+
+
+def drift_of(dates: Sequence[date], values: FloatArray) -> Drift | None:
+    """Fit a line to values over dates.
+
+    What all recordings of a bench have in common, such as the gain of a sensor, changes none of
+    this; the scatter from recording to recording decides.
+
+    Parameters
+    ----------
+    dates : sequence of date
+    values : ndarray, shape (date,)
+        Finite.
+
+    Returns
+    -------
+    Drift or None
+        None with fewer than three different dates or four values.
+    """
+    if len(set(dates)) < 3 or len(values) < 4:
+        return None
+    years = np.array([one.toordinal() for one in dates]) / _YEAR
+    line, freedom = linregress(years - years.mean(), values), len(values) - 2
+    sure, usual = (float(t.ppf((1 + p) / 2, freedom)) for p in (_CONFIDENCE, 0.95))
+    slope, deviation = float(line.slope), float(line.stderr)
+    significant = abs(slope) > sure * deviation
+    return Drift(float(np.mean(values)), slope, usual * deviation, significant)
