@@ -93,10 +93,12 @@ def check_excitation(experiment: Experiment, channels: Sequence[str]) -> None:
 def check_some_excitation(experiment: Experiment, channels: Sequence[str]) -> None:
     """Refuse a recording in which none of several channels moves; see `check_excitation`.
 
-    One axis at rest is no obstacle: a winding may be excited along the other alone.
+    One axis at rest is no obstacle: a winding may be excited along the other alone. A channel that
+    stands at anything but zero is stuck.
     """
-    if channels and all(find_constant(experiment, channel) is not None for channel in channels):
-        check_excitation(experiment, channels)
+    still = [name for name in channels if find_constant(experiment, name) is not None]
+    stuck = [name for name in still if experiment.channels[name].any()]
+    check_excitation(experiment, still if len(still) == len(channels) else stuck)
 
 
 def find_constant(experiment: Experiment, channel: str) -> Finding | None:
