@@ -16,6 +16,10 @@ _CREEP = 1e-4
 #: A fraction of the loss that the remaining step must not take away: while the model does not yet
 #: fit, the deviations are as large as the misfit and nothing seems to move.
 _MISFIT = 0.02
+#: Least damping after a step was rejected.
+_RESTRAINED = 1e-3
+#: Gain of a step below which the loss is no parabola along it.
+_BEYOND = -4.0
 #: Least fraction of a step.
 _SHORTEST = 0.1
 
@@ -82,7 +86,7 @@ class LevenbergMarquardt:
             elif damping > _LARGEST_DAMPING:
                 return Solution(raw, terms, evaluation, "No step lowers the loss any more.")
             else:
-                damping, growth = damping * growth, growth * 2
+                damping, growth = max(damping * growth, _RESTRAINED), growth * 2
         return Solution(raw, terms, self.evaluations, "The evaluations are used up.")
 
     def _converged(self, problem: Problem, raw: FloatArray, terms: GaussNewtonTerms) -> bool:
@@ -121,10 +125,11 @@ def _reach(reach: float, gain: float) -> float:
     The quadratic model fell by 2 t - t^2 along a fraction t of the step, the loss by a parabola of
     the same slope and another curvature: where a kink of the model is passed, such as a current's
     change of sign, that is larger than what Gauss and Newton see, and full steps would go to and
-    fro.
+    fro. Of a loss that rose by much more than was promised no parabola says anything.
     """
-    curvature = max(2 - max(gain, -1e3) * (2 - reach), 1e-3)
-    return float(np.clip(reach / curvature, _SHORTEST, 1.0))
+    if gain < _BEYOND:
+        return reach
+    return float(np.clip(reach / max(2 - gain * (2 - reach), 1e-3), _SHORTEST, 1.0))
 
 
 def _after(gain: float) -> float:
