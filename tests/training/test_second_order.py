@@ -216,3 +216,26 @@ def test_a_kink_does_not_make_steps_go_to_and_fro():
     solution = LevenbergMarquardt(8, damping=1e-9).minimise(Bent(), np.array([1.0]))
     assert solution.converged
     assert abs(solution.raw[0]) < 1e-4
+
+
+def test_a_rejected_step_is_restrained_at_once():
+    """Columns nearly alike: the full step goes far along what they differ by, where nothing is."""
+
+    class Walled:
+        moving, windows = np.ones(2, dtype=bool), None
+        objective = SimpleNamespace(layout=SimpleNamespace(physical=()))
+
+        def gauss_newton(self, raw):
+            slope = -np.array([[1.0, 1.0], [0.005, -0.005]])
+            residual = np.array([2.0, 0.05]) + slope @ raw
+            loss = float(residual @ residual) if abs(raw[0] - raw[1]) < 1 else np.inf
+            return GaussNewtonTerms(loss, 1, slope.T @ slope, -slope.T @ residual, slope.T)
+
+        def reported_jacobian(self, raw):
+            return np.empty((0, 2))
+
+        def spread(self, step):
+            return step
+
+    first = LevenbergMarquardt(3, damping=1e-9).minimise(Walled(), np.zeros(2))
+    assert first.terms.loss < 0.01
