@@ -188,10 +188,10 @@ def test_the_path_does_not_depend_on_units(machine, problem_of, unit):
 @pytest.mark.parametrize("curvature", [0.8, 1.0, 1.7, 4.0])
 @pytest.mark.parametrize("reach", [1.0, 0.6, 0.3])
 def test_a_step_ends_where_a_parabola_is_least(curvature, reach):
-    """Of a loss that falls by 2 t - c t^2 that is 1/c of the step, whatever part was taken."""
+    """Of a loss that falls by 2 t - c t^2 that is 1/c of the step, twice what was taken at most."""
     gain = (2 * reach - curvature * reach**2) / (2 * reach - reach**2)
-    assert _reach(reach, gain) == pytest.approx(min(1 / curvature, 1.0))
-    assert _reach(reach, -np.inf) == reach
+    assert _reach(reach, gain) == pytest.approx(min(1 / curvature, 2 * reach, 1.0))
+    assert 0 < _reach(reach, -np.inf) < reach
 
 
 def test_a_kink_does_not_make_steps_go_to_and_fro():
@@ -227,7 +227,7 @@ def test_a_rejected_step_is_restrained_at_once():
 
         def gauss_newton(self, raw):
             slope = -np.array([[1.0, 1.0], [0.005, -0.005]])
-            residual = np.array([2.0, 0.05]) + slope @ raw
+            residual = np.array([2.0, 0.5]) + slope @ raw
             loss = float(residual @ residual) if abs(raw[0] - raw[1]) < 1 else np.inf
             return GaussNewtonTerms(loss, 1, slope.T @ slope, -slope.T @ residual, slope.T)
 
@@ -237,5 +237,5 @@ def test_a_rejected_step_is_restrained_at_once():
         def spread(self, step):
             return step
 
-    first = LevenbergMarquardt(3, damping=1e-9).minimise(Walled(), np.zeros(2))
-    assert first.terms.loss < 0.01
+    solution = LevenbergMarquardt(3, damping=1e-9).minimise(Walled(), np.zeros(2))
+    assert solution.terms.loss < 4.0  # 4.25 at the start

@@ -18,8 +18,6 @@ _CREEP = 1e-4
 _MISFIT = 0.02
 #: Least damping after a step was rejected.
 _RESTRAINED = 1e-3
-#: Gain of a step below which the loss is no parabola along it.
-_BEYOND = -4.0
 #: Least fraction of a step.
 _SHORTEST = 0.1
 
@@ -125,11 +123,10 @@ def _reach(reach: float, gain: float) -> float:
     The quadratic model fell by 2 t - t^2 along a fraction t of the step, the loss by a parabola of
     the same slope and another curvature: where a kink of the model is passed, such as a current's
     change of sign, that is larger than what Gauss and Newton see, and full steps would go to and
-    fro. Of a loss that rose by much more than was promised no parabola says anything.
+    fro. It grows by doubling: beyond a step that was taken there may be what no parabola shows.
     """
-    if gain < _BEYOND:
-        return reach
-    return float(np.clip(reach / max(2 - gain * (2 - reach), 1e-3), _SHORTEST, 1.0))
+    curvature = max(2 - max(gain, -1e3) * (2 - reach), 1e-3)
+    return float(np.clip(reach / curvature, _SHORTEST, min(2 * reach, 1.0)))
 
 
 def _after(gain: float) -> float:
