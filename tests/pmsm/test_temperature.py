@@ -48,6 +48,7 @@ def test_the_recording_warms(warming_run):
     assert temperature[-1] - temperature[0] > 50.0
 
 
+@pytest.mark.slow
 def test_the_resistance_at_20_degrees_is_found(warming_run):
     terms = (TemperatureResistance(alpha=ALPHA),)
     study = Study(horizon=3, terms=terms, candidates=(), angle_orders=(6, 12))

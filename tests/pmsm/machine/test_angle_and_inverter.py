@@ -369,6 +369,7 @@ def test_weak_start_finds_the_harmonics_of_the_bench(slow_run):
     assert np.sqrt(np.mean((found - true) ** 2)) < 0.4 * np.sqrt(np.mean(true**2))
 
 
+@pytest.mark.slow
 def test_identification_with_the_inverter_term(dead_time_run, tmp_path):
     study = Study(horizon=8, terms=(DeadTime(),), angle_orders=ORDERS)
     fit = identify([dead_time_run], study=study)
