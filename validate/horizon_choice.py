@@ -9,10 +9,8 @@ an unconstrained map at one speed, on a slow trajectory, must be called not iden
 prints the table of the draws so far; the same command goes on.
 """
 
-import sys
 import time
 from collections import Counter
-from contextlib import suppress
 
 import numpy as np
 
@@ -23,7 +21,7 @@ from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
 from validate.drawn_recordings import Campaign, draw_campaign
-from validate.ledger import Ledger, Record
+from validate.ledger import Record, run_draws
 from validate.map_errors import error_and_coverage
 
 COUNT = 200
@@ -132,17 +130,5 @@ def _mean_log(errors: FloatArray) -> float:
     return float(np.mean(np.log(np.maximum(errors, 1e-6))))
 
 
-def main() -> None:
-    """Print a line a draw, then the table."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else COUNT
-    first = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    ledger, draws = Ledger("horizon_choice"), []
-    with suppress(KeyboardInterrupt):
-        for number in range(first, first + count):
-            draws.append(ledger.of(number, result_of))
-            print(line_of(draws[-1]), flush=True)
-    print_table(draws)
-
-
 if __name__ == "__main__":
-    main()
+    run_draws("horizon_choice", COUNT, result_of, line_of, print_table)

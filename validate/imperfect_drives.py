@@ -8,9 +8,7 @@ recording. The width of its interval is compared with that of an identification 
 terms are absent. Ctrl-C prints the table so far; the same command goes on.
 """
 
-import sys
 import time
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -30,7 +28,7 @@ from penode.pmsm.bench.winding import IronLoss, Warming, Winding
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
 from validate.drawn_recordings import draw_machine
-from validate.ledger import Ledger, Record
+from validate.ledger import Record, run_draws
 
 COUNT = 200
 
@@ -136,17 +134,5 @@ def print_table(draws: list[Record]) -> None:
         print(f"median |error| {100 * np.median([abs(one['error']) for one in good]):.2f} %.")
 
 
-def main() -> None:
-    """Print a line a draw, then the table."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else COUNT
-    first = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    ledger, draws = Ledger("imperfect_drives"), []
-    with suppress(KeyboardInterrupt):
-        for number in range(first, first + count):
-            draws.append(ledger.of(number, result_of))
-            print(line_of(draws[-1]), flush=True)
-    print_table(draws)
-
-
 if __name__ == "__main__":
-    main()
+    run_draws("imperfect_drives", COUNT, result_of, line_of, print_table)

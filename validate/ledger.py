@@ -1,7 +1,9 @@
 """Ledger: what became of each draw, a JSON line each, so that a stopped campaign goes on."""
 
 import json
+import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -41,3 +43,35 @@ class Ledger:
                 file.write(json.dumps(record) + "\n")
             return record
         return known[draw]
+
+
+def run_draws(
+    name: str,
+    most: int,
+    make: Callable[[int], Record],
+    line: Callable[[Record], str],
+    table: Callable[[list[Record]], None],
+) -> None:
+    """Make draws, ``COUNT FIRST`` of the command line, and print a line each, then the table.
+
+    Parameters
+    ----------
+    name : str
+        Of the ledger.
+    most : int
+        Draws without a count on the command line.
+    make : callable
+        Returns what became of a draw.
+    line : callable
+        Returns the line of a draw.
+    table : callable
+        Prints the table of those so far, after Ctrl-C too.
+    """
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else most
+    first = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    ledger, draws = Ledger(name), list[Record]()
+    with suppress(KeyboardInterrupt):
+        for number in range(first, first + count):
+            draws.append(ledger.of(number, make))
+            print(line(draws[-1]), flush=True)
+    table(draws)

@@ -8,9 +8,7 @@ As the loss goes on falling where nothing reported moves, the table also gives t
 from the best fit's in deviations. Ctrl-C prints the count so far; the same command goes on.
 """
 
-import sys
 import time
-from contextlib import suppress
 from dataclasses import replace
 
 import jax
@@ -30,7 +28,7 @@ from penode.pmsm.study_settings import Study
 from penode.training.plan import Plan, Stage
 from penode.training.second_order import LevenbergMarquardt
 from validate.drawn_recordings import Drawn, draw_recording
-from validate.ledger import Ledger, Record
+from validate.ledger import Record, run_draws
 
 COUNT = 100
 ARRIVED = 1.001
@@ -112,20 +110,12 @@ def print_table(draws: list[Record]) -> None:
     )
 
 
-def main() -> None:
-    """Print a line a draw, then the count."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else COUNT
-    first = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    print("machine and recording: H, verdict, error of R and in deviations | loss over the best")
-    print("known and R apart from that fit's in deviations | wall time")
-    ledger, draws = Ledger("random_starts"), []
-    with suppress(KeyboardInterrupt):
-        for number in range(first, first + count):
-            draws.append(ledger.of(number, result_of))
-            text, failure = draws[-1]["text"], draws[-1]["failure"]
-            print(f"{number:3d} {text}{failure and ': '}{failure}", flush=True)
-    print_table(draws)
+def line_of(draw: Record) -> str:
+    """Return one line of the list."""
+    return f"{draw['draw']:3d} {draw['text']}{draw['failure'] and ': '}{draw['failure']}"
 
 
 if __name__ == "__main__":
-    main()
+    print("machine and recording: H, verdict, error of R and in deviations | loss over the best")
+    print("known and R apart from that fit's in deviations | wall time")
+    run_draws("random_starts", COUNT, result_of, line_of, print_table)

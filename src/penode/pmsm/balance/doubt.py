@@ -1,13 +1,13 @@
 """What may act though the model leaves it out: its part of the uncertainty budget."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.horizon.uncertainty_budget import Imperfection
 from penode.pmsm.balance.equations import term_columns
-from penode.pmsm.machine.space_vectors import VOLTAGES
+from penode.pmsm.machine.space_vectors import less_voltage
 from penode.pmsm.machine.term_registry import physical_values
 from penode.pmsm.machine.terms import Term
 
@@ -61,11 +61,7 @@ class Doubt:
         taken = _dropped(experiment, self.term)
         if self.instead is not None:
             taken = taken - _dropped(experiment, self.instead)
-        left = experiment.stack(VOLTAGES) - count * self.weight * taken
-        return replace(
-            experiment,
-            channels={**experiment.channels, **dict(zip(VOLTAGES, left.T, strict=True))},
-        )
+        return less_voltage(experiment, count * self.weight * taken)
 
 
 def _dropped(experiment: Experiment, term: Term) -> np.ndarray:

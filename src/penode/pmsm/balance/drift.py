@@ -7,7 +7,7 @@ are is taken off the voltages: R and the map are those of the middle of the time
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,13 +15,13 @@ from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.horizon.uncertainty_budget import Imperfection
 from penode.pmsm.balance.doubt import probability
-from penode.pmsm.balance.equations import balance_equations
+from penode.pmsm.balance.equations import balance_equations, term_columns
 from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.voltage_balance import harmonic_window
 from penode.pmsm.machine.dead_time import DeadTime
-from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
+from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES, less_voltage
 from penode.pmsm.machine.term_registry import completed
-from penode.pmsm.machine.terms import ANGLE, SPEED, TEMPERATURE, Term
+from penode.pmsm.machine.terms import ANGLE, SPEED, TEMPERATURE, Resistance, Rotation, Term
 from penode.training.weak_form import WeakRegression, join
 
 #: Windows overlap by three quarters: so many equations are worth one.
@@ -30,6 +30,8 @@ _OVERLAP = 4
 _MATTERS, _CREDIBLE = (2e-3, 2e-4), (0.6, 0.1)
 #: Probability from which it is taken off: a drift that is not there may be one of something else.
 _SURE = 0.99
+#: The magnets' flux linkage lies along the d axis.
+_ALONG_D = np.array([1.0, 0.0])
 _REMEDY = "Record the winding's temperature, or at a steady one."
 
 
@@ -44,7 +46,7 @@ class Drift:
     left : tuple of float
         What both may change by beside that, in ohm and Vs: one standard deviation.
     reasons : tuple of str
-        What was found, a sentence each.
+        Why, a sentence each.
     """
 
     resistance: tuple[float, ...] = ()
@@ -135,22 +137,24 @@ def _equations(
 
 def _drift_columns(experiment: Experiment, kind: int) -> tuple[FloatArray, FloatArray]:
     """Return stored and supplied quantity of a drift of R, or of the magnets, (time, 2) each."""
-    tau, currents = _tau(experiment), experiment.stack(CURRENTS)
-    if kind == 0:
-        return np.zeros_like(currents), -tau[:, None] * currents
-    nothing, speed = np.zeros_like(tau), experiment.channels[SPEED.name]
-    return np.stack([tau, nothing], axis=1), np.stack([nothing, -speed * tau], axis=1)
+    tau = _tau(experiment)[:, None]
+    stored = (0 * tau, tau)[kind] * _ALONG_D
+    return stored, -tau * _drops(experiment)[kind]
 
 
 def _without(experiment: Experiment, resistance: float, magnet: float) -> Experiment:
-    tau, currents = _tau(experiment), experiment.stack(CURRENTS)
     if not (resistance or magnet):
         return experiment
-    rise = magnet / max((len(experiment) - 1) * experiment.time_step, 1e-300)
-    induced = np.stack([np.full_like(tau, rise), experiment.channels[SPEED.name] * magnet * tau], 1)
-    left = experiment.stack(VOLTAGES) - resistance * tau[:, None] * currents - induced
-    channels = {**experiment.channels, **dict(zip(VOLTAGES, left.T, strict=True))}
-    return replace(experiment, channels=channels)
+    of_current, of_flux = _drops(experiment)
+    rise = magnet / max((len(experiment) - 1) * experiment.time_step, 1e-300) * _ALONG_D
+    steady = resistance * of_current + magnet * of_flux
+    return less_voltage(experiment, _tau(experiment)[:, None] * steady + rise)
+
+
+def _drops(experiment: Experiment) -> tuple[FloatArray, FloatArray]:
+    """Return what one ohm, and one Vs of the magnets, drop of the voltage, (time, 2) each, in V."""
+    _, by_resistance, by_psi = term_columns(experiment, (Resistance(), Rotation()))
+    return by_resistance[..., 0], by_psi[..., 0]
 
 
 def _tau(experiment: Experiment) -> FloatArray:

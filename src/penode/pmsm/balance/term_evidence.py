@@ -72,9 +72,10 @@ def judged(
         return Judged(None, f"{title} was left out: {missing[0]} was not recorded.")
     if not isinstance(candidate, PhaseSigns) or candidate.dead_time_current is not None:
         return _presence(experiments, terms, candidate, certain)
-    usual = _presence(experiments, terms, DeadTime(), certain)
-    if usual.term is None:  # a voltage too small for any knee to show
-        return usual
+    if not certain:
+        usual = _presence(experiments, terms, DeadTime(), certain)
+        if usual.term is None:  # a voltage too small for any knee to show
+            return usual
     shaped = with_knee(experiments, terms, by_phase=isinstance(candidate, PhaseDeadTime))
     presence = _presence(experiments, terms, DeadTime(**knee_of(shaped.term)), certain)
     if presence.term is None:

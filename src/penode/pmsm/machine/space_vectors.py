@@ -7,6 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.pmsm.machine.terms import ANGLE
 
@@ -41,6 +42,13 @@ def with_vector(
     changed = change(vector_of(experiment, pair))
     d, q = pair
     return replace(experiment, channels={**experiment.channels, d: changed.real, q: changed.imag})
+
+
+def less_voltage(experiment: Experiment, lost: FloatArray) -> Experiment:
+    """Return a recording with d and q of a voltage (time, 2) in V taken off."""
+    return with_vector(
+        experiment, VOLTAGES, lambda voltage: voltage - (lost[:, 0] + 1j * lost[:, 1])
+    )
 
 
 def in_frame_ahead(experiment: Experiment, angle: float) -> Experiment:
