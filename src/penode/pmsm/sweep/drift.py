@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import date
 
 import numpy as np
-from scipy.stats import linregress, t
+from scipy.special import stdtrit
 
 from penode.arrays import FloatArray
 
@@ -56,8 +56,8 @@ def drift_of(dates: Sequence[date], values: FloatArray) -> Drift | None:
     if len(set(dates)) < 3 or len(values) < 4:
         return None
     years = np.array([one.toordinal() for one in dates]) / _YEAR
-    line, freedom = linregress(years - years.mean(), values), len(values) - 2
-    sure, usual = (float(t.ppf((1 + p) / 2, freedom)) for p in (_CONFIDENCE, 0.95))
-    slope, deviation = float(line.slope), float(line.stderr)
+    line, covariance = np.polyfit(years - years.mean(), values, 1, cov=True)
+    slope, deviation = float(line[0]), float(np.sqrt(covariance[0, 0]))
+    sure, usual = (float(stdtrit(len(values) - 2, (1 + p) / 2)) for p in (_CONFIDENCE, 0.95))
     significant = abs(slope) > sure * deviation
     return Drift(float(np.mean(values)), slope, usual * deviation, significant)
