@@ -2,27 +2,34 @@
 
 import json
 import time
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from penode.arrays import BoolArray, FloatArray
+from penode.data.experiment import Experiment
 from penode.data.load import load
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.fit.outcome import AVERAGED
+from penode.pmsm.conventional.coenergy_least_squares import CoenergyLeastSquares
 from penode.pmsm.study import identify
 from validate.ledger import Ledger, Record
 from validate.other_simulators.plan import HALVES
+
+Samples: TypeAlias = dict[str, list[float]]
+Supported: TypeAlias = Callable[[FloatArray], BoolArray]
 
 FOLDER = Path("out") / "validate" / "other_simulators"
 #: An error of R in per cent from which a positive verdict is far off.
 FAR = 5.0
 HEAD = (
     f"{'':2s} {'kind':27s} {'machine':20s} {'rpm':>5s} {'R in ohm':>9s} {'95 % interval':>19s} "
-    f"{'truth':>7s} {'error':>9s} {'map':>8s} {'':7s} {'s':>4s}  verdict"
+    f"{'truth':>7s} {'error':>9s} {'map':>8s} {'plain':>8s} {'':7s} {'s':>4s}  verdict"
 )
 
 
@@ -46,27 +53,40 @@ def truths() -> dict[str, Any]:
 def result_of(truth: Record) -> Record:
     """Identify a recording, or both of two, with nothing but the files given."""
     began = time.perf_counter()
+    recordings = [load(FOLDER / file) for file in truth["files"]]
     try:
-        fit = identify([load(FOLDER / file) for file in truth["files"]])
+        fit = identify(recordings)
     except InputError as error:
         return {"verdict": "refused", "why": str(error), "seconds": time.perf_counter() - began}
-    estimate = fit.parameters["R"]
+    seconds, estimate = time.perf_counter() - began, fit.parameters["R"]
     return {
         "verdict": fit.horizon.verdict,
         "why": fit.horizon.reason,
         "objections": [objection.name for objection in fit.horizon.objections],
         "R": estimate.value,
         "interval": list(estimate.interval_95),
-        "map": map_error(fit, truth["flux_map"]),
+        "map": map_error(fit, truth["flux_map"], fit.supported),
+        "plain": plain_error(recordings, truth["flux_map"], fit.supported),
         "horizon": fit.horizon.selected,
         "structure": fit.provenance["structure"],
         "hold": fit.provenance["hold"],
         "warnings": list(fit.warnings),
-        "seconds": time.perf_counter() - began,
+        "seconds": seconds,
     }
 
 
-def map_error(fit: Fit, samples: dict[str, list[float]]) -> float | None:
+def plain_error(
+    recordings: Sequence[Experiment], samples: Samples, supported: Supported
+) -> float | None:
+    """Return `map_error` of linear least squares of the recordings as they are, None if refused."""
+    try:
+        fit = CoenergyLeastSquares().identify(recordings)
+    except InputError:
+        return None
+    return map_error(fit, samples, supported)
+
+
+def map_error(fit: Fit, samples: Samples, supported: Supported) -> float | None:
     """Return the root mean square error of the map over the excited region.
 
     Parameters
@@ -74,6 +94,8 @@ def map_error(fit: Fit, samples: dict[str, list[float]]) -> float | None:
     fit : Fit
     samples : dict of str to list
         Of the true map, i_d, i_q, psi_d, psi_q in the units of the recording.
+    supported : callable
+        Returns which currents (current, 2) lie in the excited region.
 
     Returns
     -------
@@ -82,7 +104,7 @@ def map_error(fit: Fit, samples: dict[str, list[float]]) -> float | None:
     """
     current = np.stack([samples["i_d"], samples["i_q"]], axis=-1)
     psi = np.stack([samples["psi_d"], samples["psi_q"]], axis=-1)
-    inside = fit.supported(current)
+    inside = supported(current)
     if not inside.any():
         return None
     gap = np.stack(fit.flux_map(*current[inside].T), axis=-1) - psi[inside]
@@ -116,11 +138,15 @@ def line_of(truth: Record, result: Record) -> str:
     known = f"{truth['R']:7.4g}" if truth["R"] is not None else "      -"
     objections = result["verdict"] == "implausible" and result["objections"]
     said = ", ".join(dict.fromkeys(objections or ())) or result["verdict"]
-    found = f"{'-':>9s} {'-':>19s} {known} {'-':>9s} {'-':>8s}"
+    found = f"{'-':>9s} {'-':>19s} {known} {'-':>9s} {'-':>8s} {'-':>8s}"
     if "R" in result:
         low, high = result["interval"]
-        error, scale = percent(error_of(truth, result), "+.2f"), percent(result["map"], ".2f")
-        found = f"{result['R']:9.4g} {low:9.4g} {high:9.4g} {known} {error:>9s} {scale:>8s}"
+        error = percent(error_of(truth, result), "+.2f")
+        trained, plain = (percent(result[name], ".2f") for name in ("map", "plain"))
+        found = (
+            f"{result['R']:9.4g} {low:9.4g} {high:9.4g} {known} {error:>9s} {trained:>8s} "
+            f"{plain:>8s}"
+        )
     return (
         f"{truth['number']:2d} {kind:27s} {machine:20s} {rpm + 0.0:5.0f} {found} "
         f"{mark_of(truth, result):7s} {result['seconds']:4.0f}  {said}"
@@ -144,7 +170,16 @@ def summary(pairs: list[tuple[Record, Record]]) -> str:
     return (
         f"{len(positive)} of {len(pairs)} verdicts are positive "
         f"({100 * len(positive) / len(pairs):.0f} %); intervals cover in {sum(covered)} of them "
-        f"({100 * np.mean(covered):.0f} %); largest error with a positive verdict {largest:.2f} %."
+        f"({100 * np.mean(covered):.0f} %); largest error with a positive verdict {largest:.2f} %. "
+        f"{_maps(positive)}"
+    )
+
+
+def _maps(pairs: list[tuple[Record, Record]]) -> str:
+    ratios = [r["plain"] / r["map"] for _, r in pairs if r["plain"] and r["map"]]
+    return (
+        f"Their maps are as good as least squares' in {sum(ratio >= 1 for ratio in ratios)} of "
+        f"{len(ratios)}, its error {np.median(ratios):.1f} times theirs in the median."
     )
 
 
