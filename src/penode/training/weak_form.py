@@ -20,8 +20,10 @@ from penode.training.covariance import bartlett_variance
 
 #: Singular values below this fraction of the largest are noise of the arithmetic.
 _RANK_TOLERANCE = 1e-10
-#: Equations that share samples with one: two states, windows overlapping by three quarters.
-_OVERLAPPING = 16
+#: Windows overlap by three quarters: so many equations are worth one.
+OVERLAP = 4
+#: Equations that share samples with one, of two states.
+_OVERLAPPING = 4 * OVERLAP
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +193,7 @@ class HannWindow:
 
     @property
     def _stride(self) -> int:
-        return max(self.length // 4, 1)
+        return max(self.length // OVERLAP, 1)
 
     @property
     def _phase(self) -> FloatArray:

@@ -220,7 +220,7 @@ def test_what_is_left_of_the_corrections_joins_the_budget(slow_run):
     assert (turn.source, iron.source, iron.accuracy) == (
         "turn of the voltage",
         "iron loss",
-        "5 % of it",
+        "1 mS",
     )
     once = turn.applied(slow_run, 2.0)
     np.testing.assert_allclose(
@@ -240,5 +240,64 @@ def test_a_recording_that_shows_its_angle_narrows_what_is_declared(fast_run):
     narrowed = result.accuracy(Accuracy())
     assert 0 < narrowed.angle < 0.1
     assert 0 < narrowed.delay <= 0.02
-    assert narrowed == replace(Accuracy(), angle=narrowed.angle, delay=narrowed.delay)
+    assert 0 < narrowed.current_mismatch < 0.001
+    assert 0 < narrowed.current_offset < 0.001
+    gains = ("current_gain", "voltage_gain", "speed_gain")
+    assert all(getattr(narrowed, name) == getattr(Accuracy(), name) for name in gains)
     assert result.accuracy(Accuracy.exact()) == Accuracy.exact()
+
+
+# --- the current sensors ------------------------------------------------------------------------
+
+
+def measured(run, gains, offsets):
+    """Return a recording of phases with gains and offsets of their own, by phase arithmetic."""
+    angles = run.channels["theta_el"] - 2 * np.pi / 3 * np.arange(3)[:, None]
+    d, q = run.channels["i_d"], run.channels["i_q"]
+    phases = np.cos(angles) * d - np.sin(angles) * q
+    read = np.asarray(gains)[:, None] * phases + np.asarray(offsets)[:, None]
+    channels = {
+        "i_d": 2 / 3 * np.sum(np.cos(angles) * read, axis=0),
+        "i_q": -2 / 3 * np.sum(np.sin(angles) * read, axis=0),
+    }
+    return replace(run, channels={**run.channels, **channels})
+
+
+@pytest.mark.parametrize(
+    ("gains", "offsets"),
+    [((1.01, 1.0, 1.0), (0, 0, 0)), ((1, 1, 1), (2.0, 0, 0)), ((0.99, 1.01, 1.0), (0, -1.0, 1.0))],
+)
+def test_what_differs_between_the_phases_is_taken_off(slow_run, gains, offsets):
+    """A gain that all phases share stays; a common offset is no current."""
+    result = calibration_of([measured(slow_run, gains, offsets)])
+    corrected = result.applied(measured(slow_run, gains, offsets))
+    common = np.mean(gains)
+    apart = corrected.stack(("i_d", "i_q")) - common * slow_run.stack(("i_d", "i_q"))
+    recorded = measured(slow_run, gains, offsets).stack(("i_d", "i_q"))
+    before = recorded - common * slow_run.stack(("i_d", "i_q"))
+    assert np.sqrt(np.mean(apart**2)) < 0.03 * np.sqrt(np.mean(before**2))
+    assert (result.delay, result.turn, result.iron, result.angle) == (0.0, 0.0, 0.0, 0.0)
+    assert bool(result.mismatch) == (gains != (1, 1, 1))
+    assert bool(result.offset) == any(offsets)
+
+
+def test_an_applied_mismatch_and_offset_are_exactly_undone(slow_run):
+    run = measured(slow_run, (1.05, 0.97, 1.0), (3.0, -1.0, 0.0))
+    rotation = np.exp(2j * np.pi / 3 * np.arange(3))
+    mismatch = np.array([1.05, 0.97, 1.0]) @ rotation.conj() / 3
+    common = (1.05 + 0.97 + 1.0) / 3
+    offset = 2 / 3 * np.array([3.0, -1.0, 0.0]) @ rotation
+    known = Calibration(mismatch=mismatch / common, offset=offset)
+    np.testing.assert_allclose(
+        known.applied(run).stack(("i_d", "i_q")),
+        common * slow_run.stack(("i_d", "i_q")),
+        atol=1e-9,
+    )
+
+
+def test_without_an_angle_no_sensor_is_corrected(slow_run):
+    run = measured(slow_run, (1.01, 1.0, 1.0), (2.0, 0, 0))
+    channels = {name: values for name, values in run.channels.items() if name != "theta_el"}
+    result = calibration_of([replace(run, channels=channels)])
+    assert (result.mismatch, result.offset) == (0.0, 0.0)
+    assert result.accuracy(Accuracy()).current_mismatch == Accuracy().current_mismatch

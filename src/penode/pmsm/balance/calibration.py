@@ -21,6 +21,8 @@ from penode.pmsm.machine.space_vectors import (
     VOLTAGES,
     in_frame_ahead,
     vector_of,
+    with_mismatch,
+    with_offset,
     with_vector,
 )
 from penode.pmsm.machine.terms import ANGLE, SPEED
@@ -49,11 +51,15 @@ class Calibration:
         Conductance of the iron, parallel to the induced voltage, S: of the recorded current it
         takes this share, and the rest magnetises.
     resistance : float
-        By which the induced voltage is known, ohm; needed with `iron` alone.
+        By which the induced voltage is known, ohm; for the iron alone.
+    mismatch, offset : complex
+        Of the current sensors of the phases, see `with_mismatch` and `with_offset` in
+        `penode.pmsm.machine.space_vectors`; the offset in A.
     speed_from_angle : bool
         Whether the speed is the slope of the angle, as the recorded one lags.
     deviation : mapping of str to float
-        Of what was estimated, by the names above; of what was left alone, what it may be off by.
+        Of what was estimated, by the names above, an offset's as a fraction of the largest current;
+        of what was left alone, what it may be off by.
     reasons : tuple of str
         What was estimated, a sentence each.
     """
@@ -63,13 +69,19 @@ class Calibration:
     turn: float = 0.0
     angle: float = 0.0
     iron: float = 0.0
-    resistance: float = 0.0
+    resistance: float = field(default=0.0, compare=False)
+    mismatch: complex = 0.0
+    offset: complex = 0.0
     speed_from_angle: bool = False
     deviation: Mapping[str, float] = field(default_factory=dict, compare=False)
     reasons: tuple[str, ...] = ()
 
     def applied(self, experiment: Experiment) -> Experiment:
         """Return the recording corrected, cut at its ends where no voltage was recorded."""
+        if self.offset:
+            experiment = with_offset(experiment, -self.offset)
+        if self.mismatch:
+            experiment = _matched(experiment, self.mismatch)
         if self.speed_from_angle:
             experiment = with_speed_from_angle(experiment)
         if self.angle:
@@ -87,13 +99,18 @@ class Calibration:
         return mean_over_samples(experiment) if self.hold == "stationary" else experiment
 
     def accuracy(self, declared: Accuracy) -> Accuracy:
-        """Return a declared accuracy, narrowed by what the recording shows of angle and delay."""
-        angle = float(np.rad2deg(self.deviation.get("angle", np.inf)))
-        delay = self.deviation.get("delay", np.inf)
+        """Return a declared accuracy, narrowed by what the recording shows of it."""
+
+        def narrowed(name: str, declared: float, estimated: bool, unit: float = 1.0) -> float:
+            shown = float(self.deviation.get(name, np.inf)) * unit
+            return shown if estimated else min(declared, shown)
+
         return replace(
             declared,
-            angle=angle if self.angle else min(declared.angle, angle),
-            delay=delay if self.delay % 1.0 else min(declared.delay, delay),
+            angle=narrowed("angle", declared.angle, bool(self.angle), float(np.rad2deg(1.0))),
+            delay=narrowed("delay", declared.delay, bool(self.delay % 1.0)),
+            current_mismatch=narrowed("mismatch", declared.current_mismatch, bool(self.mismatch)),
+            current_offset=narrowed("offset", declared.current_offset, bool(self.offset)),
         )
 
     @property
@@ -110,7 +127,7 @@ class Calibration:
                 )
             )
         if iron:
-            text = f"{100 * iron / self.iron:.2g} % of it"
+            text = f"{1e3 * iron:.2g} mS"
             left.append(
                 Imperfection(
                     "iron loss", text, remedy, lambda e, n: self._without_iron(e, n * iron)
@@ -132,6 +149,12 @@ class Calibration:
 
 
 AS_RECORDED = Calibration()
+
+
+def _matched(experiment: Experiment, mismatch: complex) -> Experiment:
+    """Return a recording of phases with unequal gains as with equal ones."""
+    whole = with_mismatch(experiment, -mismatch)
+    return with_vector(whole, CURRENTS, lambda current: current / (1 - abs(mismatch) ** 2))
 
 
 def with_speed_from_angle(experiment: Experiment) -> Experiment:

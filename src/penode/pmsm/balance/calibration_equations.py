@@ -4,6 +4,8 @@ A voltage that acts tau samples later than it is recorded, and turned by kappa o
 order u - tau T du/dt + kappa omega T J u, linear in both. With the d axis at delta before that of
 the recording the map is psi + delta (J psi - L J i), and with iron that takes g v of the current,
 v the induced voltage, it is psi - g L v: linear too, where psi and L are those of the round before.
+Currents measured too large by d leave psi - L d and the voltage R d: with unequal phase gains
+d turns backwards, and an offset stands still, in the stationary frame.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,6 +17,7 @@ import numpy as np
 from penode.arrays import FloatArray, float64, with_shared_length
 from penode.data.experiment import Experiment
 from penode.models.parameters import with_batch_axis
+from penode.pmsm.balance.doubt import probability
 from penode.pmsm.balance.equations import balance_equations
 from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
 from penode.pmsm.balance.voltage_balance import harmonic_window
@@ -25,17 +28,19 @@ from penode.pmsm.machine.coenergy_map import (
     columns,
     roughness,
 )
-from penode.pmsm.machine.dead_time import DeadTime
+from penode.pmsm.machine.dead_time import PhaseDeadTime
 from penode.pmsm.machine.frames import quarter_turned
-from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
+from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES, with_mismatch, with_offset
 from penode.pmsm.machine.term_registry import completed, physical_values
 from penode.pmsm.machine.terms import ANGLE, SPEED, Term
-from penode.training.weak_form import WeakRegression, join, weak_regression
+from penode.training.weak_form import OVERLAP, WeakRegression, join, weak_regression
 
 #: Rounds in which map and errors follow each other.
 _ROUNDS = 2
 #: Errors that bend the map.
 ERRORS = ("angle", "iron")
+#: Errors of the phases' current sensors, both axes each.
+SENSORS = {"mismatch": ("mismatch_d", "mismatch_q"), "offset": ("offset_d", "offset_q")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +50,19 @@ class Estimate:
     values: Mapping[str, float]
     deviation: Mapping[str, float]
     evidence: float
+    equations: int
     resistance: float
     maps: tuple[tuple[FloatArray, FloatArray], ...]
+
+    def probability(self, name: str) -> float:
+        """Return how probable an error is."""
+        deviations = self.values[name] / max(self.deviation[name], 1e-300)
+        return probability(deviations, self.equations / OVERLAP)
+
+    def axes(self, kind: str) -> tuple[complex, float]:
+        """Return an error of the sensors, and the larger deviation of its axes."""
+        d, q = SENSORS[kind]
+        return self.values[d] + 1j * self.values[q], max(self.deviation[d], self.deviation[q])
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +79,23 @@ class Balance:
         """Return the balance of recordings with some terms, dead time beside them if it can be."""
         angle = all(ANGLE.name in e.channels for e in experiments)
         roles = {term.role for term in terms}
-        extra = (DeadTime(),) if angle and DeadTime.role not in roles else ()
+        extra = (PhaseDeadTime(),) if angle and PhaseDeadTime.role not in roles else ()
         reach = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
         every = tuple(term.prepared(reach) for term in completed((*terms, *extra)))
         return cls(experiments, every, CoenergyPart.zero(MEAN, True), reach)
 
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Errors of the current sensors that can be estimated: all, where the angle is known."""
+        angle = all(ANGLE.name in e.channels for e in self.experiments)
+        return tuple(name for axes in SENSORS.values() for name in axes) if angle else ()
+
     def solved(self, names: Sequence[str], before: Estimate | None = None) -> Estimate:
-        """Estimate the named errors; the map's own need the estimate of the round before."""
+        """Estimate the named errors; the sensors' and the map's own need the round before."""
         maps = before.maps if before else [None] * len(self.experiments)
         resistance = before.resistance if before else 0.0
+        sensors = self.sensors if before else ()
+        names = (*sensors, *names)
         rows = [
             WeakRegression(
                 np.concatenate([self._columns(e, names, of_map, resistance), own.matrix], axis=1),
@@ -88,6 +112,7 @@ class Balance:
             dict(zip(names, free.solution.tolist(), strict=False)),
             dict(zip(names, own.tolist(), strict=False)),
             free.evidence,
+            len(whole.target),
             dict(zip(physical, free.solution[len(names) :].tolist(), strict=False)).get("R", 0.0),
             self._maps(free.solution[first:]),
         )
@@ -146,11 +171,25 @@ class Balance:
                 "iron": -_along(slope, voltage - resistance * current),
             }
             further |= {name: (psi, -speed * _j(psi)) for name, psi in bent.items()}
+            for name in self.sensors:
+                added = self._added(experiment, name)
+                left = -_along(slope, added)
+                further[name] = (left, resistance * added - speed * _j(left))
         pairs = [(nothing, nothing), *(further[name] for name in names)]
         stored, supplied = (np.stack(parts, axis=2) for parts in zip(*pairs, strict=True))
         length = harmonic_window(experiment)
         whole = weak_regression(stored, supplied, nothing, experiment.time_step, length)
         return whole.matrix[:, 1:]
+
+    def _added(self, experiment: Experiment, name: str) -> FloatArray:
+        """Return the current (time, 2) that a sensors' error of 1 adds."""
+        kind, axis = name.split("_")
+        size = {"d": 1.0, "q": 1j}[axis]
+        if kind == "mismatch":
+            changed = with_mismatch(experiment, size)
+        else:
+            changed = with_offset(experiment, self.reach * size)
+        return changed.stack(CURRENTS) - experiment.stack(CURRENTS)
 
 
 def _j(vectors: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.calibration import AS_RECORDED, SLOPE, Calibration, with_speed_from_angle
-from penode.pmsm.balance.calibration_equations import ERRORS, Balance, Estimate
+from penode.pmsm.balance.calibration_equations import ERRORS, SENSORS, Balance, Estimate
 from penode.pmsm.balance.trial_balance import lag_of_voltage
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.terms import ANGLE, SPEED, Term
@@ -20,11 +20,13 @@ _CLEAR, _DIFFERENT = 25.0, 0.2
 #: Samples from a whole number, and from half a turn back, that are taken for these.
 _NEAR = 0.1
 #: Samples beyond which, and deviation above which, an estimate is not believed.
-_MOST, _SURE = 3.0, 0.05
+_MOST, _SURE = 3.0, 0.1
 #: Radians a sample below which the rotor stands still.
 _STANDSTILL = 1e-4
-#: Deviations from which an angle or iron loss is taken into account.
-_SIGNIFICANT = 8.0
+#: Deviations from which an error, or a delay, is taken into account.
+_SIGNIFICANT = 5.0
+#: Fractions of the current between which an error of the sensors is taken into account.
+_MATTERS, _ABSURD = 1e-4, 0.1
 #: Angle in rad, and share of the current, below which none is, and above which none is believed.
 _ANGLES, _SHARES = (np.deg2rad(0.2), np.deg2rad(12.0)), (1e-3, 0.2)
 #: Share of the speed from which the slope of the angle is tried, and up to which it is one speed.
@@ -51,21 +53,56 @@ def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
     if lagging is not None:
         balance = replace(balance, experiments=lagging)
     first = balance.solved(_TIMING)
-    whole = balance.rounds((*_TIMING, *ERRORS), first)
+    whole, timed = (balance.rounds((*_TIMING, *names), first) for names in (ERRORS, ()))
     errors = tuple(name for name in ERRORS if _credible(whole, name, balance.experiments))
     result = None
-    if errors and whole.evidence < first.evidence - _CLEAR:
+    if errors and whole.evidence < timed.evidence - _CLEAR:
         result = _with_errors(balance, errors, first)
-    result = result or _timing(first, _TIMING, balance.solved(()).evidence)
+    result = result or _timing(timed, _TIMING, balance.rounds((), first).evidence)
+    result = _with_sensors(result, whole, balance)
     left = {
         name: float(np.hypot(whole.values[name] - getattr(result, name), whole.deviation[name]))
         for name in ("angle", "delay")
     }
-    result = replace(result, deviation={**left, **result.deviation})
+    iron = np.hypot(whole.values["iron"], whole.deviation["iron"])
+    left["iron"] = float(np.sqrt(whole.probability("iron")) * iron)
+    result = replace(result, resistance=whole.resistance, deviation={**left, **result.deviation})
     if lagging is None:
         return result
     sentence = "The recorded speed lags behind the angle: its slope is taken for the speed."
     return replace(result, speed_from_angle=True, reasons=(sentence, *result.reasons))
+
+
+def _with_sensors(result: Calibration, whole: Estimate, balance: Balance) -> Calibration:
+    """Return a calibration by the current sensors' errors too, where they are clear."""
+    if not balance.sensors:
+        return result
+    deviation, reasons = dict(result.deviation), list(result.reasons)
+    taken: dict[str, complex] = {}
+    for kind in SENSORS:
+        error, own = whole.axes(kind)
+        credible = max(_MATTERS, _SIGNIFICANT * own) < abs(error) < _ABSURD
+        deviation[kind] = own if credible else float(np.hypot(abs(error), own))
+        taken[kind] = error if credible else 0.0
+    if taken["mismatch"]:
+        largest, own = (100 * 2 * part for part in map(abs, whole.axes("mismatch")))
+        reasons.append(
+            f"The gains of the current sensors differ by up to {largest:.3f} ± {own:.3f} % from "
+            "their mean: the currents are corrected."
+        )
+    offset, own = balance.reach * taken["offset"], balance.reach * whole.axes("offset")[1]
+    if offset:
+        reasons.append(
+            f"The currents have an offset of {abs(offset):.3g} ± {own:.2g} A in the stationary "
+            "frame: it is taken off."
+        )
+    return replace(
+        result,
+        mismatch=taken["mismatch"],
+        offset=offset,
+        deviation=deviation,
+        reasons=tuple(reasons),
+    )
 
 
 def _with_errors(balance: Balance, errors: tuple[str, ...], first: Estimate) -> Calibration | None:
@@ -95,7 +132,6 @@ def _with_errors(balance: Balance, errors: tuple[str, ...], first: Estimate) -> 
         timed,
         angle=chosen.values.get("angle", 0.0),
         iron=chosen.values.get("iron", 0.0),
-        resistance=chosen.resistance,
         deviation={**timed.deviation, **{name: chosen.deviation[name] for name in errors}},
         reasons=tuple(reasons),
     )
@@ -122,7 +158,7 @@ def _timing(free: Estimate, estimated: Sequence[str], plain: float) -> Calibrati
         return AS_RECORDED
     sure = {name: value for name, value in values.items() if free.deviation[name] < _SURE}
     delay, turn = sure.get("delay", 0.0), sure.get("turn", 0.0)
-    delay = 0.0 if abs(delay) < _DIFFERENT else _near_whole(delay)
+    delay = 0.0 if abs(delay) < _SIGNIFICANT * free.deviation["delay"] else _near_whole(delay)
     behind = turn + 0.5  # what a voltage held in the stationary frame is turned by at the sample
     hold = "stationary" if abs(behind) < _DIFFERENT or _is_near_whole(behind) else "dq"
     left = behind if hold == "stationary" else turn

@@ -22,10 +22,8 @@ from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES, less_voltage
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.machine.terms import ANGLE, SPEED, TEMPERATURE, Resistance, Rotation, Term
-from penode.training.weak_form import WeakRegression, join
+from penode.training.weak_form import OVERLAP, WeakRegression, join
 
-#: Windows overlap by three quarters: so many equations are worth one.
-_OVERLAP = 4
 #: Share of R, and of the flux linkage, from which a drift matters, and up to which it is believed.
 _MATTERS, _CREDIBLE = (2e-3, 2e-4), (0.6, 0.1)
 #: Probability from which it is taken off: a drift that is not there may be one of something else.
@@ -96,7 +94,7 @@ def drift_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> D
     kinds = [1] if any(TEMPERATURE in term.channels for term in terms) else [0, 1]
     equations, first = _equations(experiments, terms, kinds)
     solution = equations.solve()
-    count = len(equations.target) / _OVERLAP
+    count = len(equations.target) / OVERLAP
     sizes = abs(float(solution[first])), _largest_flux(experiments)
     changes, left, reasons = np.zeros((2, len(experiments))), [0.0, 0.0], list[str]()
     each = [(kind, k) for kind in kinds for k in range(len(experiments))]

@@ -22,14 +22,12 @@ from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime, PhaseSigns
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import completed, physical_values
 from penode.pmsm.machine.terms import ANGLE, Term
-from penode.training.weak_form import HannWindow, join
+from penode.training.weak_form import OVERLAP, HannWindow, join
 
 #: Harmonics of the machine that short windows see too, and the degree of their coenergies.
 _HARMONICS, _DEGREE = (6, 12), 4
 #: Widths of a knee over the largest current.
 _WIDTHS = np.geomspace(0.003, 0.3, 10)
-#: Windows overlap by three quarters: so many equations are worth one.
-_OVERLAP = 4
 #: Probability from which a soft knee is trained: its softness may come out as none, but a sharp one
 #: cannot become soft. From which its doubt is worth a row of the budget; what would settle it.
 _THIN, _NOTICED = 0.1, 0.01
@@ -72,7 +70,7 @@ def with_knee(
     sharp, soft = search.best()
     phases = {knee: search.by_phase(knee.term) for knee in (sharp, soft)}
     gain = max(phases[sharp].misfit - phases[soft].misfit, 0.0)
-    share = probability(math.sqrt(gain), len(search.left) / _OVERLAP)
+    share = probability(math.sqrt(gain), len(search.left) / OVERLAP)
     same = soft if share > _THIN else sharp
     free = phases[same]
     term = free.term if by_phase or search.phases_differ(same, free) else same.term
@@ -170,7 +168,7 @@ class _Search:
         """Return whether a voltage a phase is clear, and differs enough to matter."""
         voltages = np.array([*physical_values((free.term,)).values()])
         apart = np.abs(voltages - voltages.mean()).max() > _DIFFERENT * abs(voltages.mean())
-        price = 2 * np.log(len(self.left) / _OVERLAP) + _CLEAR
+        price = 2 * np.log(len(self.left) / OVERLAP) + _CLEAR
         return bool(apart and free.misfit < same.misfit - price)
 
     def _columns(self, knee: Mapping[str, Any]) -> FloatArray:
@@ -188,7 +186,7 @@ class _Search:
         voltages = np.asarray(np.linalg.lstsq(columns, self.left, rcond=None)[0], dtype=float)
         left = self.left - columns @ voltages
         squares = max(float(left @ left), 1e-300)
-        return voltages, len(left) / _OVERLAP * float(np.log(squares))
+        return voltages, len(left) / OVERLAP * float(np.log(squares))
 
 
 def knee_of(term: PhaseSigns) -> dict[str, Any]:

@@ -15,10 +15,8 @@ from scipy.optimize import minimize
 
 from penode.arrays import FloatArray
 from penode.training.gauss_newton_terms import inverse_normal
-from penode.training.weak_form import WeakRegression
+from penode.training.weak_form import OVERLAP, WeakRegression
 
-#: Windows overlap by three quarters: so many equations are worth one.
-_OVERLAP = 4
 #: Decades within which a strength is sought, over that at which penalty and data weigh the same.
 _LOWEST, _HIGHEST, _FIRST = -7.0, 3.0, -3.0
 #: Decades to which a strength is rounded.
@@ -203,7 +201,7 @@ class _Normal:
             normal=normal,
             right=matrix.T @ target,
             energy=float(target @ target),
-            count=len(target) / _OVERLAP,
+            count=len(target) / OVERLAP,
             penalties=penalties,
             balance=np.maximum(even, 1e-300),
         )
@@ -212,9 +210,9 @@ class _Normal:
         """Return -2 log REML, the solution and the variance of an equation at log10 strengths."""
         whole = _with_penalties(self.normal, self.penalties, self.balance * 10.0**logs)
         solution, volume = _solved(whole, self.right)
-        left = max(self.energy - float(self.right @ solution), 1e-14 * self.energy) / _OVERLAP
+        left = max(self.energy - float(self.right @ solution), 1e-14 * self.energy) / OVERLAP
         rank = sum(penalty.rank for penalty in self.penalties)
         free = max(self.count - (len(self.right) - rank), 1.0)
         strengths = np.log(self.balance) + np.log(10.0) * logs
         prior = sum(p.rank * s + p.volume for p, s in zip(self.penalties, strengths, strict=True))
-        return free * np.log(left / free) + volume - float(prior), solution, _OVERLAP * left / free
+        return free * np.log(left / free) + volume - float(prior), solution, OVERLAP * left / free

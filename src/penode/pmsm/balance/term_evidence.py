@@ -19,9 +19,8 @@ from penode.pmsm.machine.term_registry import (
     with_physical,
 )
 from penode.pmsm.machine.terms import Term
+from penode.training.weak_form import OVERLAP
 
-#: Windows overlap by three quarters: so many equations are worth one.
-_OVERLAP = 4
 #: Probability from which a doubt is worth a row of the budget.
 _NOTICED = 0.01
 #: What would decide whether a term acts.
@@ -93,7 +92,7 @@ def _presence(
     shown = with_deviation(value, deviation)
     if certain:
         return Judged(candidate, f"{title}: the voltage balance shows {shown}.", balance)
-    equations = len(balance.equations.target) / _OVERLAP
+    equations = len(balance.equations.target) / OVERLAP
     share = probability(value / max(deviation, 1e-300), equations)
     if share < 0.5:
         root_mean_square = math.hypot(max(value, 0.0), deviation)  # no inverter adds a voltage

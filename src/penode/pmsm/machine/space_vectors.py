@@ -68,3 +68,39 @@ def in_frame_ahead(experiment: Experiment, angle: float) -> Experiment:
         return experiment
     ahead = experiment.channels[ANGLE.name] + angle
     return replace(experiment, channels={**experiment.channels, ANGLE.name: ahead})
+
+
+def with_mismatch(experiment: Experiment, mismatch: complex) -> Experiment:
+    """Return a recording whose phases measure currents with unequal gains.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With i_d, i_q and theta_el (rad).
+    mismatch : complex
+        m of the stationary current i + m conj(i) that is measured; of a phase a whose gain is g too
+        large m = g / 3, beside a common gain.
+    """
+    rotor = _rotor(experiment)
+    return with_vector(
+        experiment, CURRENTS, lambda current: current + mismatch * np.conj(current * rotor**2)
+    )
+
+
+def with_offset(experiment: Experiment, offset: complex) -> Experiment:
+    """Return a recording whose currents have an offset in A in the stationary frame.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With i_d, i_q and theta_el (rad).
+    offset : complex
+        Alpha + j beta.
+    """
+    rotor = _rotor(experiment)
+    return with_vector(experiment, CURRENTS, lambda current: current + offset / rotor)
+
+
+def _rotor(experiment: Experiment) -> Vector:
+    """Return the d axis seen from the stationary frame, of length 1."""
+    return np.asarray(np.exp(1j * experiment.channels[ANGLE.name]))

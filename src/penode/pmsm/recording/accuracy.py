@@ -19,6 +19,8 @@ from penode.pmsm.machine.space_vectors import (
     Pair,
     Vector,
     in_frame_ahead,
+    with_mismatch,
+    with_offset,
     with_vector,
 )
 from penode.pmsm.machine.terms import ANGLE, SPEED
@@ -149,7 +151,7 @@ class Accuracy:
                 "gains of the phases among each other",
                 f"{100 * self.current_mismatch:.3g} %",
                 "Calibrate the current sensors against each other.",
-                _changed(CURRENTS, lambda i, e, n: i + n * size * np.conj(i * _rotor(e) ** 2)),
+                lambda e, n: with_mismatch(e, n * size),
             )
 
         def shifted(axis: complex) -> Imperfection:
@@ -157,7 +159,7 @@ class Accuracy:
                 "offset of the currents",
                 f"{offset:.2g} A",
                 "Zero the current sensors before recording.",
-                _changed(CURRENTS, lambda i, e, n: i + n * offset * axis / _rotor(e)),
+                lambda e, n: with_offset(e, n * offset * axis),
             )
 
         axes = (1.0, 1j)
@@ -168,11 +170,6 @@ class Accuracy:
 
 
 DEFAULT_ACCURACY = Accuracy()
-
-
-def _rotor(experiment: Experiment) -> Vector:
-    """Return the d axis seen from the stationary frame, of length 1."""
-    return np.asarray(np.exp(1j * experiment.channels[ANGLE.name]))
 
 
 def _changed(
