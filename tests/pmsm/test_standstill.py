@@ -9,9 +9,11 @@ import pytest
 
 from penode.errors import InputError
 from penode.pmsm import export
+from penode.pmsm.balance.voltage_balance import BalanceForm
 from penode.pmsm.bench.coenergy_table import true_flux_map
 from penode.pmsm.bench.drive import Drive
 from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.result_files import flux_map_csv
@@ -107,3 +109,12 @@ def test_no_constant_is_invented_and_none_exported(both_axes, tmp_path):
     with pytest.raises(InputError, match="the rotor stood still"):
         export(both_axes, "npz", tmp_path / "map.npz")
     assert not (tmp_path / "map.npz").exists()
+
+
+def test_a_slow_locus_at_standstill_shows_the_resistance():
+    """Windows as long as a period leave hardly more equations than the map has unknowns."""
+    locus = Lissajous(150.0, 9.0, 11.0)
+    run = simulate(TRACTION_300A, locus, speed_rpm=0.0, duration=0.5, seed=3)
+    solved = BalanceForm.of([run], True).solve([run])
+    assert solved.independence["R"] > 0.1
+    assert solved.resistance == pytest.approx(R, rel=1e-3)

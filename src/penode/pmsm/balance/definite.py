@@ -78,24 +78,23 @@ def held_definite(
     visited = _hessians(parts, currents[:: max(len(currents) // _POINTS, 1)])
     solution = smoothed.solution
     rows, target = np.zeros((0, len(solution))), np.zeros(0)
-    least, _ = _smallest(visited, solution[first:])
-    positive = least[least > 0]
-    if not len(positive):  # nothing says how large an inductance is
+    known = _known(_principal(visited, solution[first:])[0])
+    if not known:  # nothing says how large an inductance is
         return Held(solution, rows, target)
-    floor = _LEAST * float(positive.min() if len(positive) == len(least) else np.median(positive))
+    floor = _LEAST * known
     for _ in range(_ROUNDS):
-        smallest, direction = _smallest(everywhere, solution[first:])
-        bad = smallest < floor / 2
+        values, directions = _principal(everywhere, solution[first:])
+        bad = values[:, 0] < floor / 2
         if not bad.any():
             break
-        d, q = direction[bad].T
+        d, q = directions[bad, :, 0].T
         along = np.stack([d * d, 2 * d * q, q * q], axis=1)
         new = np.zeros((int(bad.sum()), len(solution)))
         new[:, first:] = np.einsum("pk,pkc->pc", along, everywhere[bad])
         rows = np.concatenate([rows, new / (floor / _CERTAIN)])
         target = np.concatenate([target, np.full(len(new), _CERTAIN)])
         solution = penalised(equations, penalties, smoothed, (rows, target))
-    reached = float(_smallest(everywhere, solution[first:])[0].min())
+    reached = float(_principal(everywhere, solution[first:])[0].min())
     return Held(solution, rows, target, min(floor / 2, reached) if reached > 0 else floor / 2)
 
 
@@ -165,9 +164,21 @@ def _hessians(parts: Sequence[CoenergyPart], points: FloatArray) -> FloatArray:
     return np.concatenate([columns(part, points, HESSIAN) for part in parts], axis=2)
 
 
-def _smallest(hessians: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the smallest eigenvalues (point,) and their directions (point, 2)."""
+def _known(inductances: FloatArray) -> float:
+    """Return the least principal inductance (point, 2) that the recordings show; 0 for none.
+
+    With current in one axis alone all smaller ones may be nothing but noise.
+    """
+    for least in inductances.T:
+        positive = least[least > 0]
+        if len(positive):
+            return float(positive.min() if len(positive) == len(least) else np.median(positive))
+    return 0.0
+
+
+def _principal(hessians: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return principal inductances (point, 2), in order, and their directions (point, 2, 2)."""
     a, b, c = (hessians @ weights).T
     matrices = np.stack([np.stack([a, b], axis=-1), np.stack([b, c], axis=-1)], axis=-1)
     values, vectors = np.linalg.eigh(matrices)
-    return values[:, 0], vectors[:, :, 0]
+    return values, vectors

@@ -11,6 +11,7 @@ from penode.data.experiment import Experiment
 from penode.pmsm.balance.equations import balance_equations
 from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.machine.space_vectors import CURRENTS
+from penode.pmsm.machine.standstill import stands_still
 from penode.pmsm.machine.term_registry import completed, physical_values, with_physical
 from penode.pmsm.machine.terms import Term
 from penode.training.weak_form import WeakRegression, join
@@ -18,6 +19,8 @@ from penode.training.weak_form import WeakRegression, join
 #: Windows of the second step in periods of the highest order: short enough to see them.
 _PERIODS = 1.2
 _SHORTEST = 6
+#: Windows in a recording at standstill, side by side.
+_AT_REST = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,8 +195,11 @@ def waves(theta_el: FloatArray, orders: Sequence[int], derivative: int = 0) -> F
 def harmonic_window(experiment: Experiment) -> int:
     """Return two periods of the sixth electrical harmonic in samples (8 to an eighth of the run).
 
-    A Hann window of this length nulls the orders 6, 12, 18, ... of slotting and dead time.
+    A Hann window of this length nulls the orders 6, 12, 18, ... of slotting and dead time. At
+    standstill there are none, and windows a fortieth of the run long make equations enough.
     """
+    if stands_still([experiment]):
+        return max((len(experiment) - 1) // _AT_REST, 1)
     longest = max((len(experiment) - 1) // 8, 1)
     turns = max(_turns(experiment), 1 / (3 * longest))
     return int(np.clip(round(1 / (3 * turns)), min(8, longest), longest))
