@@ -34,7 +34,7 @@ def soft_run():
 
 @pytest.fixture(scope="module")
 def sharp_run():
-    return behind(DeviceDrop(1.0, current_scale=8.0))
+    return behind(DeviceDrop(3.0, current_scale=8.0))
 
 
 def test_a_soft_knee_whose_phases_differ(soft_run):
@@ -56,8 +56,15 @@ def test_a_sharp_knee_whose_phases_agree(sharp_run):
     for doubt in shaped.doubts:
         assert doubt.weight < np.sqrt(0.5)
     assert float(term.dead_time_current) == pytest.approx(8.0, rel=0.35)
-    assert float(term.dead_time_voltage) == pytest.approx(1.0, rel=0.03)
+    assert float(term.dead_time_voltage) == pytest.approx(3.0, rel=0.03)
     assert isinstance(with_knee([sharp_run], (), by_phase=True).term, PhaseDeadTime)
+
+
+def test_a_knee_of_either_kind_is_trained_with_its_softness():
+    """Of a third of the voltage an arctan is a quarter as likely as a tanh; R differs by 3 %."""
+    shaped = with_knee([behind(DeviceDrop(1.0, current_scale=8.0))], ())
+    assert 0.0 < float(shaped.term.dead_time_softness) < 0.7
+    assert shaped.doubts == ()
 
 
 def test_the_knee_frees_the_resistance_of_its_bias(soft_run):

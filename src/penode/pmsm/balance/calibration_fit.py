@@ -28,7 +28,7 @@ _SIGNIFICANT = 5.0
 #: Fractions of the current between which an error of the sensors is taken into account.
 _MATTERS, _ABSURD = 1e-4, 0.1
 #: Angle in rad, and share of the current, below which none is, and above which none is believed.
-_ANGLES, _SHARES = (np.deg2rad(0.2), np.deg2rad(12.0)), (1e-3, 0.2)
+_ANGLES, _SHARES = (np.deg2rad(0.05), np.deg2rad(12.0)), (1e-3, 0.2)
 #: Share of the speed from which the slope of the angle is tried, and up to which it is one speed.
 _LAGS, _SAME = 1e-3, 0.2
 

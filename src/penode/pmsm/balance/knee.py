@@ -67,10 +67,13 @@ def with_knee(
         Whether a voltage a phase is wanted, even where the phases do not differ clearly.
     """
     search = _Search.of(experiments, terms)
-    sharp, soft = search.best()
-    phases = {knee: search.by_phase(knee.term) for knee in (sharp, soft)}
+    sharp, soft, whole = search.best()
+    phases = {knee: search.by_phase(knee.term) for knee in (sharp, soft, whole)}
     gain = max(phases[sharp].misfit - phases[soft].misfit, 0.0)
+    # A little softness is one parameter more; an arctan in place of a tanh is none, and as likely.
     share = probability(math.sqrt(gain), len(search.left) / OVERLAP)
+    odds = 0.5 * (phases[whole].misfit - phases[sharp].misfit)
+    share = max(share, 1 / (1 + math.exp(min(odds, 700.0))))
     same = soft if share > _THIN else sharp
     free = phases[same]
     term = free.term if by_phase or search.phases_differ(same, free) else same.term
@@ -138,24 +141,25 @@ class _Search:
         left = whole.target - basis @ (basis.T @ whole.target)
         return cls(experiments, windows, reach, basis, left)
 
-    def best(self) -> tuple[_Fitted, _Fitted]:
-        """Return the best sharp knee and the best of any softness, with one voltage."""
+    def best(self) -> tuple[_Fitted, ...]:
+        """Return the best knees, sharp, of any softness and wholly soft, with one voltage."""
         widths = self.reach * _WIDTHS
         tried = [self.fitted(width) for width in widths]
-        return tuple(  # type: ignore[return-value]
-            self.fitted(_least(widths, [pair[k].misfit for pair in tried]))[k] for k in (0, 1)
+        return tuple(
+            self.fitted(_least(widths, [one[k].misfit for one in tried]))[k] for k in range(3)
         )
 
-    def fitted(self, width: float) -> tuple[_Fitted, _Fitted]:
-        """Return the sharp knee of a width, and that of any softness."""
+    def fitted(self, width: float) -> tuple[_Fitted, ...]:
+        """Return the knees of a width: sharp, of any softness, and wholly soft."""
         sharp, soft = (self._columns(_knee(width, s)).sum(axis=1) for s in (None, 1.0))
         (of_sharp, of_soft), _ = self._solved(np.stack([sharp, soft], axis=1))
         softness = float(np.clip(of_soft / (of_sharp + of_soft or 1.0), 0.0, 1.0))
         found = []
-        for s, column in ((None, sharp), (softness, sharp + softness * (soft - sharp))):
+        of_any = (softness, sharp + softness * (soft - sharp))
+        for s, column in ((None, sharp), of_any, (1.0, soft)):
             (voltage,), misfit = self._solved(column[:, None])
             found.append(_Fitted(DeadTime(dead_time_voltage=voltage, **_knee(width, s)), misfit))
-        return found[0], found[1]
+        return tuple(found)
 
     def by_phase(self, term: PhaseSigns) -> _Fitted:
         """Return a dead time of the same knee with a voltage a phase."""
