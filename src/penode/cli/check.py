@@ -42,7 +42,7 @@ def check_command(
         raise InputError(f"{picture}: suffix {picture.suffix!r} came; use .png.")
     asked = load_study(config)
     check = check_recordings(
-        [asked.load(run) for run in runs],
+        [stretch for run in runs for stretch in asked.load_stretches(run)],
         asked.study,
         pole_pairs=asked.mapping.pole_pairs,
         plate=asked.name_plate,
@@ -88,7 +88,7 @@ def _recordings(check: RecordingCheck) -> list[tuple[str, str]]:
     ]
     quality = [f.sentence for f in check.quality] or ["No channel stands still or is clipped."]
     rows += [("quality", sentence) for sentence in quality]
-    return rows + ([("used", check.sentence)] if check.sentence else [])
+    return rows + [("used", sentence) for sentence in check.sentences]
 
 
 def _conventions(check: RecordingCheck) -> list[tuple[str, str]]:
@@ -104,7 +104,7 @@ def _coverage(check: RecordingCheck) -> list[tuple[str, str]]:
     if check.excitation is None:
         return []
     cover = check.excitation
-    speeds = ", ".join(number(s * 30 / np.pi) for s in cover.speeds)
+    speeds = ", ".join(dict.fromkeys(number(s * 30 / np.pi) for s in cover.speeds))
     summary = (
         f"Currents up to {number(cover.largest_current)} A over {number(100 * cover.fraction)} % "
         f"of that disc, moving at up to {number(cover.current_rate)} rad/s; speed {speeds} rpm "
