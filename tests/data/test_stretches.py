@@ -152,7 +152,7 @@ def test_a_saved_recording_has_no_gaps(tmp_path, suffix):
 
 def test_a_part_of_a_part_is_a_stretch_of_the_recording():
     run = Experiment("run", STEP, {"x": np.arange(1000.0)})
-    inner = run.part(100, 600).part(50, 250, "Because.")
+    inner = run.part(100, 600).between(50, 250, "Because.")
     assert inner.name == "run rows 151 to 350"
     assert inner.place.row == 150
     assert inner.place.start == pytest.approx(0.015)

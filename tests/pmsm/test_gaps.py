@@ -9,13 +9,13 @@ from typer.testing import CliRunner
 
 from penode.cli.main import app
 from penode.pmsm.balance.calibration import AS_RECORDED
+from penode.pmsm.balance.usable import usable_stretches
 from penode.pmsm.bench.drive import Drive
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.conventions.check import check_all
 from penode.pmsm.machine.standstill import stands_still
-from penode.pmsm.recording.usable import usable_stretches
 
 LOST = ((3000, 3400), (5601, 5602), (5700, 6000))
 

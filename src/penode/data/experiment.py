@@ -108,8 +108,21 @@ class Experiment:
         duration = max(len(self) - 1, 0) * self.time_step
         return self.stretch or Stretch(self.name, 0, 0.0, duration)
 
-    def part(self, first: int, last: int, *reasons: str) -> "Experiment":
-        """Return the samples ``first .. last - 1`` as a stretch that names its data rows.
+    def part(self, first: int, last: int) -> "Experiment":
+        """Return the samples ``first .. last - 1`` as a stretch, in memory.
+
+        Parameters
+        ----------
+        first, last : int
+        """
+        channels = {}
+        for name, values in self.channels.items():
+            channels[name] = values[first:last].copy()
+            released(values)
+        return replace(self.between(first, last), channels=channels)
+
+    def between(self, first: int, last: int, *reasons: str) -> "Experiment":
+        """Return the samples ``first .. last - 1`` as a stretch; what lies on disk stays there.
 
         Parameters
         ----------
@@ -117,10 +130,6 @@ class Experiment:
         reasons : str
             Why the recording was cut, a sentence each.
         """
-        channels = {}
-        for name, values in self.channels.items():
-            channels[name] = values[first:last].copy()
-            released(values)
         whole = self.place
         stretch = replace(
             whole,
@@ -128,7 +137,8 @@ class Experiment:
             start=whole.start + first * self.time_step,
             reasons=(*whole.reasons, *reasons),
         )
-        name = stretch_name(stretch, last - first)
+        name = f"{whole.recording} rows {stretch.row + 1} to {stretch.row + last - first}"
+        channels = {name: values[first:last] for name, values in self.channels.items()}
         return replace(self, name=name, channels=channels, stretch=stretch)
 
     def require(self, names: Sequence[str]) -> None:
@@ -172,11 +182,6 @@ class Experiment:
         self.require(names)
         columns = [self.channels[name] for name in names]
         return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))
-
-
-def stretch_name(stretch: Stretch, samples: int) -> str:
-    """Return the name of a stretch: its recording and its data rows, from 1."""
-    return f"{stretch.recording} rows {stretch.row + 1} to {stretch.row + samples}"
 
 
 def _frozen(values: FloatArray) -> FloatArray:

@@ -6,8 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+
 from penode.data.content import Content
-from penode.data.experiment import Experiment, Source, Stretch, stretch_name
+from penode.data.experiment import Experiment, Source
 from penode.data.isolation import isolated
 from penode.data.mapping import Mapped, Origin, map_channels, own_names
 from penode.data.readers import csv
@@ -190,16 +192,16 @@ def experiments_of(
 
 def _stretches(name: str, source: Source, mapped: Mapped) -> tuple[Experiment, ...]:
     """Return what lies between the gaps, each a recording of its own."""
-    if len(mapped.spans) == 1 and mapped.spans[0] == (0, len(mapped.times)):
-        return (Experiment(name, mapped.time_step, mapped.channels, source),)
-    times, begin, reasons = mapped.times, mapped.times[0], (_sentence(name, mapped),)
+    whole = Experiment(name, mapped.time_step, mapped.channels, source)
+    if len(mapped.spans) == 1 and mapped.spans[0] == (0, len(whole)):
+        return (whole,)
+    begin, duration, sentence = mapped.times[0], np.ptp(mapped.times), _sentence(name, mapped)
     found = []
-    for a, b in mapped.spans:
-        duration = float(times[-1] - begin)
-        stretch = Stretch(name, a, float(times[a] - begin), duration, reasons)
-        channels = {channel: values[a:b] for channel, values in mapped.channels.items()}
-        own = stretch_name(stretch, b - a)
-        found.append(Experiment(own, mapped.time_step, channels, source, stretch))
+    for first, last in mapped.spans:
+        one = whole.between(first, last, sentence)
+        start = float(mapped.times[first] - begin)
+        place = replace(one.place, start=start, duration=float(duration))
+        found.append(replace(one, stretch=place))
     return tuple(found)
 
 

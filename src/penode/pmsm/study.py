@@ -20,6 +20,7 @@ from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.drift import Drift, drift_of
 from penode.pmsm.balance.start import anchor_of, weak_start
+from penode.pmsm.balance.usable import usable_stretches
 from penode.pmsm.machine.dead_time import PhaseSigns
 from penode.pmsm.machine.facts import facts_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
@@ -27,7 +28,6 @@ from penode.pmsm.machine.standstill import counted_from_zero
 from penode.pmsm.precheck.objections import machine_checks
 from penode.pmsm.precheck.unused_samples import unused_samples
 from penode.pmsm.recording.channels import drive_recording
-from penode.pmsm.recording.usable import usable_stretches
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 from penode.predictors.base import Predictor
 

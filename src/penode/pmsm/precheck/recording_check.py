@@ -13,6 +13,7 @@ from penode.errors import InputError
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
+from penode.pmsm.balance.usable import usable_stretches
 from penode.pmsm.conventions.broken_convention import BrokenConvention
 from penode.pmsm.conventions.check import check_all
 from penode.pmsm.machine.terms import Term
@@ -20,7 +21,6 @@ from penode.pmsm.precheck.excitation import Excitation, excitation_of
 from penode.pmsm.precheck.identifiability import Identifiability, identifiability_of
 from penode.pmsm.recording.channels import drive_recording, electrical, require_channels
 from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
-from penode.pmsm.recording.usable import usable_stretches
 
 #: Samples that are enough to judge all but the quality of the channels by.
 SAMPLES = 10 * STRETCH

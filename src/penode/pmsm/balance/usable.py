@@ -3,13 +3,15 @@
 from collections.abc import Sequence
 
 from penode.data.experiment import Experiment
+from penode.data.gathered import PIECE
 from penode.data.stretches import by_recording, with_reason
 from penode.errors import InputError
+from penode.pmsm.balance.voltage_limit import below_limit
 from penode.pmsm.recording.channels import drive_recording
 
 
 def usable_stretches(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
-    """Return recordings without the stretches that say nothing of a machine.
+    """Return recordings without what says nothing of a machine, or what did not act.
 
     Parameters
     ----------
@@ -19,17 +21,21 @@ def usable_stretches(experiments: Sequence[Experiment]) -> tuple[Experiment, ...
     Returns
     -------
     tuple of Experiment
-        Whole recordings as they are. Of others the stretches in which currents and voltages move,
-        or all where there are none; they say what was left out.
+        Whole recordings, without the samples at the voltage limit where that shows (`below_limit`).
+        Of stretches those in which currents and voltages move, or all where there are none. They
+        say what was left out.
     """
-    return tuple(e for stretches in by_recording(experiments) for e in _excited(stretches))
+    recordings = map(_excited, by_recording(experiments))
+    return tuple(e for stretches in recordings for e in _excited(below_limit(stretches)))
 
 
 def _excited(stretches: Sequence[Experiment]) -> Sequence[Experiment]:
+    """Return the stretches in which the drive does something; long ones are not looked at."""
     kept, refusals = [], []
     for stretch in stretches:
         try:
-            drive_recording(stretch)
+            if len(stretches) > 1 and len(stretch) <= PIECE:
+                drive_recording(stretch)
         except InputError as refusal:
             refusals.append(str(refusal))
         else:
