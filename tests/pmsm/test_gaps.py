@@ -50,12 +50,12 @@ def test_a_recording_with_gaps_is_identified_and_the_result_says_so(paused, tmp_
         "a row are left out."
     )
     assert said in shown.output
-    assert "paused.csv, 3 stretches: RMSE one step" in shown.output
+    assert "3 stretches of paused.csv: RMSE one step" in shown.output
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     low, high = result["parameters"]["R"]["interval_95"]
     assert low < TRACTION_300A.resistance < high
     assert high - low < 0.05 * TRACTION_300A.resistance
-    assert list(result["metrics"]["train"]) == ["paused.csv, 3 stretches"]
+    assert list(result["metrics"]["train"]) == ["paused.csv"]
     assert list(result["provenance"]["data"]) == ["paused.csv"]
     assert said in result["provenance"]["structure"]
     assert said in (tmp_path / "out" / "report.html").read_text()

@@ -181,7 +181,8 @@ class Fit:
         metrics: dict[str, Any] = {"train": {}, "validation": {}}
         for comparison in self.recordings:
             of_role = metrics[comparison.role]
-            of_role[unused(comparison.name, of_role)] = comparison.metrics()
+            name = comparison.recording or comparison.name
+            of_role[unused(name, of_role)] = comparison.metrics()
         return {
             "schema": SCHEMA,
             "horizon": asdict(self.horizon),

@@ -20,7 +20,7 @@ from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.drift import Drift, drift_of
 from penode.pmsm.balance.start import anchor_of, weak_start
-from penode.pmsm.balance.usable import usable_stretches
+from penode.pmsm.balance.usable import left_out, usable_stretches
 from penode.pmsm.machine.dead_time import PhaseSigns
 from penode.pmsm.machine.facts import facts_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
@@ -77,7 +77,8 @@ def identify(
         On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """
     study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
-    experiments, validation = usable_stretches(experiments), usable_stretches(validation)
+    given, experiments = experiments, usable_stretches(experiments)
+    validation = usable_stretches(validation)
     used = study.excerpt(experiments)
     require_memory(sum(map(len, used.experiments)), _BYTES)
     recordings = [drive_recording(e) for e in used.experiments]
@@ -115,7 +116,9 @@ def identify(
         validation=unseen,
         observer=observer,
     )
-    return counted_from_zero(fit)
+    choice = fit.horizon
+    reason = " ".join(filter(None, [choice.reason, left_out(given, experiments)]))
+    return counted_from_zero(replace(fit, horizon=replace(choice, reason=reason)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,5 +132,5 @@ def _together(stretches: Sequence[Comparison]) -> Comparison:
         np.concatenate([getattr(first, name), *(getattr(one, name)[1:] for one in others)])
         for name in ("measured", "one_step", "free_run")
     )
-    name = f"{first.recording}, {len(stretches)} stretches"
+    name = f"{len(stretches)} stretches of {first.recording}"
     return replace(first, name=name, measured=measured, one_step=one_step, free_run=free_run)

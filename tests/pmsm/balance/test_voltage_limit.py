@@ -148,6 +148,8 @@ def test_resistance_is_right_without_the_samples_at_the_limit(circle):
     assert low < R < high
     assert high - low < 0.1 * R
     assert "are at the voltage limit, 0.57 of u_dc" in fit.provenance["structure"][0]
+    left = len(command) - sum(len(c.measured) for c in fit.comparisons)
+    assert fit.horizon.reason.endswith(f"{left} of 15000 samples were left out.")
 
 
 def test_without_the_dc_link_it_is_refused_by_name(circle):
@@ -162,4 +164,5 @@ def test_a_check_says_how_many(circle):
     _, command = circle
     found = check_recordings([command])
     assert "are at the voltage limit, 0.57 of u_dc" in found.sentences[0]
-    assert found.broken == ()
+    assert found.good
+    assert found.verdict.endswith(" of 15000 samples were left out.")

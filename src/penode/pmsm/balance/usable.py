@@ -29,6 +29,18 @@ def usable_stretches(experiments: Sequence[Experiment]) -> tuple[Experiment, ...
     return tuple(e for stretches in recordings for e in _excited(below_limit(stretches)))
 
 
+def left_out(given: Sequence[Experiment], usable: Sequence[Experiment]) -> str:
+    """Return how many samples are not usable, in a sentence; empty where all are.
+
+    Parameters
+    ----------
+    given, usable : sequence of Experiment
+        What `usable_stretches` was given and returned.
+    """
+    whole, used = (sum(map(len, experiments)) for experiments in (given, usable))
+    return f"{whole - used} of {whole} samples were left out." if used < whole else ""
+
+
 def _excited(stretches: Sequence[Experiment]) -> Sequence[Experiment]:
     """Return the stretches in which the drive does something; long ones are not looked at."""
     kept, refusals = [], []

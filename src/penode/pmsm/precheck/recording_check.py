@@ -13,7 +13,7 @@ from penode.errors import InputError
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
-from penode.pmsm.balance.usable import usable_stretches
+from penode.pmsm.balance.usable import left_out, usable_stretches
 from penode.pmsm.conventions.broken_convention import BrokenConvention
 from penode.pmsm.conventions.check import check_all
 from penode.pmsm.machine.terms import Term
@@ -47,6 +47,8 @@ class RecordingCheck:
         How the voltage acts where that is not as recorded, terms that the model would get, and why.
     sentences : tuple of str
         What was used beyond the quality of the channels; empty where all was.
+    left_out : str
+        How many samples cannot be used, in a sentence; empty where all can.
     """
 
     recordings: tuple[Experiment, ...]
@@ -58,6 +60,7 @@ class RecordingCheck:
     identifiability: Identifiability | None = None
     structure: tuple[str, ...] = ()
     sentences: tuple[str, ...] = ()
+    left_out: str = ""
 
     @property
     def verdict(self) -> str:
@@ -77,11 +80,13 @@ class RecordingCheck:
                 else "anything"
             )
             return f"These recordings cannot distinguish {names} from the map."
+        if self.left_out:
+            return f"These recordings can be used. {self.left_out}"
         return "These recordings can be used as they are."
 
     @property
     def good(self) -> bool:
-        """Whether the recordings can be used as they are."""
+        """Whether the recordings can be used."""
         serve = all(finding.severity != "error" for finding in self.quality)
         determined = self.identifiability is not None and not self.identifiability.indistinguishable
         return serve and determined and not self.broken
@@ -214,6 +219,7 @@ def check_recordings(
         identifiability_of(drives, study.flux_map, structure.terms),
         (*calibration.reasons, *structure.term_reasons, *structure.angle_reasons),
         sentences,
+        left_out(recordings, usable),
     )
 
 
