@@ -1,7 +1,8 @@
 """Conventions of a drive recording, tested against physics before anything is trained.
 
-Angle and speed come first, then the order of phases, signs, the speed's side, timing, the angle's
-zero and scales: what is found is mended for the judgement of the next.
+An angle in steps ends the tests. Angle and speed come first, then the order of phases, signs, the
+speed's side, timing, the angle's zero and scales: what is found is mended for the judgement of the
+next.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,11 @@ from penode.pmsm.conventions.balance import (
     judge_speed_factor,
 )
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judge
-from penode.pmsm.conventions.motion import judge_angle_unit, judge_speed_and_angle
+from penode.pmsm.conventions.motion import (
+    find_stepped_angle,
+    judge_angle_unit,
+    judge_speed_and_angle,
+)
 from penode.pmsm.conventions.phases import judge_phases, judge_turns
 from penode.pmsm.conventions.scales import judge_rms_by_phases, judge_rms_by_plate, judge_units
 from penode.pmsm.recording.channels import drive_recording
@@ -70,6 +75,9 @@ def check_conventions(
         If a channel is missing or never moves; see
         `penode.pmsm.recording.channels.drive_recording`.
     """
+    stepped = "theta_el" in experiment.channels and find_stepped_angle(experiment)
+    if stepped:
+        return Conventions((stepped,), ("With a stepped angle nothing else was tested.",))
     experiment = with_phases(experiment)
     kinds = "".join(kind for kind in "ui" if _in_phases(experiment, kind))
     broken, mended = _judge_motion(experiment, kinds)
