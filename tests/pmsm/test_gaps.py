@@ -70,15 +70,18 @@ def test_a_check_says_it_and_judges_the_stretches(paused):
     assert "read as 3 stretches" in found["used"][0]
 
 
-def test_stretches_too_short_to_test_conventions_are_not_called_broken(run):
-    """Of stretches of this length every tenth would be; one of 4000 samples with i_q turned is."""
-    short = [run.part(first, first + 700) for first in range(0, 9000, 1000)]
-    (judged,) = check_all(short, AS_RECORDED)
+def test_conventions_of_short_stretches_are_what_most_of_them_say(run):
+    """Of stretches of this length every tenth would be called broken by itself."""
+    short = [(first, first + 700) for first in range(0, 9000, 1000)]
+    (judged,) = check_all([run.part(*span) for span in short], AS_RECORDED)
     assert judged.broken == ()
-    assert "conventions were not tested, as no stretch has 2000 samples" in judged.untold[0]
+    assert "no stretch has 2000 samples; conventions are what most of the 5" in judged.untold[0]
     turned = replace(run, channels={**run.channels, "i_q": -run.channels["i_q"]})
+    (judged,) = check_all([turned.part(*span) for span in short], AS_RECORDED)
+    assert [b.name for b in judged.broken] == ["negative q current"]
     (judged,) = check_all([turned.part(0, 700), turned.part(1000, 5000)], AS_RECORDED)
     assert [b.name for b in judged.broken] == ["negative q current"]
+    assert not any("no stretch has" in sentence for sentence in judged.untold)
 
 
 def test_stretches_in_which_the_drive_rests_are_left_out(run):

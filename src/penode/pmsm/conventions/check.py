@@ -5,6 +5,7 @@ speed's side, timing, the angle's zero and scales: what is found is mended for t
 next.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -33,6 +34,8 @@ from penode.pmsm.recording.stationary_frame import with_phases
 #: Samples of a stretch from which the tests may be believed: of 40 stretches of 1000 samples of
 #: sound recordings four were called broken, of 20 of 2000 none.
 _JUDGED = 2000
+#: Shorter ones that are asked where there is no longer one.
+_SHORT_ONES = 5
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,8 @@ def check_all(
 ) -> list[Conventions]:
     """Test the conventions of recordings, corrected as far as they need it.
 
-    Of a recording in stretches those are looked at that are long enough not to mislead.
+    Of a recording in stretches those are looked at that are long enough not to mislead; where there
+    are none, what most of the longest say is taken.
 
     Parameters
     ----------
@@ -128,15 +132,23 @@ def check_all(
     judged: list[Conventions] = []
     for stretches in by_recording(experiments):
         enough = [e for e in stretches if e.stretch is None or len(e) >= _JUDGED]
-        corrected = (_corrected(e, calibration) for e in enough)
-        judged += [check_conventions(e, pole_pairs, plate) for e in corrected]
-        if not enough:
-            reason = (
-                f"{stretches[0].place.recording}: conventions were not tested, as no stretch has "
-                f"{_JUDGED} samples; record one without gaps."
-            )
-            judged.append(Conventions((), (reason,)))
+        tried = enough or sorted(stretches, key=len, reverse=True)[:_SHORT_ONES]
+        corrected = (_corrected(e, calibration) for e in tried)
+        each = [check_conventions(e, pole_pairs, plate) for e in corrected]
+        judged += each if enough else [_by_vote(each, stretches[0].place.recording)]
     return judged
+
+
+def _by_vote(each: Sequence[Conventions], recording: str) -> Conventions:
+    """Return what most short stretches of a recording say."""
+    votes = Counter(name for one in each for name in {b.name for b in one.broken})
+    found = {b.name: b for one in each for b in one.broken if 2 * votes[b.name] > len(each)}
+    reason = (
+        f"{recording}: no stretch has {_JUDGED} samples; conventions are what most of the "
+        f"{len(each)} longest say."
+    )
+    untold = tuple(dict.fromkeys(sentence for one in each for sentence in one.untold))
+    return Conventions(tuple(found.values()), (reason, *untold))
 
 
 def _corrected(experiment: Experiment, calibration: Calibration) -> Experiment:
