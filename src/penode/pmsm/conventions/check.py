@@ -147,8 +147,7 @@ def _by_vote(each: Sequence[Conventions], recording: str) -> Conventions:
         f"{recording}: no stretch has {_JUDGED} samples; conventions are what most of the "
         f"{len(each)} longest say."
     )
-    untold = tuple(dict.fromkeys(sentence for one in each for sentence in one.untold))
-    return Conventions(tuple(found.values()), (reason, *untold))
+    return Conventions(tuple(found.values()), (reason, *each[0].untold))
 
 
 def _corrected(experiment: Experiment, calibration: Calibration) -> Experiment:
