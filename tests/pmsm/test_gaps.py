@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from penode import Fit
 from penode.cli.main import app
 from penode.pmsm.balance.calibration import AS_RECORDED
 from penode.pmsm.balance.usable import usable_stretches
@@ -59,6 +60,9 @@ def test_a_recording_with_gaps_is_identified_and_the_result_says_so(paused, tmp_
     assert list(result["provenance"]["data"]) == ["paused.csv"]
     assert said in result["provenance"]["structure"]
     assert said in (tmp_path / "out" / "report.html").read_text()
+    fit = Fit.load(tmp_path / "out")
+    assert [len(c.measured) for c in fit.comparisons] == [3000, 2201, 4000]
+    assert fit.spectrum.recording == "paused.csv rows 5300 to 9299"  # the longest
 
 
 def test_a_check_says_it_and_judges_the_stretches(paused):

@@ -52,7 +52,7 @@ class Fit:
     comparisons : tuple of Comparison
         Measured against one-step and free-run predictions, per recording or stretch of one.
     spectrum : Spectrum
-        Spectrum of the one-step residual on the first training recording.
+        Spectrum of the one-step residual on the first training recording, or its longest stretch.
     transitions : ndarray, shape (sample, past * state, past * state)
         One-step matrices of scaled errors along the recording of the spectrum
         (`penode.horizon.loss_weighting.linearised`); empty where the k-step error is more than a
