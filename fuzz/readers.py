@@ -24,7 +24,7 @@ from fuzz.damage import damaged
 from fuzz.seeds import SEEDS
 from penode.data.experiment import Source
 from penode.data.isolation import Decoder
-from penode.data.load import experiment_of
+from penode.data.load import experiments_of
 from penode.data.mapping import own_names
 from penode.data.readers import csv
 from penode.data.table import Table
@@ -93,7 +93,7 @@ def check(read: Callable[[bytes], Table | None], content: bytes) -> str:
             assert values.dtype == np.float64, values.dtype
             assert values.ndim == 1, values.shape
         assert all(name == printable(name) for name in table.columns)
-        experiment_of(table, Source("case", ""), own_names(table))
+        experiments_of(table, Source("case", ""), own_names(table))
     except InputError as error:
         sentence = str(error)
         assert "case" in sentence, sentence

@@ -7,7 +7,7 @@ these four may move.
 
 from penode import engine, pmsm
 from penode.data.experiment import Experiment
-from penode.data.load import load
+from penode.data.load import load, load_stretches
 from penode.data.save import save
 from penode.data.windows import Contiguous, Jittered, Windows
 from penode.errors import InputError
@@ -37,6 +37,7 @@ __all__ = [
     "identify",
     "ladder_plan",
     "load",
+    "load_stretches",
     "nuisance",
     "parameter",
     "physical",

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
-from penode.data.windows import check_length
+from penode.data.stretches import check_lengths
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
@@ -88,8 +88,7 @@ def identify(
     plan = start.with_penalties(plan)
     problem = LadderProblem.of(start.model, experiments, plan, observer)
     longest = max(stage.horizon for stage in plan.stages)
-    for experiment in experiments:
-        check_length(experiment, longest, problem.objective.predictor.past)
+    check_lengths(experiments, longest, problem.objective.predictor.past)
     for unseen in validation:
         require_predictable(problem.objective.predictor, start.model, unseen)
 

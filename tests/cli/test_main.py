@@ -152,7 +152,7 @@ UNUSABLE = {
     "missing column": (table(u_q=None), ["u_q"]),
     "NaN": (table(i_d=broken("i_d", 7, np.nan)), ["i_d", "row 8"]),
     "time in ms": (table(t=table()["t"] * 1e3), ["seconds"]),
-    "gap": (table(t=np.r_[table()["t"][:200], table()["t"][200:] + 5e-3]), ["rows 200 and 201"]),
+    "gaps": (table(t=table()["t"] + 5e-3 * (np.arange(400) // 150)), ["rows 150 and 151"]),
     "jitter": (table(t=JITTER), ["t"]),
     "three samples": (table(rows=3), ["3"]),
     "constant currents": (table(i_d=np.ones(400), i_q=np.zeros(400)), ["i_d"]),

@@ -28,13 +28,14 @@ def compared(name, role, units=("A",), free=0.25):
 
 @pytest.fixture
 def fit():
+    recordings = (compared("a.csv", "train"), compared("b.csv", "validation", ("A", "rad/s")))
     return SimpleNamespace(
         parameters={
             "R": Estimate.of(10e-3, 1e-4, "ohm", budget=ROWS),
             "L": Estimate.of(0.5, 0.012, ""),
         },
         horizon=HorizonChoice(8, "plateau", "Three agree.", ()),
-        comparisons=(compared("a.csv", "train"), compared("b.csv", "validation", ("A", "rad/s"))),
+        recordings=recordings,
         warnings=("First [sic].", "Second."),
         provenance={"structure": ("The voltage acts late.",)},
     )

@@ -17,7 +17,9 @@ def table(samples=40, **changes):
 
 
 def mapped(origins, content=None, resample=False):
-    return map_channels("run.csv", content or table(), origins, resample)
+    found = map_channels("run.csv", content or table(), origins, resample)
+    assert found.spans == ((0, len(found.times)),)
+    return found.time_step, found.channels
 
 
 def refusal(origins, content=None, resample=False):

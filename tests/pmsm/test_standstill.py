@@ -10,9 +10,11 @@ import pytest
 from penode.errors import InputError
 from penode.pmsm import export
 from penode.pmsm.balance.voltage_balance import BalanceForm
+from penode.pmsm.bench.coenergies import SaturatingCoenergy
 from penode.pmsm.bench.coenergy_table import true_flux_map
 from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.machines import TRACTION_300A
+from penode.pmsm.bench.inverter import DeadTime, Inverter
+from penode.pmsm.bench.machines import TRACTION_300A, Machine
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.recording.accuracy import Accuracy
@@ -49,6 +51,42 @@ def two_samples_late(run):
         channels[name] = np.roll(channels[name], -2)
     return replace(run, channels={name: values[:-2] for name, values in channels.items()})
 
+
+def sines(amplitude):
+    def reference(time):
+        d, q = (np.sin(2 * np.pi * f * time) for f in (20.0, 13.0))
+        slow = [np.cos(2 * np.pi * f * time) for f in (1.3, 1.1)]
+        return amplitude * np.stack([d * slow[0], q * slow[1]], axis=1)
+
+    return reference
+
+
+#: A machine without magnets, whose d axis saturates.
+RELUCTANCE = Machine(
+    name="reluctance_20A",
+    resistance=0.5,
+    pole_pairs=2,
+    current_limit=20.0,
+    magnet_flux_linkage=0.0,
+    inductance_d=45e-3,
+    inductance_q=9e-3,
+    angle_orders=(6,),
+    coenergy=SaturatingCoenergy(
+        magnet_flux=0.0,
+        leakage_d=4e-3,
+        leakage_q=6e-3,
+        shared_flux=0.35,
+        shared_current_d=9.0,
+        shared_current_q=40.0,
+        magnet_current=0.0,
+        own_flux=0.02,
+        own_current=5.0,
+        cross_flux=0.01,
+        cross_current=12.0,
+        harmonics=((6, 1e-3, -1e-3),),
+        harmonic_current=20.0,
+    ),
+)
 
 STUDY = Study(horizon=1, candidates=(), angle_orders=(), accuracy=Accuracy.exact())
 
@@ -118,3 +156,35 @@ def test_a_slow_locus_at_standstill_shows_the_resistance():
     solved = BalanceForm.of([run], True).solve([run])
     assert solved.independence["R"] > 0.1
     assert solved.resistance == pytest.approx(R, rel=1e-3)
+
+
+def test_a_reluctance_machine_whose_voltage_acts_two_samples_late():
+    """All is left to the data; what the balance leaves of a saturated map looks like dead time."""
+    drive = Drive(current_noise=0.01, bandwidth=400.0, inverter=Inverter(delay=2))
+    run = simulate(RELUCTANCE, sines(14.0), speed_rpm=0.0, duration=0.5, drive=drive, seed=2)
+    fit = identify([run], study=Study(horizon=8))
+    low, high = fit.parameters["R"].interval_95
+    assert fit.horizon.objections == ()
+    assert low < RELUCTANCE.resistance < high
+    assert high - low < 0.05 * RELUCTANCE.resistance
+    reasons = fit.provenance["structure"]
+    assert any("taken into account as a delay of 2" in reason for reason in reasons)
+    assert any("Dead time was left out" in reason for reason in reasons)
+    inductance = fit.differential_inductance(5.0, -3.0)
+    at = [np.ravel(true_flux_map(RELUCTANCE, 5.0 + i, -3.0)) for i in (-0.01, 0.01)]
+    np.testing.assert_allclose(inductance[:, 0], (at[1] - at[0]) / 0.02, rtol=0.02, atol=1e-4)
+    psi = np.asarray(fit.flux_map(0.0, 0.0))
+    np.testing.assert_allclose(psi, 0.0, atol=1e-9)
+
+
+def test_injected_sines_with_dead_time_that_sets_in_softly():
+    """Taken for sharp, or left out, the dead time of 2.4 V would be read as resistance."""
+    inverter = Inverter(dead_time=DeadTime(0.6e-6, current_scale=20.0))
+    drive = Drive(current_noise=0.05, inverter=inverter)
+    run = simulate(TRACTION_300A, sines(150.0), speed_rpm=0.0, duration=0.5, drive=drive, seed=2)
+    fit = identify([run], study=Study(horizon=1, angle_orders=()))
+    low, high = fit.parameters["R"].interval_95
+    assert fit.horizon.objections == ()
+    assert low < R < high
+    assert fit.parameters["R"].value == pytest.approx(R, rel=0.05)
+    assert any("Its knee is soft" in reason for reason in fit.provenance["structure"])

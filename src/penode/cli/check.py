@@ -1,6 +1,7 @@
 """The command ``penode check``."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,8 @@ from rich.console import Console
 from rich.text import Text
 
 from penode.cli.rows import print_rows
+from penode.data.experiment import Experiment
+from penode.data.stretches import by_recording
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.precheck.recording_check import RecordingCheck, check_recordings
@@ -42,7 +45,7 @@ def check_command(
         raise InputError(f"{picture}: suffix {picture.suffix!r} came; use .png.")
     asked = load_study(config)
     check = check_recordings(
-        [asked.load(run) for run in runs],
+        [stretch for run in runs for stretch in asked.load_stretches(run)],
         asked.study,
         pole_pairs=asked.mapping.pole_pairs,
         plate=asked.name_plate,
@@ -78,17 +81,17 @@ def _print(check: RecordingCheck, picture: Path | None) -> None:
 
 
 def _recordings(check: RecordingCheck) -> list[tuple[str, str]]:
-    rows = [
-        (
-            "recording",
-            f"{e.name}: {len(e)} samples in {number(len(e) * e.time_step)} s, "
-            f"{number(1e-3 / e.time_step)} kHz",
-        )
-        for e in check.recordings
-    ]
+    rows = [("recording", _recording(each)) for each in by_recording(check.recordings)]
     quality = [f.sentence for f in check.quality] or ["No channel stands still or is clipped."]
     rows += [("quality", sentence) for sentence in quality]
-    return rows + ([("used", check.sentence)] if check.sentence else [])
+    return rows + [("used", sentence) for sentence in check.sentences]
+
+
+def _recording(stretches: Sequence[Experiment]) -> str:
+    samples, first = sum(map(len, stretches)), stretches[0]
+    time, rate = number(samples * first.time_step), number(1e-3 / first.time_step)
+    pieces = f", in {len(stretches)} stretches" if len(stretches) > 1 else ""
+    return f"{first.place.recording}: {samples} samples in {time} s, {rate} kHz{pieces}"
 
 
 def _conventions(check: RecordingCheck) -> list[tuple[str, str]]:
@@ -104,7 +107,7 @@ def _coverage(check: RecordingCheck) -> list[tuple[str, str]]:
     if check.excitation is None:
         return []
     cover = check.excitation
-    speeds = ", ".join(number(s * 30 / np.pi) for s in cover.speeds)
+    speeds = ", ".join(dict.fromkeys(number(s * 30 / np.pi) for s in cover.speeds))
     summary = (
         f"Currents up to {number(cover.largest_current)} A over {number(100 * cover.fraction)} % "
         f"of that disc, moving at up to {number(cover.current_rate)} rad/s; speed {speeds} rpm "

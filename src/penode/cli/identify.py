@@ -94,8 +94,8 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     asked = load_study(
         config, options if horizon is None else {**options, "horizon": _steps(horizon)}
     )
-    recordings = [asked.load(run) for run in runs]
-    unseen = [asked.load(run) for run in validate or []]
+    recordings = [stretch for run in runs for stretch in asked.load_stretches(run)]
+    unseen = [stretch for run in validate or [] for stretch in asked.load_stretches(run)]
     checkpoint = _checkpoint(out, resume)
     stopped = False
     with watched(out, _errors, checkpoint) as observer:

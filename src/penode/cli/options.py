@@ -12,7 +12,10 @@ from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.term_registry import TERMS
 
 Runs = Annotated[
-    list[Path], typer.Argument(help="Recordings to train on: csv, parquet, mat, mf4, tdms.")
+    list[Path],
+    typer.Argument(
+        help="Recordings to train on: csv, parquet, mat, mf4, tdms; with gaps, by stretches."
+    ),
 ]
 Config = Annotated[
     Path | None,

@@ -28,7 +28,7 @@ def print_fit(console: Console, fit: Fit, folder: Path) -> None:
         ("horizon", Text.assemble(f"{choice.selected} {steps}: ", verdict, f". {choice.reason}")),
         *(("model", reason) for reason in fit.provenance.get("structure", ())),
     ]
-    for comparison in fit.comparisons:
+    for comparison in fit.recordings:
         one_step, free_run = one_step_text(comparison), free_run_text(comparison)
         errors = f"{comparison.name}: RMSE one step {one_step}; free run {free_run}"
         rows.append((comparison.role, errors.replace("\N{NO-BREAK SPACE}", " ")))

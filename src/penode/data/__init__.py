@@ -5,11 +5,11 @@ judge it, and `cut` makes `Windows` of one or many. To read another file format,
 beside those in `penode.data.readers` and name its suffix in `penode.data.load`.
 """
 
+from penode.data.excitation import check_excitation
 from penode.data.experiment import Experiment, Source
 from penode.data.load import load
 from penode.data.quality import (
     Finding,
-    check_excitation,
     find_clipping,
     find_constant,
     find_stuck,

@@ -13,6 +13,7 @@ import numpy as np
 from penode.arrays import BoolArray, FloatArray, IntArray
 from penode.data.experiment import Experiment
 from penode.data.gathered import released
+from penode.data.stretches import by_recording
 from penode.errors import InputError
 
 #: Samples of a stretch, and the fewest where recordings are many.
@@ -78,17 +79,17 @@ def excerpt(
     whole = sum(map(len, experiments))
     if whole <= samples:
         return Excerpt(tuple(experiments))
-    length = min(length, samples // len(experiments))
+    recordings = by_recording(experiments)
+    length = min(length, samples // len(recordings))
     if length < _SHORTEST:
         raise InputError(
-            f"samples {samples} came for {len(experiments)} recordings; ask for "
-            f"{_SHORTEST * len(experiments)} at least, {_SHORTEST} of each."
+            f"samples {samples} came for {len(recordings)} recordings; ask for "
+            f"{_SHORTEST * len(recordings)} at least, {_SHORTEST} of each."
         )
     parts: list[Experiment] = []
-    for number, experiment in enumerate(experiments):
-        count = max(int(samples / whole * len(experiment) / length), 1)
-        random = np.random.default_rng([seed, number])
-        parts += _stretches(experiment, moving, (count, length), random)
+    for number, recording in enumerate(recordings):
+        wanted = samples / whole * sum(map(len, recording))
+        parts += _drawn(recording, moving, (wanted, length), np.random.default_rng([seed, number]))
     used = sum(map(len, parts))
     if used == whole:
         return Excerpt(tuple(parts))
@@ -106,46 +107,66 @@ def _grouped(number: int) -> str:
     return f"{number:,}".replace(",", "\N{NO-BREAK SPACE}")
 
 
-def _stretches(
-    experiment: Experiment,
+def _drawn(
+    recording: Sequence[Experiment],
     moving: Collection[str],
-    count_and_length: tuple[int, int],
+    wanted: tuple[float, int],
     random: np.random.Generator,
 ) -> list[Experiment]:
-    """Return stretches of one recording, or the whole where they would be most of it."""
-    count, length = count_and_length
-    blocks = len(experiment) // length
-    if blocks <= count:
-        return [experiment]
-    first = int(random.integers(len(experiment) - blocks * length + 1))
-    names = [name for name in experiment.channels if name in moving]
-    experiment.require(names or tuple(moving))
-    traits, movement = _traits(experiment, names, slice(first, first + blocks * length), blocks)
-    lively = np.flatnonzero(_is_lively(movement, count))
+    """Return stretches of one recording, or the whole where they would be most of it.
+
+    Wanted are so many samples, in stretches of a length; what is shorter already stays as it is.
+    """
+    samples, length = wanted
+    blocks = [max(len(e) // length, 1) for e in recording]
+    each = [min(len(e), length) for e in recording]
+    mean = sum(n * k for n, k in zip(each, blocks, strict=True)) / sum(blocks)
+    count = max(int(samples / mean), 1)
+    if sum(blocks) <= count:
+        return list(recording)
+    parts: list[tuple[Experiment, int, int]] = []
+    traits, movement = [], []
+    for e, own, number in zip(recording, each, blocks, strict=True):
+        first = int(random.integers(len(e) - number * own + 1))
+        parts += [(e, at, at + own) for at in range(first, first + number * own, own)]
+        names = [name for name in e.channels if name in moving]
+        e.require(names or tuple(moving))
+        stretch = _traits(e, names, slice(first, first + number * own), number)
+        traits.append(stretch[0])
+        movement.append(stretch[1])
+    spanned = np.concatenate(traits)
+    spanned /= np.maximum(np.ptp(spanned[:, :, :2], axis=(0, 2)), 1e-300)[:, None]
+    lively = np.flatnonzero(_is_lively(np.concatenate(movement), count))
     drawn = [int(random.choice(part)) for part in np.array_split(lively, -(-count // 2))]
-    chosen = _with_furthest(traits, lively, drawn, count)
-    return [experiment.part(first + length * k, first + length * (k + 1)) for k in chosen]
+    chosen = _with_furthest(spanned.reshape(len(parts), -1), lively, drawn, count)
+    return [
+        e if last - first == len(e) else e.part(first, last)
+        for e, first, last in (parts[k] for k in chosen)
+    ]
 
 
 def _traits(
     experiment: Experiment, names: Sequence[str], rows: slice, blocks: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what channels do in each block: traits (block, trait), movement (block, channel).
+    """Return what channels do in each block.
 
-    Traits are fractions of what the channel spans in the whole recording.
+    Returns
+    -------
+    traits : ndarray, shape (block, channel, 4)
+        Smallest and largest value, mean and root mean square.
+    movement : ndarray, shape (block, channel)
+        Range, 0 where it is rounding.
     """
-    traits, movement = [np.zeros((blocks, 1))], [np.zeros((blocks, 0))]
-    for name in names:
+    traits, movement = np.zeros((blocks, len(names), 4)), np.zeros((blocks, len(names)))
+    for k, name in enumerate(names):
         values = experiment.channels[name][rows].reshape(blocks, -1)
         low, high = values.min(axis=1), values.max(axis=1)
         power = np.einsum("bt,bt->b", values, values) / values.shape[1]
-        each = np.stack([low, high, values.mean(axis=1), np.sqrt(power)], axis=1)
+        traits[:, k] = np.stack([low, high, values.mean(axis=1), np.sqrt(power)], axis=1)
         released(experiment.channels[name])
-        traits.append(each / max(float(np.ptp(each[:, :2])), 1e-300))
-        movement.append(
-            np.where(high - low > _ROUNDING * np.abs(each).max(), high - low, 0.0)[:, None]
-        )
-    return np.concatenate(traits, axis=1), np.concatenate(movement, axis=1)
+        largest = np.abs(traits[:, k]).max()
+        movement[:, k] = np.where(high - low > _ROUNDING * largest, high - low, 0.0)
+    return traits, movement
 
 
 def _is_lively(movement: FloatArray, count: int) -> BoolArray:

@@ -28,9 +28,34 @@ class Source:
     sha256: str
 
 
+@dataclass(frozen=True)
+class Stretch:
+    """Where an experiment lies within a longer recording.
+
+    Attributes
+    ----------
+    recording : str
+        Name of the recording.
+    row : int
+        Data rows of the recording before its first sample.
+    start : float
+        Time from the first sample of the recording to its own, s.
+    duration : float
+        Time from the first to the last sample of the recording, s.
+    reasons : tuple of str
+        Why the recording was cut, and what was left out, a sentence each.
+    """
+
+    recording: str
+    row: int
+    start: float
+    duration: float
+    reasons: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """One uniformly sampled recording.
+    """One uniformly sampled recording, or a stretch of one.
 
     Attributes
     ----------
@@ -43,6 +68,8 @@ class Experiment:
         nobody can write to: mapped from a file, or of another recording.
     source : Source
         Provenance.
+    stretch : Stretch or None
+        Where it lies within a longer recording; None where it is a whole one.
 
     Raises
     ------
@@ -54,6 +81,7 @@ class Experiment:
     time_step: float
     channels: Mapping[str, FloatArray]
     source: Source = field(default=Source("memory", ""))
+    stretch: Stretch | None = None
 
     def __post_init__(self) -> None:
         frozen = {}
@@ -68,13 +96,20 @@ class Experiment:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the channels as a plain dict: their read-only view cannot be pickled."""
-        return Experiment, (self.name, self.time_step, dict(self.channels), self.source)
+        channels = dict(self.channels)
+        return Experiment, (self.name, self.time_step, channels, self.source, self.stretch)
 
     def __len__(self) -> int:
         return len(next(iter(self.channels.values()), ()))
 
+    @property
+    def place(self) -> Stretch:
+        """Where it lies within its recording, which may be itself."""
+        duration = max(len(self) - 1, 0) * self.time_step
+        return self.stretch or Stretch(self.name, 0, 0.0, duration)
+
     def part(self, first: int, last: int) -> "Experiment":
-        """Return the samples ``first .. last - 1`` as a recording that names its data rows.
+        """Return the samples ``first .. last - 1`` as a stretch, in memory.
 
         Parameters
         ----------
@@ -84,8 +119,27 @@ class Experiment:
         for name, values in self.channels.items():
             channels[name] = values[first:last].copy()
             released(values)
-        name = f"{self.name} rows {first + 1} to {last}"
-        return replace(self, name=name, channels=channels)
+        return replace(self.between(first, last), channels=channels)
+
+    def between(self, first: int, last: int, *reasons: str) -> "Experiment":
+        """Return the samples ``first .. last - 1`` as a stretch; what lies on disk stays there.
+
+        Parameters
+        ----------
+        first, last : int
+        reasons : str
+            Why the recording was cut, a sentence each.
+        """
+        whole = self.place
+        stretch = replace(
+            whole,
+            row=whole.row + first,
+            start=whole.start + first * self.time_step,
+            reasons=(*whole.reasons, *reasons),
+        )
+        name = f"{whole.recording} rows {stretch.row + 1} to {stretch.row + last - first}"
+        channels = {name: values[first:last] for name, values in self.channels.items()}
+        return replace(self, name=name, channels=channels, stretch=stretch)
 
     def require(self, names: Sequence[str]) -> None:
         """Refuse a recording that lacks a channel.

@@ -1,17 +1,21 @@
 """Load a recording from a file into an Experiment."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+
 from penode.data.content import Content
 from penode.data.experiment import Experiment, Source
 from penode.data.isolation import isolated
-from penode.data.mapping import Origin, map_channels, own_names
+from penode.data.mapping import Mapped, Origin, map_channels, own_names
 from penode.data.readers import csv
+from penode.data.stretches import SHORTEST, listed
 from penode.data.table import TIME, Table, list_names
+from penode.data.time_axis import gaps_in
 from penode.errors import InputError
 
 #: Reader of each file suffix, from the content to the columns; binary files are decoded apart.
@@ -53,9 +57,56 @@ def load(path: str | os.PathLike[str], name: str | None = None) -> Experiment:
         no other one, holds a cell that is not a finite number, has fewer than 8 samples, is not
         sampled uniformly within 1 %, or has channels of different sampling times.
     """
-    table, source = read(path)
-    experiment = experiment_of(table, source, own_names(table))
+    experiment = in_one_piece(load_stretches(path))
     return experiment if name is None else replace(experiment, name=name)
+
+
+def load_stretches(path: str | os.PathLike[str]) -> tuple[Experiment, ...]:
+    """Load a recording that may have gaps in time, as the stretches between them.
+
+    Nothing that works on experiments crosses from one into another. Their `Experiment.stretch`
+    says where in the recording they lie, and what was left out.
+
+    Parameters
+    ----------
+    path : str or path-like
+        As in `load`.
+
+    Returns
+    -------
+    tuple of Experiment
+        In order of time; one, which is the recording as `load` gives it, where there is no gap.
+
+    Raises
+    ------
+    InputError
+        As in `load`, but of gaps only where what lies between is shorter than 200 samples for the
+        most part.
+    """
+    table, source = read(path)
+    return experiments_of(table, source, own_names(table))
+
+
+def in_one_piece(stretches: Sequence[Experiment]) -> Experiment:
+    """Return the recording that was loaded, refusing one with gaps.
+
+    Parameters
+    ----------
+    stretches : sequence of Experiment
+        As `load_stretches` gives them.
+
+    Raises
+    ------
+    InputError
+        If it has gaps.
+    """
+    if len(stretches) == 1 and stretches[0].stretch is None:
+        return stretches[0]
+    first = stretches[0]
+    raise InputError(
+        f"{first.source.path}: {' '.join(first.place.reasons)} A recording without gaps was "
+        "wanted; take its stretches with load_stretches, or cut the file."
+    )
 
 
 def read(path: str | os.PathLike[str]) -> tuple[Table, Source]:
@@ -91,10 +142,10 @@ def read(path: str | os.PathLike[str]) -> tuple[Table, Source]:
         raise InputError(f"{file}: the file cannot be read ({reason}); check it.") from error
 
 
-def experiment_of(
+def experiments_of(
     table: Table, source: Source, origins: Mapping[str, Origin], resample: bool = False
-) -> Experiment:
-    """Make a recording of the columns of a file.
+) -> tuple[Experiment, ...]:
+    """Make a recording of the columns of a file, or the stretches between its gaps.
 
     Parameters
     ----------
@@ -107,8 +158,8 @@ def experiment_of(
 
     Returns
     -------
-    Experiment
-        Named after the file.
+    tuple of Experiment
+        Named after the file; see `load_stretches`.
 
     Raises
     ------
@@ -136,8 +187,41 @@ def experiment_of(
             f"{file}: column {empty[0]} has no values where another has some; record or export the "
             "data again, or remove it."
         )
-    time_step, values = map_channels(file, table, origins, resample)
-    return Experiment(Path(file).name, time_step, values, source)
+    return _stretches(Path(file).name, source, map_channels(file, table, origins, resample))
+
+
+def _stretches(name: str, source: Source, mapped: Mapped) -> tuple[Experiment, ...]:
+    """Return what lies between the gaps, each a recording of its own."""
+    whole = Experiment(name, mapped.time_step, mapped.channels, source)
+    if len(mapped.spans) == 1 and mapped.spans[0] == (0, len(whole)):
+        return (whole,)
+    begin, duration, sentence = mapped.times[0], np.ptp(mapped.times), _sentence(name, mapped)
+    found = []
+    for first, last in mapped.spans:
+        one = whole.between(first, last, sentence)
+        start = float(mapped.times[first] - begin)
+        place = replace(one.place, start=start, duration=float(duration))
+        found.append(replace(one, stretch=place))
+    return tuple(found)
+
+
+def _sentence(name: str, mapped: Mapped) -> str:
+    """Say where the gaps are, how long, and what is left out between them."""
+    times = mapped.times
+    gaps = gaps_in(times)
+    lengths = times[gaps + 1] - times[gaps] - mapped.time_step
+    long = f"{lengths.min():.3g} s"
+    if f"{lengths.max():.3g} s" != long:
+        long = f"{lengths.min():.3g} to {lengths.max():.3g} s"
+    count = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+    read = "one stretch" if len(mapped.spans) == 1 else f"{len(mapped.spans)} stretches"
+    sentence = (
+        f"{name}: {count} of {long} in time, after {listed((gaps + 1).tolist())}: read as "
+        f"{read}, and nothing is predicted across a gap."
+    )
+    left = len(times) - sum(b - a for a, b in mapped.spans)
+    few = f" {left} samples that are fewer than {SHORTEST} in a row are left out."
+    return sentence + few * (left > 0)
 
 
 def _reader_for(location: Path, file: str) -> Callable[[Content], Table]:

@@ -12,8 +12,9 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.gathered import in_pieces, pieces
+from penode.data.stretches import SHORTEST
 from penode.data.table import TIME, Table, cell_error, list_names
-from penode.data.time_axis import uniform_step
+from penode.data.time_axis import uniform_step, uniform_stretches
 from penode.data.units import UNITS, Unit, did_you_mean, find_unit, unit_name
 from penode.errors import InputError
 
@@ -88,9 +89,31 @@ def own_names(table: Table) -> dict[str, Origin]:
     return {name: Origin(name) for name in table.columns if name not in clocks}
 
 
+@dataclass(frozen=True, eq=False)
+class Mapped:
+    """Channels of a file on one clock, which may have gaps.
+
+    Attributes
+    ----------
+    time_step : float
+        s.
+    times : ndarray, shape (time,)
+        s.
+    channels : mapping of str to ndarray, each of shape (time,)
+        SI values, in the order of the origins.
+    spans : tuple of (int, int)
+        First sample of each stretch without a gap, and last plus one; in order of time.
+    """
+
+    time_step: float
+    times: FloatArray
+    channels: Mapping[str, FloatArray]
+    spans: tuple[tuple[int, int], ...]
+
+
 def map_channels(
     file: str, table: Table, origins: Mapping[str, Origin], resample: bool = False
-) -> tuple[float, dict[str, FloatArray]]:
+) -> Mapped:
     """Make channels of one uniform clock from the columns of a file.
 
     Parameters
@@ -108,17 +131,15 @@ def map_channels(
 
     Returns
     -------
-    time_step : float
-        s.
-    channels : dict of str to ndarray, each of shape (time,)
-        SI values, in the order of the origins.
+    Mapped
 
     Raises
     ------
     InputError
         If a column is missing, not finite or not as long as its times, a unit is unknown or of
         another quantity, clocks differ and resampling is not asked for, an angle turns too far in
-        a sample to be interpolated, or the times are not uniform (see `uniform_step`).
+        a sample to be interpolated, or the times are not uniform (see `uniform_stretches`; where
+        channels are resampled, `uniform_step`).
     """
     time = origins.get(TIME, Origin(TIME, "s"))
     clocks: dict[Origin, FloatArray] = {}
@@ -128,8 +149,7 @@ def map_channels(
         if name != TIME
     }
     times, channels = _on_one_clock(file, sampled, resample)
-    times, channels = _without_delays(times, channels, origins)
-    return uniform_step(file, times), channels
+    return _without_delays(file, times, channels, origins)
 
 
 def _sample(file: str, table: Table, name: str, origin: Origin, clock: _Clock) -> _Sampled:
@@ -263,12 +283,18 @@ def _at(file: str, name: str, times: FloatArray, channel: _Sampled) -> FloatArra
 
 
 def _without_delays(
-    times: FloatArray, channels: Mapping[str, FloatArray], origins: Mapping[str, Origin]
-) -> tuple[FloatArray, dict[str, FloatArray]]:
+    file: str,
+    times: FloatArray,
+    channels: Mapping[str, FloatArray],
+    origins: Mapping[str, Origin],
+) -> Mapped:
     """Shift rows so that each channel stands at the time it belongs to; cut what is not whole."""
     delays = {name: origins[name].delay for name in channels}
-    begin = max(0, -min(delays.values()))
-    end = len(times) - max(0, *delays.values())
-    end = max(begin, end)
+    begin, lost = max(0, -min(delays.values())), max(0, *delays.values())
+    end = max(begin, len(times) - lost)
     moved = {name: v[begin + delays[name] : end + delays[name]] for name, v in channels.items()}
-    return times[begin:end], moved
+    times = times[begin:end]
+    step, spans = uniform_stretches(file, times, SHORTEST + begin + lost)
+    # At a gap a stretch loses the rows of which a channel came from beyond it.
+    inner = ((a + begin * (a > 0), b - lost * (b < len(times))) for a, b in spans)
+    return Mapped(step, times, moved, tuple(inner))

@@ -13,7 +13,6 @@ import numpy as np
 from penode.arrays import FloatArray, IntArray
 from penode.data.experiment import Experiment
 from penode.data.gathered import pieces
-from penode.errors import InputError
 
 # A spread below this share of the magnitude is rounding: the channel is constant.
 _CONSTANT = 1e-12
@@ -45,6 +44,28 @@ class Finding:
 Check: TypeAlias = Callable[[Experiment, str], Finding | None]
 
 
+def inspect_stretches(
+    stretches: Sequence[Experiment], channels: Sequence[str]
+) -> tuple[Finding, ...]:
+    """Run every check over one recording; a channel may stand still in one stretch and not in all.
+
+    Parameters
+    ----------
+    stretches : sequence of Experiment
+        Of the recording; itself where it is whole.
+    channels : sequence of str
+        As in `inspect`.
+    """
+    each = [inspect(stretch, channels) for stretch in stretches]
+    never = set.intersection(*({f.channel for f in found if _is_still(f)} for found in each))
+    found = [f for findings in each for f in findings if not _is_still(f)]
+    return (*(f for f in each[0] if _is_still(f) and f.channel in never), *found)
+
+
+def _is_still(finding: Finding) -> bool:
+    return finding.severity == "error"
+
+
 def inspect(experiment: Experiment, channels: Sequence[str]) -> tuple[Finding, ...]:
     """Run every check over the named channels.
 
@@ -67,38 +88,6 @@ def inspect(experiment: Experiment, channels: Sequence[str]) -> tuple[Finding, .
     """
     findings = (check(experiment, channel) for channel in channels for check in CHECKS)
     return tuple(finding for finding in findings if finding is not None)
-
-
-def check_excitation(experiment: Experiment, channels: Sequence[str]) -> None:
-    """Refuse a recording in which a needed channel never moves.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        Recording to look at.
-    channels : sequence of str
-        Channels that have to move for the identification at hand.
-
-    Raises
-    ------
-    InputError
-        If a channel is missing or constant.
-    """
-    for channel in channels:
-        finding = find_constant(experiment, channel)
-        if finding is not None:
-            raise InputError(finding.sentence)
-
-
-def check_some_excitation(experiment: Experiment, channels: Sequence[str]) -> None:
-    """Refuse a recording in which none of several channels moves; see `check_excitation`.
-
-    One axis at rest is no obstacle: a winding may be excited along the other alone. A channel that
-    stands at anything but zero is stuck.
-    """
-    still = [name for name in channels if find_constant(experiment, name) is not None]
-    stuck = [name for name in still if experiment.channels[name].any()]
-    check_excitation(experiment, still if len(still) == len(channels) else stuck)
 
 
 def find_constant(experiment: Experiment, channel: str) -> Finding | None:
@@ -166,7 +155,8 @@ def find_stuck(experiment: Experiment, channel: str) -> Finding | None:
         inner = np.where((level > low) & (level < high), length, 0)
         longest = int(np.argmax(inner))
         if inner[longest] > run:
-            run, first, at = int(inner[longest]), int(begin[longest]) + 1, float(level[longest])
+            run, at = int(inner[longest]), float(level[longest])
+            first = experiment.place.row + int(begin[longest]) + 1
     if run < max(_STUCK_SAMPLES, _STUCK_RATIO * _median(lengths)):
         return None
     return Finding(

@@ -1,8 +1,8 @@
-"""The time step of a recording, and the refusal of times that are not uniform."""
+"""The time step of a recording, the gaps in it, and the refusal of times that are not uniform."""
 
 import numpy as np
 
-from penode.arrays import FloatArray
+from penode.arrays import FloatArray, IntArray
 from penode.data.gathered import pieces
 from penode.errors import InputError
 
@@ -10,12 +10,76 @@ from penode.errors import InputError
 MINIMUM_SAMPLES = 8
 #: Largest deviation of a step from the median step, relative.
 STEP_TOLERANCE = 0.01
+#: Step over the median step from which rows are missing.
+_GAP = 1.5
 #: Largest time in s, some 30 000 years.
 LARGEST_TIME = 1e12
 
 
+def uniform_stretches(
+    file: str, t: FloatArray, shortest: int
+) -> tuple[float, tuple[tuple[int, int], ...]]:
+    """Return the time step of times that are uniform but for gaps, and what lies between these.
+
+    Parameters
+    ----------
+    file : str
+        File, for the messages.
+    t : ndarray, shape (time,)
+        Times in s, finite.
+    shortest : int
+        Fewest samples of a stretch; shorter ones are left out where there are gaps.
+
+    Returns
+    -------
+    float
+        Time step in s.
+    tuple of (int, int)
+        First sample of each stretch, and last plus one; the whole where there is no gap.
+
+    Raises
+    ------
+    InputError
+        As in `uniform_step`, a gap only where such stretches hold less than half of the samples;
+        if their time steps differ by more than 1 %.
+    """
+    gaps = gaps_in(t)
+    ends = zip([0, *(gaps + 1)], [*(gaps + 1), len(t)], strict=True)
+    spans = tuple((int(a), int(b)) for a, b in ends if b - a >= shortest)
+    if not len(gaps) or 2 * sum(b - a for a, b in spans) < len(t):
+        return uniform_step(file, t), ((0, len(t)),)
+    steps = np.array([uniform_step(file, t[a:b], a) for a, b in spans])
+    odd = int(np.argmax(np.abs(steps - steps[0])))
+    if abs(steps[odd] - steps[0]) > STEP_TOLERANCE * steps[0]:
+        raise InputError(
+            f"{file}: the time step is {steps[0]:.6g} s from data row {spans[0][0] + 1} and "
+            f"{steps[odd]:.6g} s from data row {spans[odd][0] + 1}, where one was wanted; export "
+            "each rate to a file of its own."
+        )
+    lengths = np.array([b - a - 1 for a, b in spans])
+    return float(steps @ lengths / lengths.sum()), spans
+
+
+def gaps_in(t: FloatArray) -> IntArray:
+    """Return the samples after which rows are missing; none where the times do not increase.
+
+    Parameters
+    ----------
+    t : ndarray, shape (time,)
+        Times in s, finite.
+    """
+    none = np.empty(0, dtype=np.int64)
+    if len(t) < MINIMUM_SAMPLES:
+        return none
+    least, most = _ends_of_steps(t)
+    if not 0.0 < least < most / _GAP:
+        return none
+    steps = np.diff(t)
+    return np.flatnonzero(steps > _GAP * np.median(steps))
+
+
 @np.errstate(over="ignore", invalid="ignore")  # of digits of times that are almost zero
-def uniform_step(file: str, t: FloatArray) -> float:
+def uniform_step(file: str, t: FloatArray, before: int = 0) -> float:
     """Return the time step of uniformly sampled times.
 
     A step may deviate from the median step by 1 %. A larger deviation is accepted only where the
@@ -28,6 +92,8 @@ def uniform_step(file: str, t: FloatArray) -> float:
         File, for the messages.
     t : ndarray, shape (time,)
         Times in s, finite.
+    before : int
+        Data rows before them in the file, for the messages.
 
     Returns
     -------
@@ -56,11 +122,11 @@ def uniform_step(file: str, t: FloatArray) -> float:
         return float((t[-1] - t[0]) / (len(t) - 1))
     steps = np.diff(t)
     if least <= 0.0:
-        raise _not_increasing(file, t, int(np.argmax(steps <= 0.0)))
+        raise _not_increasing(file, t, int(np.argmax(steps <= 0.0)), before)
     median = float(np.median(steps))
     deviation = np.abs(steps - median)
     if deviation.max() > STEP_TOLERANCE * median and not _uniform_but_for_digits(t):
-        raise _irregular(file, steps, median, int(np.argmax(deviation)))
+        raise _irregular(file, steps, int(np.argmax(deviation)), before)
     return float((t[-1] - t[0]) / (len(t) - 1))
 
 
@@ -119,19 +185,21 @@ def _significant_quantum(t: FloatArray) -> float:
     return 0.0
 
 
-def _not_increasing(file: str, t: FloatArray, k: int) -> InputError:
+def _not_increasing(file: str, t: FloatArray, k: int, before: int) -> InputError:
     """Make the refusal of a time that repeats or decreases after sample k."""
     what = "repeats" if t[k + 1] == t[k] else "decreases"
     return InputError(
-        f"{file}: t {what} at data row {k + 2} ({t[k]:.9g} s, then {t[k + 1]:.9g} s) where it must "
-        "increase; remove the repeated or misplaced rows, or export t with more digits."
+        f"{file}: t {what} at data row {before + k + 2} ({t[k]:.9g} s, then "
+        f"{t[k + 1]:.9g} s) where it must increase; remove the repeated or misplaced rows, or "
+        "export t with more digits."
     )
 
 
-def _irregular(file: str, steps: FloatArray, median: float, k: int) -> InputError:
+def _irregular(file: str, steps: FloatArray, k: int, before: int) -> InputError:
     """Make the refusal of the step after sample k, the one furthest from the median."""
-    rows = f"between data rows {k + 1} and {k + 2}"
-    if steps[k] > 1.5 * median:
+    rows = f"between data rows {before + k + 1} and {before + k + 2}"
+    median = float(np.median(steps))
+    if steps[k] > _GAP * median:
         missing = max(round(float(steps[k]) / median) - 1, 1)
         return InputError(
             f"{file}: t has a gap {rows}: a step of {steps[k]:.6g} s where the median is "

@@ -8,6 +8,7 @@ import numpy as np
 
 from penode.arrays import FloatArray, IntArray
 from penode.data.experiment import Experiment
+from penode.data.stretches import check_lengths
 from penode.errors import InputError
 
 # Time steps that differ by less, relative, are one.
@@ -181,6 +182,8 @@ def cut(
 ) -> Windows:
     """Cut recordings into windows; no window crosses from one recording into the next.
 
+    Stretches of a recording that are too short for a window have none.
+
     Parameters
     ----------
     experiments : sequence of Experiment
@@ -204,17 +207,18 @@ def cut(
     Raises
     ------
     InputError
-        If there is no recording, one is shorter than ``past + horizon`` samples, lacks a channel
-        or holds a value that is not finite, the time steps differ by more than 1e-4 (relative),
-        or `horizon` or `past` is below 1.
+        If there is no recording, one is shorter than ``past + horizon`` samples (all stretches of
+        it, where it has gaps), lacks a channel or holds a value that is not finite, the time steps
+        differ by more than 1e-4 (relative), or `horizon` or `past` is below 1.
     """
     _check_counts(horizon, past)
     _check_time_steps(experiments)
     starts, recording, offset = [], [], 0
+    check_lengths(experiments, horizon, past)
     for index, experiment in enumerate(experiments):
-        check_length(experiment, horizon, past)
         first, last = offset + past - 1, offset + len(experiment) - 1 - horizon
-        placed = _placed(placement, first, last, horizon)
+        none = np.empty(0, dtype=np.int64)
+        placed = none if last < first else _placed(placement, first, last, horizon)
         starts.append(placed)
         recording.append(np.full(len(placed), index, dtype=np.int64))
         offset += len(experiment)
@@ -249,28 +253,6 @@ def _check_time_steps(experiments: Sequence[Experiment]) -> None:
                 f"{other.name}: the time step is {other.time_step:.9g} s where {first.name} has "
                 f"{first.time_step:.9g} s; resample one of them or fit them separately."
             )
-
-
-def check_length(experiment: Experiment, horizon: int, past: int) -> None:
-    """Refuse a recording too short for one window.
-
-    Parameters
-    ----------
-    experiment : Experiment
-    horizon, past : int
-        Samples that are predicted, and that the first prediction starts from.
-
-    Raises
-    ------
-    InputError
-        If it has fewer samples.
-    """
-    if len(experiment) < past + horizon:
-        raise InputError(
-            f"{experiment.name}: {len(experiment)} samples came where horizon {horizon} with "
-            f"{past} past samples needs at least {past + horizon}; "
-            "shorten the horizon or record for longer."
-        )
 
 
 def _placed(placement: Placement, first: int, last: int, horizon: int) -> IntArray:

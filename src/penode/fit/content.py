@@ -34,7 +34,12 @@ class FitContent(Protocol):
 
     @property
     def comparisons(self) -> tuple[Comparison, ...]:
-        """Recordings beside their predictions."""
+        """Recordings, or stretches of them, beside their predictions."""
+        ...
+
+    @property
+    def recordings(self) -> tuple[Comparison, ...]:
+        """The same, the stretches of a recording as one."""
         ...
 
     @property

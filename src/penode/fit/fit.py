@@ -20,7 +20,7 @@ from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary
 from penode.fit.result_folder import claimed, digests, replace_together, require_one_result
 from penode.fit.summary import html, text
 from penode.models.base import Model
-from penode.validation.comparison import Comparison
+from penode.validation.comparison import Comparison, by_recording
 from penode.validation.coverage import supported
 from penode.validation.residual_tests import Correlations, Spectrum
 
@@ -50,9 +50,9 @@ class Fit:
     excited : ndarray, shape (sample, state)
         A thinned set of the states visited in training, SI units.
     comparisons : tuple of Comparison
-        Measured against one-step and free-run predictions, per recording.
+        Measured against one-step and free-run predictions, per recording or stretch of one.
     spectrum : Spectrum
-        Spectrum of the one-step residual on the first training recording.
+        Spectrum of the one-step residual on the first training recording, or its longest stretch.
     transitions : ndarray, shape (sample, past * state, past * state)
         One-step matrices of scaled errors along the recording of the spectrum
         (`penode.horizon.loss_weighting.linearised`); empty where the k-step error is more than a
@@ -171,12 +171,18 @@ class Fit:
         """
         return self.learned_uncertainty.deviation(self.model, np.asarray(points, dtype=np.float64))
 
+    @property
+    def recordings(self) -> tuple[Comparison, ...]:
+        """The comparisons, the stretches of a recording as one."""
+        return by_recording(self.comparisons)
+
     def result(self) -> dict[str, Any]:
         """Return the content of ``result.json``."""
         metrics: dict[str, Any] = {"train": {}, "validation": {}}
-        for comparison in self.comparisons:
+        for comparison in self.recordings:
             of_role = metrics[comparison.role]
-            of_role[unused(comparison.name, of_role)] = comparison.metrics()
+            name = comparison.recording or comparison.name
+            of_role[unused(name, of_role)] = comparison.metrics()
         return {
             "schema": SCHEMA,
             "horizon": asdict(self.horizon),

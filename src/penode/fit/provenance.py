@@ -30,5 +30,7 @@ def provenance_of(experiments: Sequence[Experiment]) -> dict[str, Any]:
     """
     data: dict[str, str] = {}
     for experiment in experiments:
-        data[unused(experiment.name, data)] = experiment.source.sha256
+        recording, digest = experiment.place.recording, experiment.source.sha256
+        if experiment.stretch is None or data.get(recording) != digest:
+            data[unused(recording, data)] = digest
     return {"versions": versions(), "data": data}

@@ -24,7 +24,7 @@ def text(fit: FitContent) -> str:
         "  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip()
         for row in rows
     ]
-    lines += [f"  {_where(c)}: {_errors(c)}" for c in fit.comparisons]
+    lines += [f"  {_where(c)}: {_errors(c)}" for c in fit.recordings]
     lines += [f"  Warning: {warning}" for warning in fit.warnings]
     return "\n".join([f"Fit of {type(fit.model).__name__}: {_horizon(fit)}", *lines])
 
@@ -39,7 +39,7 @@ def html(fit: FitContent) -> str:
     head = f"<b>{escape(type(fit.model).__name__)}</b>: {escape(_horizon(fit))}"
     parameters = _table(("parameter", "value", "95 % interval", "independence"), _parameters(fit))
     recordings = _table(
-        ("recording", "rms error"), [(_where(c), _errors(c)) for c in fit.comparisons]
+        ("recording", "rms error"), [(_where(c), _errors(c)) for c in fit.recordings]
     )
     warnings = "".join(f"<p>Warning: {escape(w)}</p>" for w in fit.warnings)
     return f"<p>{head}</p>{parameters}{recordings}{warnings}"

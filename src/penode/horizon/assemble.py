@@ -9,6 +9,7 @@ import numpy as np
 
 from penode.arrays import BoolArray, FloatArray, float64
 from penode.data.experiment import Experiment
+from penode.data.stretches import by_recording
 from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.fit.learned_uncertainty import LearnedUncertainty
 from penode.fit.outcome import AVERAGED, Contribution
@@ -91,16 +92,17 @@ class Assembly:
         comparisons = (*seen, *(compare(predictor, model, e, "validation") for e in validation))
         whole = [with_unmeasured(e, model) for e in experiments]
         visited = np.concatenate([e.stack(model.states) for e in whole])
+        shown = experiments.index(max(by_recording(experiments)[0], key=len))
         return Fit(
             model=model,
             parameters=self._estimates(),
             horizon=self._horizon(),
             excited=thin(visited),
             comparisons=comparisons,
-            spectrum=residual_spectrum(comparisons[0]),
-            transitions=self._transitions(own[0]),
+            spectrum=residual_spectrum(comparisons[shown]),
+            transitions=self._transitions(own[shown], experiments[shown]),
             learned_uncertainty=self._uncertainty(chosen),
-            correlations=residual_correlations(comparisons[0], whole[0], model.inputs),
+            correlations=residual_correlations(comparisons[shown], whole[shown], model.inputs),
             nuisances=self._nuisances(),
             warnings=self._warnings(comparisons),
             provenance=provenance,
@@ -142,11 +144,10 @@ class Assembly:
             model: Model = self.problem.objective.layout.plain_model(raw, experiment)
         return model
 
-    def _transitions(self, model: Model) -> FloatArray:
+    def _transitions(self, model: Model, recording: Experiment) -> FloatArray:
         objective = self.problem.objective
         if not objective.error.is_filtered_one_step:
             return np.empty((0, 0, 0))
-        recording = self.problem.experiments[0]
         return linearised(objective.predictor, model, recording, objective.scale)
 
     @cached_property

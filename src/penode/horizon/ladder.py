@@ -1,5 +1,6 @@
 """Ladder: the same fit at growing horizons, each warm-started by the one before."""
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -7,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from penode.arrays import FloatArray, float64
+from penode.data.excitation import check_any_excitation
 from penode.data.experiment import Experiment
-from penode.data.quality import check_some_excitation
+from penode.data.stretches import by_recording, fewest_windows
 from penode.data.windows import Jittered, Windows, cut
 from penode.errors import InputError
 from penode.models.base import Model
@@ -70,9 +72,8 @@ def ladder_plan(
 
 def fitting_plan(plan: Plan, experiments: Sequence[Experiment]) -> Plan:
     """Drop stages whose horizon leaves fewer than 20 windows in the shortest recording."""
-    longest = min(len(e) for e in experiments) // 20
-    stages = tuple(stage for stage in plan.stages if stage.horizon <= max(longest, 1))
-    return replace(plan, stages=stages)
+    enough = [s.horizon == 1 or fewest_windows(experiments, s.horizon) >= 20 for s in plan.stages]
+    return replace(plan, stages=tuple(itertools.compress(plan.stages, enough)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,9 +166,8 @@ class LadderProblem:
         alike: dict[str, list[str]] = {}
         for name, unit in zip(model.states, model.state_units, strict=True):
             alike.setdefault(unit, []).extend([] if name in model.unmeasured else [name])
-        for experiment in experiments:
-            for measured in alike.values() if len(experiment) > 1 else ():
-                check_some_excitation(experiment, measured)
+        for stretches in by_recording(experiments):
+            check_any_excitation(stretches, alike.values())
         whole = [with_unmeasured(e, model).stack(model.states) for e in experiments]
         visited = np.concatenate(whole)
         predictor = Predictor(experiments[0].time_step, plan.solver, plan.hold)

@@ -124,7 +124,7 @@ def unexplained(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objecti
 
 def few_samples_decide(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection where isolated samples hold most of the squared one-step error."""
-    for comparison, _ in trained_on(fit, experiments):
+    for comparison, experiment in trained_on(fit, experiments):
         residual = _finite_residual(comparison)
         if len(residual) < 1 / _FEW:
             continue
@@ -139,7 +139,8 @@ def few_samples_decide(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[
                 "outliers",
                 f"{comparison.name}: {len(worst)} of {len(squares)} samples hold "
                 f"{100 * held:.0f} % of the squared one-step error, most of all channel "
-                f"{comparison.states[column]} at data row {row + 2}.",
+                f"{comparison.states[column]} at data row "
+                f"{experiment.place.row + row + 2}.",
                 "Cut them out, or record again.",
             )
 

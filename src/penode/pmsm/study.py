@@ -7,7 +7,8 @@ from typing import Any
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
 from penode.data.memory import require_memory
-from penode.data.quality import inspect
+from penode.data.quality import inspect_stretches
+from penode.data.stretches import by_recording, reasons_of
 from penode.fit.fit import Fit
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.identifiability import Start
@@ -19,6 +20,7 @@ from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.drift import Drift, drift_of
 from penode.pmsm.balance.start import anchor_of, weak_start
+from penode.pmsm.balance.usable import left_out, usable_stretches
 from penode.pmsm.machine.dead_time import PhaseSigns
 from penode.pmsm.machine.facts import facts_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
@@ -75,6 +77,8 @@ def identify(
         On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """
     study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
+    given, experiments = experiments, usable_stretches(experiments)
+    validation = usable_stretches(validation)
     used = study.excerpt(experiments)
     require_memory(sum(map(len, used.experiments)), _BYTES)
     recordings = [drive_recording(e) for e in used.experiments]
@@ -97,7 +101,7 @@ def identify(
         checks += (unused_samples(experiments, calibration, predictor),)
     start = replace(
         began.start,
-        facts=_with_reason(began.start.facts, used.sentence),
+        facts=_with_reasons(began.start.facts, (*reasons_of(experiments), used.sentence)),
         checks=checks,
         imperfections=(
             *calibration.accuracy(study.accuracy).imperfections(recordings),
@@ -112,7 +116,9 @@ def identify(
         validation=unseen,
         observer=observer,
     )
-    return counted_from_zero(fit)
+    choice = fit.horizon
+    reason = " ".join(filter(None, [choice.reason, left_out(given, experiments)]))
+    return counted_from_zero(replace(fit, horizon=replace(choice, reason=reason)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,11 +183,13 @@ def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str
     repair = "Add a recording at another speed, or reverse the speed."
     if not FLUX_MAPS[study.flux_map].reciprocal:
         repair = f"Use the reciprocal map (--flux-map coenergy). Or: a{repair[1:]}"
-    odd = tuple(f.sentence for e in recordings for f in inspect(e, ("i_d", "i_q", "u_d", "u_q")))
+    channels = ("i_d", "i_q", "u_d", "u_q")
+    findings = (f for each in by_recording(recordings) for f in inspect_stretches(each, channels))
+    odd = tuple(f.sentence for f in findings)
     facts = facts_of(recordings, study, reasons)
     anchor = anchor_of(recordings, balance)
     return Start(machine, balance.independence, anchor, repair, facts, odd, penalties)
 
 
-def _with_reason(facts: Mapping[str, Any], sentence: str) -> dict[str, Any]:
-    return {**facts, "structure": [*filter(None, [sentence]), *facts["structure"]]}
+def _with_reasons(facts: Mapping[str, Any], sentences: Sequence[str]) -> dict[str, Any]:
+    return {**facts, "structure": [*filter(None, sentences), *facts["structure"]]}

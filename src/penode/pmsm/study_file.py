@@ -96,6 +96,10 @@ class StudyFile:
         """Load a recording as the file maps it; see `DriveMapping.load`."""
         return self.mapping.load(path)
 
+    def load_stretches(self, path: str | Path) -> tuple[Experiment, ...]:
+        """Load a recording that may have gaps; see `DriveMapping.load_stretches`."""
+        return self.mapping.load_stretches(path)
+
 
 def load_study(
     path: str | Path | None = None,

@@ -167,7 +167,7 @@ def _interval_sentence(fit: Fit, names: Sequence[str]) -> str:
 
 
 def _source_sentence(fit: Fit, names: Sequence[str]) -> str:
-    trained = [one.name for one in fit.comparisons if one.role == "train"]
+    trained = [one.name for one in fit.recordings if one.role == "train"]
     source = "the training recordings"
     if len(trained) == 1:
         source = trained[0]
@@ -185,7 +185,7 @@ def _spread(fit: Fit, name: str) -> str:
 def _key_values(fit: Fit, names: Sequence[str]) -> KeyValues:
     choice = fit.horizon
     items = [_parameter_value(fit, name) for name in names]
-    errors = (free_run_value(fit.comparisons), one_step_value(fit.comparisons))
+    errors = (free_run_value(fit.recordings), one_step_value(fit.recordings))
     items += [item for item in errors if item is not None]
     detail = choice.verdict
     if fit.comparisons:

@@ -78,7 +78,8 @@ def weighting_of(fit: Fit, base: float | None = None) -> LossWeighting | None:
         return None
     longest = max((rung.horizon for rung in fit.horizon.ladder), default=1)
     horizons = sorted({1, fit.horizon.selected, longest})
-    return loss_weighting(fit.comparisons[0], fit.transitions, horizons, base)
+    shown = (one for one in fit.comparisons if one.name == fit.spectrum.recording)
+    return loss_weighting(next(shown, fit.comparisons[0]), fit.transitions, horizons, base)
 
 
 def weighting_section(

@@ -21,6 +21,7 @@ from penode.report.tables import (
     provenance_table,
     validation_table,
 )
+from penode.validation.comparison import Comparison
 
 #: Recordings drawn at most, so that the page stays small; the table holds all.
 _DRAWN = 8
@@ -82,9 +83,7 @@ def predictions(fit: Fit) -> Section | None:
     """Return the section on predictions beside measurements."""
     if not fit.comparisons:
         return None
-    ordered = sorted(
-        fit.comparisons, key=lambda one: (one.role != "validation", -relative_free_run(one))
-    )
+    ordered = _worst_first(fit.comparisons)
     figures = [
         Figure(
             overlay_title(one),
@@ -100,8 +99,12 @@ def predictions(fit: Fit) -> Section | None:
         f"In a free run the model sees {inputs}the first sample of {listed(ordered[0].states)}, "
         "nothing else. Recordings not used for training count most, and those with the largest "
         "errors come first.",
-        [validation_table(ordered), *figures],
+        [validation_table(_worst_first(fit.recordings)), *figures],
     )
+
+
+def _worst_first(comparisons: Sequence[Comparison]) -> list[Comparison]:
+    return sorted(comparisons, key=lambda one: (one.role != "validation", -relative_free_run(one)))
 
 
 def residual_section(

@@ -140,7 +140,7 @@ def validation_table(comparisons: Sequence[Comparison]) -> Table:
     )
     caption = (
         "One step: every sample predicted from the measured one before it. Free run: the whole "
-        "recording predicted from its first sample alone."
+        "recording, or each stretch of it, predicted from its first sample alone."
     )
     return Table("Prediction errors", columns, rows, caption)
 

@@ -1,6 +1,7 @@
 """One recording beside its predictions, and the errors between them."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,8 @@ class Comparison:
         Measured states, less the sensor errors the model knows; prediction of each sample from the
         measured one before it (nan where a state is neither measured nor guessed); prediction of
         the whole recording from its first sample alone (not finite after a divergence).
+    recording : str
+        The recording that it is a stretch of; itself where empty.
     """
 
     name: str
@@ -38,6 +41,7 @@ class Comparison:
     measured: FloatArray
     one_step: FloatArray
     free_run: FloatArray
+    recording: str = ""
 
     def to_frame(self) -> pl.DataFrame:
         """Return a row a sample: time (s); STATE, STATE_one_step and STATE_free_run, SI units."""
@@ -104,3 +108,29 @@ class Comparison:
 
     def _pooled(self, predicted: FloatArray) -> float:
         return rmse(self.measured[1:], predicted[1:]) if self.unit is not None else np.nan
+
+
+def by_recording(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
+    """Return comparisons, the stretches of a recording as one with the errors of all.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+    """
+    groups: dict[tuple[object, str], list[Comparison]] = {}
+    for place, one in enumerate(comparisons):
+        groups.setdefault((one.recording or place, one.role), []).append(one)
+    return tuple(_together(stretches) for stretches in groups.values())
+
+
+def _together(stretches: Sequence[Comparison]) -> Comparison:
+    """Return stretches as one; their first samples, which nothing predicts, are left out."""
+    first, *others = stretches
+    if not others:
+        return first
+    measured, one_step, free_run = (
+        np.concatenate([getattr(first, name), *(getattr(one, name)[1:] for one in others)])
+        for name in ("measured", "one_step", "free_run")
+    )
+    name = f"{len(stretches)} stretches of {first.recording}"
+    return replace(first, name=name, measured=measured, one_step=one_step, free_run=free_run)

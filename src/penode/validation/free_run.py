@@ -106,6 +106,7 @@ def compare(
         measured=whole[:, rows],
         one_step=np.concatenate([first, ahead if guessed else ahead * np.nan])[:, rows],
         free_run=np.concatenate([first, run])[:, rows],
+        recording="" if experiment.stretch is None else experiment.stretch.recording,
     )
 
 

@@ -78,3 +78,17 @@ def test_what_is_left_of_a_drift_is_in_the_budget(steady_run):
         found = row.applied(steady_run, -2.0).stack(VOLTAGES)
         expected = drifting(steady_run, 2 * of_resistance, 2 * of_magnet).stack(VOLTAGES)
         np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_stretches_of_a_recording_share_its_clock(steady_run):
+    """R of two stretches at the ends of a drift is that of the middle, which lies in the gap."""
+    run = drifting(steady_run, 0.1 * R, 0.0)
+    stretches = [run.part(0, 1800), run.part(3100, 5000)]
+    drift = drift_of(stretches)
+    assert drift.resistance[0] == drift.resistance[1] == pytest.approx(0.1 * R, rel=0.1)
+    assert drift.reasons[0].startswith(f"{run.name}: R changes by 10 ")
+    assert len(drift.reasons) == 1
+    known = Drift((0.1 * R,) * 2, (0.0,) * 2)
+    for steady, place in zip(known.applied(stretches), ((0, 1800), (3100, 5000)), strict=True):
+        expected = steady_run.stack(VOLTAGES)[slice(*place)]
+        np.testing.assert_allclose(steady.stack(VOLTAGES), expected, atol=1e-9)

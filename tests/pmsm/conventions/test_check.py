@@ -7,6 +7,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from penode.data.experiment import Experiment
+from penode.pmsm.balance.calibration import AS_RECORDED
 from penode.pmsm.bench.current_sensors import CurrentSensors
 from penode.pmsm.bench.drive import Drive
 from penode.pmsm.bench.inverter import DeadTime, Inverter
@@ -15,9 +16,12 @@ from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.bench.sensors import Resolver, SpeedSensor
 from penode.pmsm.conventions.balance import judge_delay
-from penode.pmsm.conventions.check import check_conventions
+from penode.pmsm.conventions.check import check_all, check_conventions
+from penode.pmsm.conventions.motion import find_stepped_angle
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.recording.name_plate import NamePlate
+from penode.pmsm.study import identify
+from penode.pmsm.study_settings import Study
 
 #: Machine, speed in rpm, rate in rad/s, dead time in s.
 DRAWN = {
@@ -217,3 +221,49 @@ def test_a_delay_is_named_from_five_deviations(slow_run, monkeypatch, lag, devia
     found, _, why = judge_delay(slow_run, False)
     assert (found is not None) == late
     assert why == ""
+
+
+# --- an angle in steps --------------------------------------------------------------------------
+
+
+def hall(run: Experiment, unit: float = 1.0) -> Experiment:
+    """Return phases, and the angle of three Hall sensors: the middle of one of six sectors."""
+    theta, sector = run.channels["theta_el"], np.pi / 3
+    channels = {"theta_el": unit * (np.floor(theta / sector) + 0.5) * sector}
+    for kind in "ui":
+        phases = abc_from_dq(run.stack((f"{kind}_d", f"{kind}_q")), theta).T
+        channels |= {f"{kind}_{name}": values for name, values in zip("abc", phases, strict=True)}
+    return replace(run, channels=channels)
+
+
+@pytest.mark.parametrize("unit", [1.0, 180.0 / np.pi])
+def test_the_angle_of_hall_sensors_is_refused_by_name(drawn, unit):
+    _, run = drawn
+    (found,) = check_conventions(hall(run, unit)).broken
+    assert found.name == "stepped angle"
+    assert "the angle takes 6 values only" in found.evidence
+    beside = changed(run, theta_el=hall(run).channels["theta_el"])
+    assert [b.name for b in check_conventions(beside).broken] == ["stepped angle"]
+
+
+def test_the_verdict_on_hall_sensors_is_that_name(unseen_run):
+    objections = [b for one in check_all([hall(unseen_run)], AS_RECORDED) for b in one.broken]
+    assert [b.name for b in objections] == ["stepped angle"]
+    fit = identify(
+        [hall(unseen_run)], study=Study(horizon=1, candidates=(), angle_orders=(), hold="dq")
+    )
+    assert not fit.horizon.answered
+    assert fit.horizon.objections[0].name == "stepped angle"
+
+
+def test_angles_of_few_values_that_do_not_jump_are_left_alone(drawn):
+    """A rotor at rest between two values of its encoder, and samples in step with the turn."""
+    _, run = drawn
+    count = len(run)
+    random = np.random.default_rng(0)
+    for theta in (
+        np.where(random.random(count) < 0.1, 0.5, 0.501),
+        0.5 + 0.001 * random.integers(0, 4, count),
+        np.round(2 * np.pi * (np.arange(count) % 20) / 20, 6),
+    ):
+        assert find_stepped_angle(changed(run, theta_el=theta)) is None

@@ -2,7 +2,8 @@
 
 R + dR tau and psi_PM + dpsi tau, with tau from -1/2 at the beginning to 1/2 at the end, are
 linear in dR and dpsi. They come from the voltage balance, one of each a recording, and what they
-are is taken off the voltages: R and the map are those of the middle of the time.
+are is taken off the voltages: R and the map are those of the middle of the time. Stretches of one
+recording share its clock.
 """
 
 import math
@@ -13,6 +14,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
+from penode.data.stretches import recording_numbers
 from penode.horizon.uncertainty_budget import Imperfection
 from penode.pmsm.balance.doubt import probability
 from penode.pmsm.balance.equations import balance_equations, term_columns
@@ -40,7 +42,8 @@ class Drift:
     Attributes
     ----------
     resistance, magnet : tuple of float
-        One a recording, in ohm and Vs; 0 where none is taken into account.
+        One an experiment, in ohm and Vs; 0 where none is taken into account. Stretches of one
+        recording have that of the whole.
     left : tuple of float
         What both may change by beside that, in ohm and Vs: one standard deviation.
     reasons : tuple of str
@@ -97,15 +100,17 @@ def drift_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> D
     count = len(equations.target) / OVERLAP
     sizes = abs(float(solution[first])), _largest_flux(experiments)
     changes, left, reasons = np.zeros((2, len(experiments))), [0.0, 0.0], list[str]()
-    each = [(kind, k) for kind in kinds for k in range(len(experiments))]
+    numbers = recording_numbers(experiments)
+    each = [(kind, k) for kind in kinds for k in range(numbers.max() + 1)]
     for column, (kind, k) in enumerate(each):
         value, deviation = float(solution[column]), equations.deviation(column)
         matters, most = (limit[kind] * sizes[kind] for limit in (_MATTERS, _CREDIBLE))
         share = probability(value / max(deviation, 1e-300), count)
         unsure = math.sqrt(share) * math.hypot(value, deviation)
         if share > _SURE and matters < abs(value) < most:
-            changes[kind, k], unsure = value, deviation
-            reasons.append(_sentence(experiments[k], kind, value, deviation, sizes[0]))
+            changes[kind, numbers == k], unsure = value, deviation
+            name = experiments[int(np.argmax(numbers == k))].place.recording
+            reasons.append(_sentence(name, kind, value, deviation, sizes[0]))
         left[kind] = max(left[kind], unsure if matters < unsure < most else 0.0)
     resistance, magnet = (tuple(row) for row in changes.tolist())
     return Drift(resistance, magnet, (left[0], left[1]), tuple(reasons))
@@ -120,17 +125,17 @@ def _equations(
     extra = (DeadTime(),) if angle and all(t.role != DeadTime.role for t in terms) else ()
     every = tuple(term.prepared(reach) for term in completed((*terms, *extra)))
     polynomial = PolynomialMap(True, reach)
-    rows = []
-    for place, e in enumerate(experiments):
+    numbers, rows = recording_numbers(experiments), []
+    for place, e in zip(numbers, experiments, strict=True):
         own = [_drift_columns(e, kind) for kind in kinds]
         pairs = [
             (stored * (k == place), supplied * (k == place))
             for stored, supplied in own
-            for k in range(len(experiments))
+            for k in range(numbers.max() + 1)
         ]
         basis = polynomial.basis(e.stack(CURRENTS))
         rows.append(balance_equations(e, every, basis, harmonic_window(e), pairs))
-    return join(rows), len(kinds) * len(experiments)
+    return join(rows), len(kinds) * int(numbers.max() + 1)
 
 
 def _drift_columns(experiment: Experiment, kind: int) -> tuple[FloatArray, FloatArray]:
@@ -144,7 +149,7 @@ def _without(experiment: Experiment, resistance: float, magnet: float) -> Experi
     if not (resistance or magnet):
         return experiment
     of_current, of_flux = _drops(experiment)
-    rise = magnet / max((len(experiment) - 1) * experiment.time_step, 1e-300) * _ALONG_D
+    rise = magnet / max(experiment.place.duration, 1e-300) * _ALONG_D
     steady = resistance * of_current + magnet * of_flux
     return less_voltage(experiment, _tau(experiment)[:, None] * steady + rise)
 
@@ -156,7 +161,12 @@ def _drops(experiment: Experiment) -> tuple[FloatArray, FloatArray]:
 
 
 def _tau(experiment: Experiment) -> FloatArray:
-    return np.linspace(-0.5, 0.5, len(experiment))
+    """Return when each sample is on the clock of its recording, -1/2 to 1/2, (time,)."""
+    place, length = experiment.place, (len(experiment) - 1) * experiment.time_step
+    first, last = (
+        t / max(place.duration, 1e-300) - 0.5 for t in (place.start, place.start + length)
+    )
+    return np.linspace(first, last, len(experiment))
 
 
 def _largest_flux(experiments: Sequence[Experiment]) -> float:
@@ -168,16 +178,14 @@ def _largest_flux(experiments: Sequence[Experiment]) -> float:
     )
 
 
-def _sentence(
-    experiment: Experiment, kind: int, value: float, deviation: float, resistance: float
-) -> str:
+def _sentence(recording: str, kind: int, value: float, deviation: float, resistance: float) -> str:
     if kind == 1:
         return (
-            f"{experiment.name}: the magnets' flux linkage changes by {1e3 * value:.3g} ± "
+            f"{recording}: the magnets' flux linkage changes by {1e3 * value:.3g} ± "
             f"{1e3 * deviation:.2g} mVs over the recording; the map is that of its middle."
         )
     share, own = (100 * part / resistance for part in (value, deviation))
     return (
-        f"{experiment.name}: R changes by {share:.2g} ± {own:.1g} % over the recording; R is that "
+        f"{recording}: R changes by {share:.2g} ± {own:.1g} % over the recording; R is that "
         "of its middle."
     )

@@ -21,6 +21,9 @@ from penode.pmsm.machine.term_registry import (
 from penode.pmsm.machine.terms import Term
 from penode.training.weak_form import OVERLAP
 
+#: Share of the largest voltage across R below which a voltage is left to doubt: as much is left
+#: over where the balance's map is not quite that of the machine.
+_MATTERS = 2e-3
 #: Probability from which a doubt is worth a row of the budget.
 _NOTICED = 0.01
 #: What would decide whether a term acts.
@@ -94,7 +97,8 @@ def _presence(
         return Judged(candidate, f"{title}: the voltage balance shows {shown}.", balance)
     equations = len(balance.equations.target) / OVERLAP
     share = probability(value / max(deviation, 1e-300), equations)
-    if share < 0.5:
+    largest = abs(balance.resistance) * balance.form.polynomial.current_scale
+    if share < 0.5 or abs(value) < _MATTERS * largest:
         root_mean_square = math.hypot(max(value, 0.0), deviation)  # no inverter adds a voltage
         share = min(share, probability(max(value, 0.0) / max(deviation, 1e-300), equations))
         (term,) = with_physical(
@@ -102,6 +106,8 @@ def _presence(
         )
         doubt = Doubt(title.lower(), _MORE, term, None, math.sqrt(share))
         why = f"{title} was left out: the voltage balance shows {shown} of it."
+        if share >= 0.5:
+            why = f"{why[:-1]}, too little beside the {largest:.2g} V of R to be told from the map."
         return Judged(None, why, None, (doubt,) if share > _NOTICED else ())
     if min(balance.independence.values()) < THRESHOLD:
         why = (

@@ -7,6 +7,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
+from penode.data.stretches import by_recording
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.equations import term_columns
 from penode.pmsm.balance.term_evidence import Judged, judged
@@ -160,7 +161,8 @@ def order_power(
     balance : BalanceSolution
         Its map is averaged over the angle.
     orders : sequence of int
-        Each in both directions, with amplitudes quadratic in the currents.
+        Each in both directions, with amplitudes quadratic in the currents, one for all stretches
+        of a recording.
 
     Returns
     -------
@@ -168,8 +170,9 @@ def order_power(
         V^2, summed over samples and recordings.
     """
     power = dict.fromkeys(orders, 0.0)
-    for experiment in experiments:
-        left, theta_el, shapes = _left_over(experiment, balance)
+    for stretches in by_recording(experiments):
+        parts = zip(*(_left_over(e, balance) for e in stretches), strict=True)
+        left, theta_el, shapes = map(np.concatenate, parts)
         for order in orders:
             for sign in (1, -1):
                 waves = shapes * np.exp(1j * sign * order * theta_el)[:, None]

@@ -4,6 +4,7 @@ A low polynomial coenergy, R and the mean of a dead time by the current's direct
 weak form. The rotor's angle is not used, so that a wrong one cannot spoil the judgement.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -23,7 +24,7 @@ from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.machine.terms import Term
 from penode.training.covariance import bartlett_variance
-from penode.training.weak_form import WeakRegression
+from penode.training.weak_form import WeakRegression, join
 
 #: Degree of the coenergy: enough for factors and the magnet, and for timing and R.
 _DEGREE, FINE_DEGREE = 4, 8
@@ -116,6 +117,26 @@ def try_balance(
         magnet_deviation=equations.deviation(2),
         inductance=np.diag((polynomial.slopes(origin) @ weights)[0]),
     )
+
+
+def residual_of(experiments: Sequence[Experiment]) -> float:
+    """Return what one balance of several recordings leaves over, as a share of the voltages.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        As in `try_balance`.
+    """
+    currents = np.concatenate([e.stack(CURRENTS) for e in experiments])
+    polynomial, terms = _polynomial(currents, _DEGREE), _terms(currents)
+    equations = join(
+        [
+            balance_equations(e, terms, polynomial.basis(e.stack(CURRENTS)), trial_window(e))
+            for e in experiments
+        ]
+    )
+    left = equations.target - equations.matrix @ equations.solve()
+    return float(np.linalg.norm(left) / np.linalg.norm(equations.target))
 
 
 def trial_window(experiment: Experiment) -> int:

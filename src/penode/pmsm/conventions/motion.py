@@ -14,6 +14,39 @@ _TURNS = {"deg": 360.0, "turn": 1.0}
 _TURN_TOLERANCE = 0.05
 _RATIO_TOLERANCE = 0.02
 MOST_POLE_PAIRS = 24
+#: Most values a turn of an angle that jumps.
+_STEPS = 24
+
+
+def find_stepped_angle(experiment: Experiment) -> BrokenConvention | None:
+    """Find an angle that stands still and jumps, as that of Hall sensors does.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With theta_el in any unit.
+
+    Returns
+    -------
+    BrokenConvention or None
+        If it takes few values, one after the other round the turn, and keeps each for a while.
+    """
+    levels, place = np.unique(experiment.channels["theta_el"], return_inverse=True)
+    count = len(levels)
+    if not 3 <= count <= _STEPS:
+        return None
+    steps = (np.diff(place) + count // 2) % count - count // 2
+    if np.mean(steps == 0) < 0.5 or abs(int(steps.sum())) < 2 * count:
+        return None
+    return BrokenConvention(
+        "stepped angle",
+        experiment.name,
+        ("theta_el",),
+        f"the angle takes {count} values only, and jumps from one to the next, "
+        f"{360 / count:.3g} electrical degrees further",
+        "record the angle of an encoder or of an observer; leave theta_el out where speed and dq "
+        "channels do not come of it",
+    )
 
 
 def judge_angle_unit(experiment: Experiment) -> Judged:

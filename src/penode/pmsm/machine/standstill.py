@@ -11,6 +11,7 @@ import numpy as np
 
 from penode.arrays import BoolArray, FloatArray
 from penode.data.experiment import Experiment
+from penode.data.stretches import by_recording
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.pmsm.machine.coenergy_map import CoenergySplines, columns
@@ -30,8 +31,11 @@ SCOPE = (
 
 def stands_still(experiments: Sequence[Experiment]) -> bool:
     """Return whether the rotor turns by less than one electrical radian in every recording."""
-    speeds = ((e, e.channels[SPEED.name]) for e in experiments)
-    return max(abs(float(np.sum(speed))) * e.time_step for e, speed in speeds) < _TURN
+    turned = (
+        sum(float(np.sum(e.channels[SPEED.name])) * e.time_step for e in stretches)
+        for stretches in by_recording(experiments)
+    )
+    return max(map(abs, turned)) < _TURN
 
 
 def excited_axes(fit: Fit) -> BoolArray:

@@ -75,5 +75,6 @@ def voltage_limit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objec
                 f"{comparison.name}: one-step errors are {ratio:.1f} times as large where the "
                 f"voltage is above {voltage[above].min():.3g} V, as if a limiter acted that the "
                 "recorded command does not show.",
-                "Record the voltage behind the limiter, or stay below it.",
+                "Record u_dc beside, with which the samples at the limit are left out, or the "
+                "voltage behind the limiter; or stay below it.",
             )

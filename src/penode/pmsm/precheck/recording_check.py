@@ -7,11 +7,13 @@ from typing import Any, Protocol
 from penode.arrays import one_blas_thread
 from penode.data.excerpt import STRETCH, excerpt
 from penode.data.experiment import Experiment
-from penode.data.quality import Finding, inspect
+from penode.data.quality import Finding, inspect_stretches
+from penode.data.stretches import by_recording, reasons_of
 from penode.errors import InputError
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
+from penode.pmsm.balance.usable import left_out, usable_stretches
 from penode.pmsm.conventions.broken_convention import BrokenConvention
 from penode.pmsm.conventions.check import check_all
 from penode.pmsm.machine.terms import Term
@@ -43,8 +45,10 @@ class RecordingCheck:
     identifiability : Identifiability or None
     structure : tuple of str
         How the voltage acts where that is not as recorded, terms that the model would get, and why.
-    sentence : str
+    sentences : tuple of str
         What was used beyond the quality of the channels; empty where all was.
+    left_out : str
+        How many samples cannot be used, in a sentence; empty where all can.
     """
 
     recordings: tuple[Experiment, ...]
@@ -55,7 +59,8 @@ class RecordingCheck:
     excitation: Excitation | None = None
     identifiability: Identifiability | None = None
     structure: tuple[str, ...] = ()
-    sentence: str = ""
+    sentences: tuple[str, ...] = ()
+    left_out: str = ""
 
     @property
     def verdict(self) -> str:
@@ -75,11 +80,13 @@ class RecordingCheck:
                 else "anything"
             )
             return f"These recordings cannot distinguish {names} from the map."
+        if self.left_out:
+            return f"These recordings can be used. {self.left_out}"
         return "These recordings can be used as they are."
 
     @property
     def good(self) -> bool:
-        """Whether the recordings can be used as they are."""
+        """Whether the recordings can be used."""
         serve = all(finding.severity != "error" for finding in self.quality)
         determined = self.identifiability is not None and not self.identifiability.indistinguishable
         return serve and determined and not self.broken
@@ -108,7 +115,7 @@ class RecordingCheck:
                 for b in self.broken
             ],
             "untold": list(self.untold),
-            "used": self.sentence,
+            "used": list(self.sentences),
         }
         if self.excitation is not None and self.identifiability is not None:
             document["excitation"] = {
@@ -186,14 +193,18 @@ def check_recordings(
     InputError
         If a recording cannot be used at all.
     """
-    quality = tuple(f for e in recordings for f in inspect(e, electrical([e])))
-    used = excerpt(recordings, electrical(recordings), SAMPLES)
+    quality = tuple(
+        f for e in by_recording(recordings) for f in inspect_stretches(e, electrical(e))
+    )
+    usable = usable_stretches(recordings)
+    used = excerpt(usable, electrical(usable), SAMPLES)
+    sentences = (*reasons_of(usable), *filter(None, [used.sentence]))
     calibration = _calibration(used.experiments, study)
     judged = check_all(used.experiments, calibration, pole_pairs, plate)
     broken = tuple(b for one in judged for b in one.broken)
     untold = tuple(dict.fromkeys(sentence for one in judged for sentence in one.untold))
     if broken:
-        return RecordingCheck(tuple(recordings), quality, broken, untold, sentence=used.sentence)
+        return RecordingCheck(tuple(recordings), quality, broken, untold, sentences=sentences)
     drives = tuple(
         calibration.acting(calibration.applied(e)) for e in _drives(used.experiments, study.terms)
     )
@@ -207,7 +218,8 @@ def check_recordings(
         excitation_of(drives),
         identifiability_of(drives, study.flux_map, structure.terms),
         (*calibration.reasons, *structure.term_reasons, *structure.angle_reasons),
-        used.sentence,
+        sentences,
+        left_out(recordings, usable),
     )
 
 

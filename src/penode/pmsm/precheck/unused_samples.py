@@ -48,12 +48,13 @@ def unused_samples(
             errors = squared_errors(fit.model, predictor, experiment, calibration)
             ratio = float(np.sqrt(errors.mean() / max(usual, 1e-300)))
             first = PIECE * int(np.argmax(errors))
+            last, before = min(first + PIECE, len(experiment)), experiment.place.row
             if not ratio < _LARGER:
                 yield Objection(
                     "unlike the rest",
                     f"{experiment.name}: one-step errors over all samples are {ratio:.2g} times as "
                     f"large as in the stretches that were used, most of all in data rows "
-                    f"{first + 1} to {min(first + PIECE, len(experiment))}.",
+                    f"{before + first + 1} to {before + last}.",
                     "Cut out what does not belong to the recording, or give that part by itself.",
                 )
 

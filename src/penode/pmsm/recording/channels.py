@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from penode.data.excitation import check_some_excitation
 from penode.data.experiment import Experiment
-from penode.data.quality import check_some_excitation
 from penode.errors import InputError
 from penode.pmsm.machine.frames import dq_from_abc
 from penode.pmsm.machine.term_registry import TERMS
@@ -158,9 +158,9 @@ def _require(experiment: Experiment, channel: Channel, purpose: str) -> None:
     bad = np.flatnonzero(~((values >= channel.lowest) & (values <= channel.highest)))
     if len(bad):
         raise InputError(
-            f"{experiment.name}: data row {bad[0] + 1}, channel {name} is {values[bad[0]]:.6g} "
-            f"where {channel.meaning} lies between {channel.lowest:g} and {channel.highest:g} "
-            f"{channel.unit}; give its column and unit in the study file."
+            f"{experiment.name}: data row {experiment.place.row + bad[0] + 1}, channel {name} is "
+            f"{values[bad[0]]:.6g} where {channel.meaning} lies between {channel.lowest:g} and "
+            f"{channel.highest:g} {channel.unit}; give its column and unit in the study file."
         )
 
 

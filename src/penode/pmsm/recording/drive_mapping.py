@@ -10,7 +10,7 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.data.gathered import gathered, in_pieces
-from penode.data.load import experiment_of, read
+from penode.data.load import experiments_of, in_one_piece, read
 from penode.data.mapping import Origin
 from penode.data.table import TIME, Table, list_names
 from penode.data.units import unit_name
@@ -120,6 +120,20 @@ class DriveMapping:
         InputError
             If a channel is missing, or as `penode.data.load` and `map_channels` say.
         """
+        return in_one_piece(self.load_stretches(path))
+
+    def load_stretches(self, path: str | Path) -> tuple[Experiment, ...]:
+        """Load a recording that may have gaps; see `load` and `penode.data.load.load_stretches`.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        tuple of Experiment
+            What lies between the gaps, in order of time.
+        """
         table, source = read(path)
         origins = {name: channel.origin for name, channel in self.channels.items()}
         if not self.channels:
@@ -129,7 +143,11 @@ class DriveMapping:
         constant = {n: v for n, v in self.constants.items() if n == LINK and n not in origins}
         self._require(path, table, {*origins, *constant})
         origins = {n: self._in_base(str(path), table, n, o) for n, o in origins.items()}
-        run = experiment_of(table, source, origins, self.resample)
+        found = experiments_of(table, source, origins, self.resample)
+        return tuple(self._completed(run, constant) for run in found)
+
+    def _completed(self, run: Experiment, constant: Mapping[str, float]) -> Experiment:
+        """Return a recording with its channels scaled, and those that no column holds."""
         channels = {name: self._scaled(name, values) for name, values in run.channels.items()}
         channels |= {name: gathered(np.full(len(run), value)) for name, value in constant.items()}
         return replace(run, channels=channels)

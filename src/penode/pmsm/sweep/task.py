@@ -134,11 +134,12 @@ def _identified(task: Task) -> Fit:
             "The worker's penode or JAX is another version than that of the sweep; install the "
             "same on all machines."
         )
-    recordings = [task.asked.load(path) for path in task.files]
-    for recording, digest in zip(recordings, task.digests, strict=True):
-        if recording.source.sha256 != digest:
-            raise _Passing(f"{recording.name}: the file changed during the sweep; start it again.")
-    return identify(recordings, study=task.asked.study)
+    files = [task.asked.load_stretches(path) for path in task.files]
+    for (first, *_), path, digest in zip(files, task.files, task.digests, strict=True):
+        if first.source.sha256 != digest:
+            name = Path(path).name
+            raise _Passing(f"{name}: the file changed during the sweep; start it again.")
+    return identify([stretch for file in files for stretch in file], study=task.asked.study)
 
 
 def _columns(fit: Fit, current: tuple[float, float]) -> dict[str, Any]:

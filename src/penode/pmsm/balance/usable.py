@@ -1,0 +1,58 @@
+"""Which stretches of drive recordings can be used."""
+
+from collections.abc import Sequence
+
+from penode.data.experiment import Experiment
+from penode.data.gathered import PIECE
+from penode.data.stretches import by_recording, with_reason
+from penode.errors import InputError
+from penode.pmsm.balance.voltage_limit import below_limit
+from penode.pmsm.recording.channels import drive_recording
+
+
+def usable_stretches(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
+    """Return recordings without what says nothing of a machine, or what did not act.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        As a study file maps them, whole or in stretches.
+
+    Returns
+    -------
+    tuple of Experiment
+        Whole recordings, without the samples at the voltage limit where that shows (`below_limit`).
+        Of stretches those in which currents and voltages move, or all where there are none. They
+        say what was left out.
+    """
+    recordings = map(_excited, by_recording(experiments))
+    return tuple(e for stretches in recordings for e in _excited(below_limit(stretches)))
+
+
+def left_out(given: Sequence[Experiment], usable: Sequence[Experiment]) -> str:
+    """Return how many samples are not usable, in a sentence; empty where all are.
+
+    Parameters
+    ----------
+    given, usable : sequence of Experiment
+        What `usable_stretches` was given and returned.
+    """
+    whole, used = (sum(map(len, experiments)) for experiments in (given, usable))
+    return f"{whole - used} of {whole} samples were left out." if used < whole else ""
+
+
+def _excited(stretches: Sequence[Experiment]) -> Sequence[Experiment]:
+    """Return the stretches in which the drive does something; long ones are not looked at."""
+    kept, refusals = [], []
+    for stretch in stretches:
+        try:
+            if len(stretches) > 1 and len(stretch) <= PIECE:
+                drive_recording(stretch)
+        except InputError as refusal:
+            refusals.append(str(refusal))
+        else:
+            kept.append(stretch)
+    if not kept or not refusals:
+        return stretches
+    more = f" So are {len(refusals) - 1} more stretches." if len(refusals) > 1 else ""
+    return [with_reason(e, f"Left out: {refusals[0]}{more}") for e in kept]
