@@ -116,7 +116,10 @@ class Objective:
         if not beliefs:
             return 0.0
         transform = np.asarray(_transform(self.layout, raw))
-        slopes = [belief.slopes(self.layout) @ transform for belief in beliefs]
+        with np.errstate(
+            invalid="ignore"
+        ):  # a step too far has no finite transform, and is rejected
+            slopes = [belief.slopes(self.layout) @ transform for belief in beliefs]
         parts = zip(beliefs, slopes, strict=True)
         return residuals**2 * sum(s.T @ (b.variance[:, None] * s) for b, s in parts)
 
