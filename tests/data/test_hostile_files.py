@@ -5,6 +5,7 @@ import hashlib
 import io
 import os
 import sys
+import time
 from pathlib import Path
 
 import h5py
@@ -57,6 +58,18 @@ def test_a_link_to_a_file_is_a_file(tmp_path):
     (tmp_path / "file.csv").write_bytes(CSV)
     (tmp_path / "run.csv").symlink_to(tmp_path / "file.csv")
     np.testing.assert_array_equal(load(tmp_path / "run.csv").channels["x"], X)
+
+
+def test_a_link_to_nothing_is_called_one(tmp_path):
+    (tmp_path / "run.csv").symlink_to("gone.csv")
+    assert "a link to what is not there" in refusal(read, tmp_path / "run.csv")
+
+
+@pytest.mark.parametrize("suffix", ["csv", "mat"])
+def test_a_file_that_was_reserved_and_never_written_is_refused_unread(tmp_path, suffix):
+    with (tmp_path / f"run.{suffix}").open("wb") as file:
+        file.truncate(1 << 30)
+    assert "never written" in refusal(read, tmp_path / f"run.{suffix}")
 
 
 @pytest.mark.parametrize("change", [lambda file: file.write(b"9"), lambda file: file.truncate(10)])
@@ -311,3 +324,20 @@ def test_packed_text_is_read_and_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(csv, "_UNPACKED", 1000)
     path.write_bytes(gzip.compress(CSV + b"\n" * 1000))
     assert "when unpacked" in refusal(load, path)
+
+
+def test_a_hundred_thousand_columns_take_no_long_time():
+    names = ",".join(f"c{k}" for k in range(100_000))
+    began = time.process_time()
+    assert len(csv.read("run.csv", f"{names}\n".encode()).columns) == 100_000
+    assert time.process_time() - began < 10.0
+
+
+def test_a_file_without_ends_of_lines_is_refused():
+    sentence = refusal(csv.read, "run.csv", b"1," * 2_500_000)
+    assert "line 1 has 5000000 bytes where a line of column names was wanted" in sentence
+
+
+def test_lines_above_the_names_are_suspected():
+    sentence = refusal(csv.read, "run.csv", b"# bench 3\n" + CSV)
+    assert "(line 2) has 2 cells where the header names 1 columns; remove lines that" in sentence

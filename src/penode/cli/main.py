@@ -30,7 +30,16 @@ from penode.errors import InputError
 
 
 class _Commands(TyperGroup):
-    """The commands; one that has no sentence of its own for Ctrl-C is given one."""
+    """The commands; wrong usage is refused as other input is, and Ctrl-C has a sentence."""
+
+    def main(self, *args: Any, **settings: Any) -> Any:
+        try:
+            status = super().main(*args, **{**settings, "standalone_mode": False})
+        except Exception as error:
+            if not hasattr(error, "format_message"):
+                raise
+            raise _usage(error) from error
+        sys.exit(status)
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
         try:
@@ -59,6 +68,17 @@ app.command("compare")(compare_command)
 app.command("simulate")(simulate_command)
 app.command("sweep")(sweep_command)
 app.command("reproduce")(reproduce_command)
+
+
+def _usage(error: Any) -> BaseException:
+    """Return the refusal of wrong usage; the page of help that `penode` alone shows is none."""
+    message = error.format_message().strip()
+    if "\n" in message:
+        error.show()
+        return SystemExit(error.exit_code)
+    message = message.replace(". Did you mean", ", did you mean").rstrip(".?")
+    page = error.ctx.command_path if error.ctx is not None else "penode"
+    return InputError(f"{message[:1].lower()}{message[1:]}; see {page} --help.")
 
 
 #: New objects between two searches for garbage.

@@ -1,5 +1,6 @@
 """The child of `penode.data.isolation`: decodes files apart, under limits. Run as a script.
 
+Its argument is the folder of the content, which goes when it ends.
 It imports NumPy, one reader and that reader's library, and no other part of penode, whose
 `__init__` needs seconds. What it answers is text and numbers; the parent executes none of it.
 """
@@ -8,6 +9,7 @@ import importlib
 import json
 import math
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -124,4 +126,7 @@ def watch_memory(memory: int) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    finally:
+        shutil.rmtree(sys.argv[1], ignore_errors=True)  # a parent that was killed cannot

@@ -87,7 +87,7 @@ class Decoder:
         self._expired = False
         self._folder = tempfile.TemporaryDirectory(prefix="penode-", ignore_cleanup_errors=True)
         self._child = subprocess.Popen(
-            [sys.executable, "-P", str(_CHILD)],
+            [sys.executable, "-P", str(_CHILD), self._folder.name],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -74,7 +74,9 @@ def _variables(file: str, content: bytes) -> dict[str, _Variable]:
 
         return variables(file, content)
     if not content.startswith(b"MATLAB"):
-        raise InputError(f"{file}: not a MATLAB file, or damaged; save it from MATLAB again.")
+        raise InputError(
+            f"{file}: no MATLAB file of version 5 to 7.3, or damaged; save it from MATLAB again."
+        )
     from scipy.io import loadmat, whosmat
 
     for name, shape, kind in whosmat(io.BytesIO(content)):
