@@ -10,6 +10,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import polars as pl
 import pytest
 from asammdf import MDF
 from asammdf import Signal as MdfSignal
@@ -341,3 +342,40 @@ def test_a_file_without_ends_of_lines_is_refused():
 def test_lines_above_the_names_are_suspected():
     sentence = refusal(csv.read, "run.csv", b"# bench 3\n" + CSV)
     assert "(line 2) has 2 cells where the header names 1 columns; remove lines that" in sentence
+
+
+def test_a_column_that_is_left_out_is_refused_by_name(tmp_path):
+    """It stands in the file, so that "there is no such column" would not help."""
+    words = np.array([b"a"] * 12, dtype="S4")
+
+    def build(file):
+        file["u"] = h5py.SoftLink("/t")
+        file["x"] = X
+
+    tdms = io.BytesIO()
+    with TdmsWriter(tdms) as file:
+        file.write_segment([ChannelObject("g", "t", TIME), ChannelObject("g", "u", ["a"] * 12)])
+    states = {"val_0": 0, "text_0": b"off", "val_1": 1, "text_1": b"on", "default": b"?"}
+    mat5 = io.BytesIO()
+    savemat(mat5, {"t": TIME, "x": X, "u": "words"})
+    files = {
+        "link.mat": hdf5(build),
+        "words.mat": hdf5(lambda file: file.create_dataset("u", data=words)),
+        "run.mat": mat5.getvalue(),
+        "run.tdms": tdms.getvalue(),
+        "run.mf4": mdf(tmp_path, states, name="u", samples=COUNTS),
+    }
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+        table, _ = read(tmp_path / name)
+        assert "u" not in table.columns
+        assert "u cannot be used as a column" in refusal(table.require_numbers, name, "u")
+
+
+def test_more_rows_than_a_file_can_hold_are_refused_undecoded(decode):
+    written = io.BytesIO()
+    pl.DataFrame({"on": pl.repeat(True, 20_000_000, eager=True)}).write_parquet(
+        written, row_group_size=20_000_000
+    )
+    sentence = refusal(decode, "parquet", "run.parquet", written.getvalue())
+    assert "20000000 rows are declared in a file of" in sentence

@@ -54,11 +54,22 @@ def _answer(request: dict[str, Any]) -> Iterator[bytes | memoryview]:
                 values = table.columns[name]
                 yield _line({"column": name, "length": len(values)})
                 yield memoryview(values.astype("<f8", order="C", copy=False)).cast("B")
-        end = {"units": table.units, "clocks": table.clocks, "text": table.text}
+        end = {
+            "units": table.units,
+            "clocks": table.clocks,
+            "text": table.text,
+            "left_out": table.left_out,
+        }
     except Exception as error:  # libraries raise whatever damage leads them to
         refused = type(error).__name__ == "InputError"
-        end = {"refused": str(error)} if refused else {"failed": type(error).__name__}
+        end = {"refused": str(error)} if refused else {"failed": _name(error)}
     yield _line(end)
+
+
+def _name(error: Exception) -> str:
+    """Return the name of what was raised, with its library where it is one's."""
+    kind = type(error)
+    return kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
 
 
 def _line(entries: dict[str, Any]) -> bytes:

@@ -173,7 +173,7 @@ class Decoder:
                 f"{file}: the file is damaged, or of a kind that penode cannot read "
                 f"({printable(header['failed'])}); copy or export it again."
             )
-        return Table(columns, header["units"], header["clocks"], header["text"])
+        return Table(columns, *(header[part] for part in ("units", "clocks", "text", "left_out")))
 
     def _expire(self) -> None:
         self._expired = True
@@ -207,7 +207,7 @@ class Decoder:
                 return {"column": str(entry["column"]), "length": int(entry["length"])}
             if "refused" in entry or "failed" in entry:
                 return dict(entry)
-            for name in ("units", "clocks"):
+            for name in ("units", "clocks", "left_out"):
                 entry[name] = {str(column): str(text) for column, text in entry[name].items()}
             entry["text"] = {
                 n: (str(place), str(cell)) for n, (place, cell) in entry["text"].items()
@@ -246,8 +246,8 @@ class Decoder:
         if status == _OUT_OF_MEMORY:
             return _too_large(memory)
         return (
-            f"the library that reads such files crashed (status {status}), so the file is damaged; "
-            "copy or export it again."
+            f"the library that reads such files crashed (status {status}), so the file is damaged, "
+            f"or unpacks to more than {memory / 2**30:.1f} GiB; copy or export it again."
         )
 
 

@@ -94,7 +94,11 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: tables or lists nested too deeply; nest them less.") from error
     except InputError:
         raise
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: not UTF-8 text (byte {error.start + 1}); save the file as UTF-8."
+        ) from error
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
     except ValueError as error:  # Python reads no number of more than 4300 digits
         raise InputError(f"{path}: a whole number of thousands of digits; shorten it.") from error
