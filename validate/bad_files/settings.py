@@ -83,7 +83,6 @@ STUDY: dict[str, bytes | str] = {
         "omega_el", "{ column = 'omega_el', mechanical = true }"
     ),
     "times a column that is not there": _channel("u_d", "{ column = 'u_d', times = 'u_dc' }"),
-    "[sweep] of no recording": "[sweep]\nrecordings = []",
     "sweep = number": "sweep = 3",
 }
 
@@ -133,6 +132,7 @@ OPTIONS: dict[str, tuple[str, ...]] = {
     "sweep: --seeds 10^6": ("sweep", "run.csv", "--out", "out", "--seeds", "1000000"),
     "sweep: --jobs 0": ("sweep", "run.csv", "--out", "out", "--jobs", "0"),
     "sweep: no recording": ("sweep", "--out", "out"),
+    "sweep: an empty list of recordings": ("sweep", "--out", "out", "--config", "sweep.toml"),
     "sweep: no such cluster": ("sweep", "run.csv", "--out", "out", "--dask", "127.0.0.1:9"),
     "simulate: no such machine file": ("simulate", "gone.toml", "--out", "a.csv"),
     "simulate: a suffix unknown": ("simulate", "good.toml", "--out", "a.xlsx"),
@@ -168,6 +168,7 @@ def put(folder: Path) -> None:
     (folder / "slow.csv").write_text("\n".join([rows[0], *rows[1::3], ""]))
     (folder / "flat.csv").write_text("".join(f"{row.rpartition(',')[0]}\n" for row in rows))
     (folder / "good.toml").write_text(SIMULATION)
+    (folder / "sweep.toml").write_text("[sweep]\nrecordings = []\n")
     (folder / "folder").mkdir()
     os.mkfifo(folder / "pipe")
     (folder / "dangling").symlink_to("gone/there")

@@ -116,6 +116,11 @@ class Decoder:
         self._folder.cleanup()
 
     @property
+    def process(self) -> int:
+        """Number of the child."""
+        return self._child.pid
+
+    @property
     def alive(self) -> bool:
         """Whether the child can take another file."""
         return self._child.poll() is None

@@ -128,7 +128,7 @@ def map_channels(
         if name != TIME
     }
     times, channels = _on_one_clock(file, sampled, resample)
-    times, channels = _without_delays(times, channels, origins)
+    times, channels = _without_delays(file, times, channels, origins)
     return uniform_step(file, times), channels
 
 
@@ -263,10 +263,19 @@ def _at(file: str, name: str, times: FloatArray, channel: _Sampled) -> FloatArra
 
 
 def _without_delays(
-    times: FloatArray, channels: Mapping[str, FloatArray], origins: Mapping[str, Origin]
+    file: str,
+    times: FloatArray,
+    channels: Mapping[str, FloatArray],
+    origins: Mapping[str, Origin],
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Shift rows so that each channel stands at the time it belongs to; cut what is not whole."""
     delays = {name: origins[name].delay for name in channels}
+    longest = max(delays, key=lambda name: abs(delays[name]))
+    if delays[longest] and abs(delays[longest]) >= len(times):
+        raise InputError(
+            f"{file}: channel {longest}: delay = {delays[longest]} came in a recording of "
+            f"{len(times)} samples; give it in samples, a few at most."
+        )
     begin = max(0, -min(delays.values()))
     end = len(times) - max(0, *delays.values())
     end = max(begin, end)
