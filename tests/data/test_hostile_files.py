@@ -379,3 +379,17 @@ def test_more_rows_than_a_file_can_hold_are_refused_undecoded(decode):
     )
     sentence = refusal(decode, "parquet", "run.parquet", written.getvalue())
     assert "20000000 rows are declared in a file of" in sentence
+
+
+def test_words_of_any_length_in_hdf5_are_left_out(decode):
+    words = np.array(["warm", "cold"], dtype=h5py.string_dtype())
+    table = decode("mat", "run.mat", hdf5(lambda file: file.create_dataset("state", data=words)))
+    assert list(table.columns) == ["t"]
+    assert "state" in table.left_out
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
+def test_utf_16_is_refused_by_name(encoding):
+    mark = b"" if encoding == "utf-16" else b"\xfe\xff"
+    content = mark + CSV.decode().encode(encoding)
+    assert "the content is UTF-16 text" in refusal(csv.read, "run.csv", content)

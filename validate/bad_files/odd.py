@@ -124,7 +124,7 @@ ODD: dict[str, tuple[Made, bytes | None, str]] = {
     "HDF5, a soft link for a channel": (
         ("run.mat", hdf5(_soft_link, changed(i_q=None))),
         None,
-        "no column i_q",
+        "a link",
     ),
     "HDF5, vlen and dangling links beside": (("run.mat", hdf5(_beside)), None, ""),
     "HDF5, packed in chunks": (

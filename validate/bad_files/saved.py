@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from penode.fit.archive import archive, read_archive
+from penode.fit.archive import archive, read_archive, sha256
 from penode.fit.result_folder import claimed, replace_together
 from penode.horizon.checkpoint import Checkpoint
 from penode.pmsm.result_files import result_files
@@ -25,6 +25,7 @@ ASKED = ("--horizon", "3", "--no-inverter", "--angle-orders", "none")
 _CHECKPOINT = "fit/checkpoint.json"
 _RESUME = ("identify", "run.csv", "--out", "fitted", *ASKED, "--resume")
 _REPORT = ("report", "fitted")
+_LOCI = ("loci", "fitted", "--pole-pairs", "5")
 _EXPORT = ("export", "fitted", "--to", "c", "--out", "map.h")
 
 Damage = Callable[[Path], object]
@@ -82,17 +83,11 @@ def _arrays(make: Callable[[], bytes]) -> Damage:
         whole = json.loads(files["fit.json"])
         content = make()
         whole.pop("sha256")
-        whole["arrays_sha256"] = _digest(content)
+        whole["arrays_sha256"] = sha256(content)
         (folder / "fitted/fit/fit.npz").write_bytes(content)
         (folder / "fitted/fit/fit.json").write_text(json.dumps(whole))
 
     return damage
-
-
-def _digest(content: bytes) -> str:
-    from penode.fit.archive import sha256
-
-    return sha256(content)
 
 
 def _npz_bomb() -> bytes:
@@ -211,8 +206,8 @@ SAVED: dict[str, tuple[Damage, tuple[str, ...]]] = {
     "export: one point": (_nothing, (*_EXPORT, "--points", "1")),
     "export: a million points a side": (_nothing, (*_EXPORT, "--points", "1000000")),
     "export: no pole pairs": (_nothing, (*_EXPORT, "--pole-pairs", "0")),
-    "loci: i_max negative": (_nothing, ("loci", "fitted", "--i-max", "-1", "--out", "a.png")),
-    "loci: i_max = nan": (_nothing, ("loci", "fitted", "--i-max", "nan", "--out", "a.png")),
+    "loci: i_max negative": (_nothing, (*_LOCI, "--i-max", "-1", "--out", "a.png")),
+    "loci: i_max = nan": (_nothing, (*_LOCI, "--i-max", "nan", "--out", "a.png")),
     "loci: a suffix unknown": (_nothing, ("loci", "fitted", "--i-max", "200", "--out", "a.gif")),
     "compare: with nothing": (_nothing, ("compare", "fitted", "gone", "--out", "a.png")),
     "compare: with no map": (_nothing, ("compare", "fitted", "run.csv", "--out", "a.png")),

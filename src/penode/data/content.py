@@ -41,9 +41,8 @@ class Content:
     def __init__(self, file: str) -> None:
         location = Path(file)
         if location.exists() and not location.is_file():
-            raise InputError(
-                f"{file}: this is a pipe or a device, not a file; save the recording in a file."
-            )
+            what = "a directory" if location.is_dir() else "a pipe or a device"
+            raise InputError(f"{file}: this is {what} where a file was wanted; name a file.")
         self.file = file
         self._opened = location.open("rb", buffering=0)
         self.size = os.fstat(self._opened.fileno()).st_size

@@ -46,7 +46,7 @@ _MEMORY_PER_BYTE = 8
 _SECONDS = 3
 _SECONDS_PER_BYTE = 1e-6
 #: Seconds by the clock for each of computing: the machine has other things to do.
-_WAIT = 6
+_WAIT = 20
 _HEADER = 1 << 26
 _OUT_OF_MEMORY = 3
 

@@ -47,6 +47,7 @@ def is_number(value: object) -> bool:
 TEXT = Kind("text", lambda value: isinstance(value, str))
 FLAG = Kind("true or false", lambda value: isinstance(value, bool))
 NUMBER = Kind("a number", is_number)
+FINITE = Kind("a finite number", lambda value: is_number(value) and math.isfinite(value))
 FACTOR = Kind("a number other than 0", lambda v: is_number(v) and math.isfinite(v) and v != 0)
 POSITIVE = Kind("a number above zero", lambda v: is_number(v) and 0 < v < math.inf)
 SIGN = Kind("1 or -1", lambda value: is_whole(value) and value in (1, -1))

@@ -137,6 +137,8 @@ def _check_text(file: str, content: bytes | mmap.mmap) -> None:
         raise InputError(
             f"{file}: the content is parquet, not CSV text; rename the file to end in .parquet."
         )
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise InputError(f"{file}: the content is UTF-16 text; export it as CSV in UTF-8.")
     start, where = 0, None
     try:
         for block in _blocks(content, 0):

@@ -74,7 +74,7 @@ class _Walk:
         if kind == b"cell" or "MATLAB_empty" in node.attrs or not node.size:
             return None
         short = node.size <= _LIST
-        if node.dtype == h5py.ref_dtype:
+        if h5py.check_ref_dtype(node.dtype) is h5py.Reference:
             return (
                 []
                 if not short
