@@ -393,3 +393,10 @@ def test_utf_16_is_refused_by_name(encoding):
     mark = b"" if encoding == "utf-16" else b"\xfe\xff"
     content = mark + CSV.decode().encode(encoding)
     assert "the content is UTF-16 text" in refusal(csv.read, "run.csv", content)
+
+
+@pytest.mark.parametrize("end", ['0.01,"', '0.01,"\n', '0.01," \n', '",0.01'])
+def test_a_quotation_mark_alone_is_refused_without_a_word_of_the_library(capfd, end):
+    with pytest.raises(InputError):
+        csv.read("run.csv", CSV + end.encode())
+    assert capfd.readouterr() == ("", "")

@@ -20,6 +20,7 @@ from penode.cli.identify import identify_command
 from penode.cli.init import init_command
 from penode.cli.last_resort import FAILED, of_memory, of_penode, of_the_system
 from penode.cli.loci import loci_command
+from penode.cli.lost_interrupt import raise_lost_interrupts
 from penode.cli.progress import Interrupted
 from penode.cli.report import report_command
 from penode.cli.reproduce import reproduce_command
@@ -92,6 +93,7 @@ def main() -> None:
     gc.set_threshold(_GARBAGE, 10, 10)
     use_compilation_cache()
     use_tolerant_streams()
+    raise_lost_interrupts()
     try:
         try:
             app(prog_name="penode")

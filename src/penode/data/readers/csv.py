@@ -9,6 +9,7 @@ import csv
 import gzip
 import io
 import mmap
+import re
 import tempfile
 import zlib
 from collections.abc import Collection, Iterator
@@ -24,6 +25,8 @@ from penode.errors import InputError
 
 # Marks that separate cells where every line has them; they are no part of a number.
 _RARE_SEPARATORS = "\t;|"
+# A quotation mark alone in a cell, at which polars panics, and says so to the terminal.
+_LONE_QUOTE = re.compile(rb'(?:^|[,;\t| \r\n])"(?:[,;\t| \r\n]|$)')
 _MARK = b"\xef\xbb\xbf"
 _BLOCK = 1 << 23
 #: Bytes of the longest line of column names.
@@ -218,7 +221,7 @@ def _parse_fast(
     names: list[str], block: bytes, dialect: Dialect, text: Collection[str]
 ) -> dict[str, Column] | None:
     """Parse rows in one go but for columns of text; None if anything is out of the ordinary."""
-    if dialect.decimal_comma and b"." in block:
+    if (dialect.decimal_comma and b"." in block) or _LONE_QUOTE.search(block):
         return None
     try:
         frame = pl.read_csv(
