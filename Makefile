@@ -44,6 +44,9 @@ validate: $(STAMP)
 	$(BIN)/python -m fuzz.readers --seconds 300
 	$(BIN)/python -m validate.interruption
 	$(BIN)/python -m validate.sweep_interruption 10
+	$(BIN)/python -m validate.full_disk
+	$(BIN)/python -m validate.repetition 20
+	$(BIN)/python -m validate.bad_files
 
 fuzz: $(STAMP)
 	$(BIN)/python -m fuzz.readers --seconds 3600

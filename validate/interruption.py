@@ -3,7 +3,7 @@
 One short recording is simulated and identified without interruption. Then COUNT identifications are
 killed at a random moment and resumed, and each has to end with the numbers of the unbroken one, to
 the last bit. COUNT more are sent Ctrl-C, and each has to end with one sentence, exit status 130 and
-a whole result or none.
+a whole result or none. Moments are seconds of processor time, which work beside does not shift.
 """
 
 import json
@@ -26,19 +26,21 @@ from penode.fit.fit import Fit
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
+from validate.processes import ended_children, spent
 
 COUNT = 10
 #: What a run of the same fit may say otherwise: when and by which command it was made.
 _OWN = ("command", "wall_time_s", "training_time_s")
 _PROGRAM = (sys.executable, "-m", "penode_launcher")
-#: Seconds in which Python itself starts; no program can answer a signal before.
-_PYTHON = 0.3
+#: Processor time in s in which Python itself starts; no program can answer a signal before.
+_PYTHON = 0.1
+_LOOK = 0.01
 _ASKED = ("--horizon", "18", "--no-inverter", "--angle-orders", "none")
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A process that ended: exit status, what it printed as errors, and how long it took in s."""
+    """A process that ended: exit status, what it said, and its processor time in s."""
 
     status: int
     said: str
@@ -48,18 +50,17 @@ class Ended:
 def identify(
     recording: Path, out: Path, *more: str, at: float = np.inf, send: int = signal.SIGKILL
 ) -> Ended:
-    """Identify in a process of its own, and send it a signal after so many seconds."""
+    """Identify in a process of its own, and send it a signal after so many seconds of work."""
     command = [*_PROGRAM, "identify", str(recording), *_ASKED, "--out", str(out), *more]
-    began = time.monotonic()
+    before = ended_children()
     with subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     ) as process:
-        try:
-            process.wait(timeout=None if np.isinf(at) else at)
-        except subprocess.TimeoutExpired:
-            process.send_signal(send)
+        while process.poll() is None and spent(process.pid) < at:
+            time.sleep(_LOOK)
+        process.send_signal(send)
         _, said = process.communicate()
-    return Ended(process.returncode, said, time.monotonic() - began)
+    return Ended(process.returncode, said, ended_children() - before)
 
 
 def numbers(out: Path) -> tuple[dict[str, Any], dict[str, bytes]]:

@@ -8,7 +8,14 @@ import pytest
 from penode.cli import last_resort
 from penode.fit.result_folder import claimed
 
+GIVE = "give another place.\n"
 RUN = "t,u_d,u_q,i_d,i_q,omega_el\n0,1,2,3,4,5\n"
+
+
+def long_run():
+    """Return the text of a recording that is refused only when it is looked at."""
+    row = RUN.splitlines()[1][1:]
+    return RUN + "".join(f"{k / 1e4}{row}\n" for k in range(1, 20))
 
 
 @pytest.fixture
@@ -65,17 +72,23 @@ def test_what_does_not_fit_into_the_memory_is_the_users_to_mend(penode, run, mon
 def test_an_output_folder_that_is_a_file(penode, run, tmp_path):
     taken = tmp_path / "taken"
     taken.write_text("mine")
+    run.write_text(long_run())
     done = penode("identify", run, "--out", taken)
     assert done.returncode == 2
     assert taken.read_text() == "mine"
-    assert len(done.stderr.strip().splitlines()) == 1
+    assert done.stderr == f"error: {taken}: a file is there where a folder was wanted; {GIVE}"
+
+
+def test_the_demo_says_nothing_before_it_has_its_folder(penode, tmp_path):
+    taken = tmp_path / "taken"
+    taken.write_text("mine")
+    assert len(penode("demo", "--out", taken).stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize("command", ["identify", "sweep", "demo"])
 def test_a_folder_in_which_another_process_writes(penode, run, tmp_path, command):
     out = tmp_path / "out"
-    row = RUN.splitlines()[1][1:]
-    run.write_text(RUN + "".join(f"{k / 1e4}{row}\n" for k in range(1, 20)))
+    run.write_text(long_run())
     recordings = () if command == "demo" else (run,)
     with claimed(out):
         done = penode(command, *recordings, "--out", out)

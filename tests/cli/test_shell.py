@@ -86,3 +86,28 @@ def test_commands_start_without_the_plotting_library():
     """It takes a third of a second, and few commands draw."""
     code = "import sys, penode.cli.main; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=120).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("typed", "words"),
+    [
+        (("identfy", "run.csv"), "no such command 'identfy', did you mean 'identify'; see penode "),
+        (("check", "--jsn", "run.csv"), "no such option: --jsn"),
+        (("identify", "run.csv"), "missing option '--out'; see penode identify --help."),
+        (("identify", "run.csv", "--out", "o", "--seed", "one"), "value for '--seed'"),
+        (("init", "run.csv", "more.csv"), "(more.csv); see penode init --help."),
+    ],
+)
+def test_wrong_usage_is_refused_in_one_sentence(typed, words, penode):
+    done = penode(*typed)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("error: ")
+    assert words in done.stderr
+    assert done.stderr.endswith(" --help.\n")
+    assert done.stderr.count("\n") == 1
+
+
+def test_no_words_at_all_show_the_help(penode):
+    done = penode()
+    assert done.returncode == 2
+    assert "identify" in done.stdout + done.stderr

@@ -5,10 +5,12 @@ import hashlib
 import io
 import os
 import sys
+import time
 from pathlib import Path
 
 import h5py
 import numpy as np
+import polars as pl
 import pytest
 from asammdf import MDF
 from asammdf import Signal as MdfSignal
@@ -57,6 +59,18 @@ def test_a_link_to_a_file_is_a_file(tmp_path):
     (tmp_path / "file.csv").write_bytes(CSV)
     (tmp_path / "run.csv").symlink_to(tmp_path / "file.csv")
     np.testing.assert_array_equal(load(tmp_path / "run.csv").channels["x"], X)
+
+
+def test_a_link_to_nothing_is_called_one(tmp_path):
+    (tmp_path / "run.csv").symlink_to("gone.csv")
+    assert "a link to what is not there" in refusal(read, tmp_path / "run.csv")
+
+
+@pytest.mark.parametrize("suffix", ["csv", "mat"])
+def test_a_file_that_was_reserved_and_never_written_is_refused_unread(tmp_path, suffix):
+    with (tmp_path / f"run.{suffix}").open("wb") as file:
+        file.truncate(1 << 30)
+    assert "never written" in refusal(read, tmp_path / f"run.{suffix}")
 
 
 @pytest.mark.parametrize("change", [lambda file: file.write(b"9"), lambda file: file.truncate(10)])
@@ -311,3 +325,78 @@ def test_packed_text_is_read_and_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(csv, "_UNPACKED", 1000)
     path.write_bytes(gzip.compress(CSV + b"\n" * 1000))
     assert "when unpacked" in refusal(load, path)
+
+
+def test_a_hundred_thousand_columns_take_no_long_time():
+    names = ",".join(f"c{k}" for k in range(100_000))
+    began = time.process_time()
+    assert len(csv.read("run.csv", f"{names}\n".encode()).columns) == 100_000
+    assert time.process_time() - began < 10.0
+
+
+def test_a_file_without_ends_of_lines_is_refused():
+    sentence = refusal(csv.read, "run.csv", b"1," * 2_500_000)
+    assert "line 1 has 5000000 bytes where a line of column names was wanted" in sentence
+
+
+def test_lines_above_the_names_are_suspected():
+    sentence = refusal(csv.read, "run.csv", b"# bench 3\n" + CSV)
+    assert "(line 2) has 2 cells where the header names 1 columns; remove lines that" in sentence
+
+
+def test_a_column_that_is_left_out_is_refused_by_name(tmp_path):
+    """It stands in the file, so that "there is no such column" would not help."""
+    words = np.array([b"a"] * 12, dtype="S4")
+
+    def build(file):
+        file["u"] = h5py.SoftLink("/t")
+        file["x"] = X
+
+    tdms = io.BytesIO()
+    with TdmsWriter(tdms) as file:
+        file.write_segment([ChannelObject("g", "t", TIME), ChannelObject("g", "u", ["a"] * 12)])
+    states = {"val_0": 0, "text_0": b"off", "val_1": 1, "text_1": b"on", "default": b"?"}
+    mat5 = io.BytesIO()
+    savemat(mat5, {"t": TIME, "x": X, "u": "words"})
+    files = {
+        "link.mat": hdf5(build),
+        "words.mat": hdf5(lambda file: file.create_dataset("u", data=words)),
+        "run.mat": mat5.getvalue(),
+        "run.tdms": tdms.getvalue(),
+        "run.mf4": mdf(tmp_path, states, name="u", samples=COUNTS),
+    }
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+        table, _ = read(tmp_path / name)
+        assert "u" not in table.columns
+        assert "u cannot be used as a column" in refusal(table.require_numbers, name, "u")
+
+
+def test_more_rows_than_a_file_can_hold_are_refused_undecoded(decode):
+    written = io.BytesIO()
+    pl.DataFrame({"on": pl.repeat(True, 20_000_000, eager=True)}).write_parquet(
+        written, row_group_size=20_000_000
+    )
+    sentence = refusal(decode, "parquet", "run.parquet", written.getvalue())
+    assert "20000000 rows are declared in a file of" in sentence
+
+
+def test_words_of_any_length_in_hdf5_are_left_out(decode):
+    words = np.array(["warm", "cold"], dtype=h5py.string_dtype())
+    table = decode("mat", "run.mat", hdf5(lambda file: file.create_dataset("state", data=words)))
+    assert list(table.columns) == ["t"]
+    assert "state" in table.left_out
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
+def test_utf_16_is_refused_by_name(encoding):
+    mark = b"" if encoding == "utf-16" else b"\xfe\xff"
+    content = mark + CSV.decode().encode(encoding)
+    assert "the content is UTF-16 text" in refusal(csv.read, "run.csv", content)
+
+
+@pytest.mark.parametrize("end", ['0.01,"', '0.01,"\n', '0.01," \n', '",0.01'])
+def test_a_quotation_mark_alone_is_refused_without_a_word_of_the_library(capfd, end):
+    with pytest.raises(InputError):
+        csv.read("run.csv", CSV + end.encode())
+    assert capfd.readouterr() == ("", "")

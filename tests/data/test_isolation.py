@@ -1,8 +1,10 @@
 """Binary files are decoded apart, under limits; a child that dies is a refusal."""
 
+import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -171,3 +173,30 @@ def test_no_child_and_no_folder_stay_behind(tmp_path, monkeypatch):
     read(mat_file(tmp_path))
     assert not list((tmp_path / "temporary").iterdir())
     assert [child.returncode is None for child in started] == [False, False]
+
+
+PARENT = """
+import sys, time
+from penode.data.isolation import Decoder
+decoder = Decoder("mat")
+print(decoder._folder.name, flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="an open file stays there")
+def test_the_folder_of_a_parent_that_was_killed_goes(tmp_path):
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    )
+    folder = Path(parent.stdout.readline().strip())
+    (folder / "content").write_bytes(b"MATLAB")
+    parent.kill()
+    parent.communicate()
+    limit = time.monotonic() + 60
+    while folder.exists() and time.monotonic() < limit:
+        time.sleep(0.02)
+    assert not list(tmp_path.iterdir())

@@ -181,7 +181,7 @@ def test_unknown_suffix(tmp_path: Path, name: str, word: str) -> None:
 
 
 def test_unreadable_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(path: Path, mode: str) -> bytes:
+    def refuse(path: Path, mode: str, **options: object) -> bytes:
         raise PermissionError(13, "Permission denied", str(path))
 
     path = write(tmp_path / "run.csv", lines())

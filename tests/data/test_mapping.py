@@ -72,8 +72,10 @@ def test_a_delayed_column_is_put_back_in_time(delay):
     np.testing.assert_array_equal(channels["late"], channels["x"])
 
 
-def test_delays_longer_than_the_recording_leave_nothing():
-    assert "only 0 samples" in refusal({"x": Origin("x", delay=50)})
+@pytest.mark.parametrize("delay", [40, -50, 10**18])
+def test_a_delay_longer_than_the_recording_is_refused_by_name(delay):
+    sentence = refusal({"x": Origin("x", delay=delay)})
+    assert f"channel x: delay = {delay} came in a recording of 40 samples" in sentence
 
 
 # --- several clocks ---------------------------------------------------------------------------

@@ -62,7 +62,7 @@ def test_an_unknown_entry_is_told_before_a_wrong_value():
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(b"a = ", "not a TOML file"), (b"a = '\xff'", "not a TOML file"), (None, "cannot be read")],
+    [(b"a = ", "not a TOML file"), (b"a = '\xff'", "not UTF-8 text"), (None, "cannot be read")],
 )
 def test_what_is_no_toml_is_refused_by_name(tmp_path, content, words):
     path = tmp_path / "study.toml"

@@ -237,3 +237,21 @@ def test_arrays_with_their_digest_that_are_no_archive_are_refused(archive):
     (archive / "fit.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match=r"damaged.*run the identification again\.$"):
         read_archive(archive)
+
+
+def test_arrays_that_unpack_to_far_more_are_refused_packed(tmp_path):
+    for name, content in archived({}, {"excited": np.zeros(12_000_000)}).items():
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=r"bytes unpack to 960\d{5}\); run the"):
+        read_archive(tmp_path)
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no such device here")
+@pytest.mark.parametrize("name", ["fit.json", "fit.npz"])
+def test_a_device_in_place_of_a_file_is_not_read(tmp_path, name):
+    for made, content in archived({}, {"excited": np.zeros(3)}).items():
+        (tmp_path / made).write_bytes(content)
+    (tmp_path / name).unlink()
+    (tmp_path / name).symlink_to("/dev/zero")
+    with pytest.raises(InputError, match=f"{name}: this is a pipe or a device"):
+        read_archive(tmp_path)

@@ -1,5 +1,6 @@
 """What the loss at a horizon weighs: exact on linear systems, W_H itself for white residuals."""
 
+import warnings
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -172,3 +173,11 @@ def test_a_line_in_the_passband_takes_the_loss_over(rng):
         pytest.approx(0.99, abs=0.01),
         pytest.approx(0.1, rel=0.02),
     )
+
+
+def test_errors_that_grow_without_bound_give_no_warning():
+    """Warnings of a library would stand beside the sentences of the command."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        weights = weight_matrix(np.full((3, 2, 2), 1e80), 2, 6, 16)
+    assert not np.isfinite(weights).all()

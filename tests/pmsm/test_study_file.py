@@ -109,6 +109,7 @@ def test_options_override_the_file(config):
         ("pole_pairs = 0", ["pole_pairs = 0", "whole number from 1"]),
         ('flux_map = "coenrgy"', ["flux map 'coenrgy'", "coenergy"]),
         ("angle_orders = [6.5]", ["angle_orders = [6.5]", "whole numbers"]),
+        ("angle_orders = [100000]", ["angle orders 100000 came", "from 1 to 1000"]),
         ('resample = "cubic"', ["resample = 'cubic'", '"linear"']),
         ("channels = 3", ["channels = 3", "a table"]),
         ("[channels]\nid = 'Id'", ["channel id", "did you mean i_d?"]),

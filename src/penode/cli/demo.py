@@ -28,8 +28,8 @@ def demo_command(
     Example: penode demo --out demo
     """
     began = time.monotonic()
-    _errors.print("Recording the built-in machine on the simulated bench ...", soft_wrap=True)
     with watched(out, _errors) as observer:
+        _errors.print("Recording the built-in machine on the simulated bench ...", soft_wrap=True)
         story = run_demo(out / "recordings", observer)
         story = replace(story, fit=signed(story.fit, began))
         replace_together(out, result_files(story.fit))

@@ -61,6 +61,8 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         typer.Option(
             help="Seed of window placement, and of the draw of a map other than coenergy.",
             show_default="0",
+            min=0,
+            max=2**63 - 1,
         ),
     ] = None,
     resume: Annotated[

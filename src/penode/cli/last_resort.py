@@ -19,6 +19,8 @@ def of_the_system(error: OSError) -> str:
     error : OSError
     """
     what = f"{error.filename}: " if error.filename else ""
+    if isinstance(error, (FileExistsError, NotADirectoryError)):
+        return f"{what}a file is there where a folder was wanted; give another place."
     reason = error.strerror or str(error)
     return (
         f"{what}{reason[:1].lower()}{reason[1:]}; give another place, or mend its permissions or "

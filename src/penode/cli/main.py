@@ -20,6 +20,7 @@ from penode.cli.identify import identify_command
 from penode.cli.init import init_command
 from penode.cli.last_resort import FAILED, of_memory, of_penode, of_the_system
 from penode.cli.loci import loci_command
+from penode.cli.lost_interrupt import raise_lost_interrupts
 from penode.cli.progress import Interrupted
 from penode.cli.report import report_command
 from penode.cli.reproduce import reproduce_command
@@ -30,7 +31,16 @@ from penode.errors import InputError
 
 
 class _Commands(TyperGroup):
-    """The commands; one that has no sentence of its own for Ctrl-C is given one."""
+    """The commands; wrong usage is refused as other input is, and Ctrl-C has a sentence."""
+
+    def main(self, *args: Any, **settings: Any) -> Any:
+        try:
+            status = super().main(*args, **{**settings, "standalone_mode": False})
+        except Exception as error:
+            if not hasattr(error, "format_message"):
+                raise
+            raise _usage(error) from error
+        sys.exit(status)
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
         try:
@@ -61,6 +71,17 @@ app.command("sweep")(sweep_command)
 app.command("reproduce")(reproduce_command)
 
 
+def _usage(error: Any) -> BaseException:
+    """Return the refusal of wrong usage; the page of help that `penode` alone shows is none."""
+    message = error.format_message().strip()
+    if "\n" in message:
+        error.show()
+        return SystemExit(error.exit_code)
+    message = message.replace(". Did you mean", ", did you mean").rstrip(".?")
+    page = error.ctx.command_path if error.ctx is not None else "penode"
+    return InputError(f"{message[:1].lower()}{message[1:]}; see {page} --help.")
+
+
 #: New objects between two searches for garbage.
 _GARBAGE = 100_000
 
@@ -72,6 +93,7 @@ def main() -> None:
     gc.set_threshold(_GARBAGE, 10, 10)
     use_compilation_cache()
     use_tolerant_streams()
+    raise_lost_interrupts()
     try:
         try:
             app(prog_name="penode")

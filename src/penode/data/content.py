@@ -14,6 +14,8 @@ from penode.errors import InputError
 _BLOCK = 1 << 20
 #: Bytes from which a file is copied to disk rather than into memory.
 _LARGE = 1 << 26
+#: Bytes at its begin of which some format has one that is not zero.
+_HEAD = 1 << 13
 
 
 class Content:
@@ -31,7 +33,7 @@ class Content:
     Raises
     ------
     InputError
-        If this is a directory, a pipe or a device.
+        If this is a directory, a pipe or a device, or the file begins with nothing but zeros.
     OSError
         If the file cannot be opened.
     """
@@ -39,13 +41,24 @@ class Content:
     def __init__(self, file: str) -> None:
         location = Path(file)
         if location.exists() and not location.is_file():
-            raise InputError(
-                f"{file}: this is a pipe or a device, not a file; save the recording in a file."
-            )
+            what = "a directory" if location.is_dir() else "a pipe or a device"
+            raise InputError(f"{file}: this is {what} where a file was wanted; name a file.")
         self.file = file
-        self._opened = location.open("rb")
+        self._opened = location.open("rb", buffering=0)
         self.size = os.fstat(self._opened.fileno()).st_size
         self._digest = hashlib.sha256()
+        self._require_written()
+
+    def _require_written(self) -> None:
+        """Refuse a file whose space a recorder reserved and never wrote, however long it is."""
+        head = self._opened.read(_HEAD)
+        self._opened.seek(0)
+        if len(head) == _HEAD and not any(head):
+            self._opened.close()
+            raise InputError(
+                f"{self.file}: the first {_HEAD} bytes are zeros, as in a file that was never "
+                "written; copy the file again, or record again."
+            )
 
     def __enter__(self) -> "Content":
         return self

@@ -1,5 +1,6 @@
 """The child of `penode.data.isolation`: decodes files apart, under limits. Run as a script.
 
+Its argument is the folder of the content, which goes when it ends.
 It imports NumPy, one reader and that reader's library, and no other part of penode, whose
 `__init__` needs seconds. What it answers is text and numbers; the parent executes none of it.
 """
@@ -8,6 +9,7 @@ import importlib
 import json
 import math
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -52,11 +54,22 @@ def _answer(request: dict[str, Any]) -> Iterator[bytes | memoryview]:
                 values = table.columns[name]
                 yield _line({"column": name, "length": len(values)})
                 yield memoryview(values.astype("<f8", order="C", copy=False)).cast("B")
-        end = {"units": table.units, "clocks": table.clocks, "text": table.text}
+        end = {
+            "units": table.units,
+            "clocks": table.clocks,
+            "text": table.text,
+            "left_out": table.left_out,
+        }
     except Exception as error:  # libraries raise whatever damage leads them to
         refused = type(error).__name__ == "InputError"
-        end = {"refused": str(error)} if refused else {"failed": type(error).__name__}
+        end = {"refused": str(error)} if refused else {"failed": _name(error)}
     yield _line(end)
+
+
+def _name(error: Exception) -> str:
+    """Return the name of what was raised, with its library where it is one's."""
+    kind = type(error)
+    return kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
 
 
 def _line(entries: dict[str, Any]) -> bytes:
@@ -124,4 +137,7 @@ def watch_memory(memory: int) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    finally:
+        shutil.rmtree(sys.argv[1], ignore_errors=True)  # a parent that was killed cannot

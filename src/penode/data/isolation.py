@@ -46,7 +46,7 @@ _MEMORY_PER_BYTE = 8
 _SECONDS = 3
 _SECONDS_PER_BYTE = 1e-6
 #: Seconds by the clock for each of computing: the machine has other things to do.
-_WAIT = 6
+_WAIT = 20
 _HEADER = 1 << 26
 _OUT_OF_MEMORY = 3
 
@@ -87,7 +87,7 @@ class Decoder:
         self._expired = False
         self._folder = tempfile.TemporaryDirectory(prefix="penode-", ignore_cleanup_errors=True)
         self._child = subprocess.Popen(
-            [sys.executable, "-P", str(_CHILD)],
+            [sys.executable, "-P", str(_CHILD), self._folder.name],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -114,6 +114,11 @@ class Decoder:
                     pipe.close()
         self._child.wait()
         self._folder.cleanup()
+
+    @property
+    def process(self) -> int:
+        """Number of the child."""
+        return self._child.pid
 
     @property
     def alive(self) -> bool:
@@ -173,7 +178,7 @@ class Decoder:
                 f"{file}: the file is damaged, or of a kind that penode cannot read "
                 f"({printable(header['failed'])}); copy or export it again."
             )
-        return Table(columns, header["units"], header["clocks"], header["text"])
+        return Table(columns, *(header[part] for part in ("units", "clocks", "text", "left_out")))
 
     def _expire(self) -> None:
         self._expired = True
@@ -207,7 +212,7 @@ class Decoder:
                 return {"column": str(entry["column"]), "length": int(entry["length"])}
             if "refused" in entry or "failed" in entry:
                 return dict(entry)
-            for name in ("units", "clocks"):
+            for name in ("units", "clocks", "left_out"):
                 entry[name] = {str(column): str(text) for column, text in entry[name].items()}
             entry["text"] = {
                 n: (str(place), str(cell)) for n, (place, cell) in entry["text"].items()
@@ -246,8 +251,8 @@ class Decoder:
         if status == _OUT_OF_MEMORY:
             return _too_large(memory)
         return (
-            f"the library that reads such files crashed (status {status}), so the file is damaged; "
-            "copy or export it again."
+            f"the library that reads such files crashed (status {status}), so the file is damaged, "
+            f"or unpacks to more than {memory / 2**30:.1f} GiB; copy or export it again."
         )
 
 

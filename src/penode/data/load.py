@@ -227,6 +227,8 @@ def _sentence(name: str, mapped: Mapped) -> str:
 def _reader_for(location: Path, file: str) -> Callable[[Content], Table]:
     """Choose the reader by suffix, refusing what is not a file."""
     wanted = " or ".join(READERS)
+    if location.is_symlink() and not location.exists():
+        raise InputError(f"{file}: a link to what is not there; mend the link.")
     if not location.exists():
         raise InputError(f"{file}: file not found; check the path.")
     if location.is_dir():

@@ -290,6 +290,12 @@ def _without_delays(
 ) -> Mapped:
     """Shift rows so that each channel stands at the time it belongs to; cut what is not whole."""
     delays = {name: origins[name].delay for name in channels}
+    longest = max(delays, key=lambda name: abs(delays[name]))
+    if delays[longest] and abs(delays[longest]) >= len(times):
+        raise InputError(
+            f"{file}: channel {longest}: delay = {delays[longest]} came in a recording of "
+            f"{len(times)} samples; give it in samples, a few at most."
+        )
     begin, lost = max(0, -min(delays.values())), max(0, *delays.values())
     end = max(begin, len(times) - lost)
     moved = {name: v[begin + delays[name] : end + delays[name]] for name, v in channels.items()}

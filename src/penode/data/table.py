@@ -38,15 +38,18 @@ class Table:
     text : dict of str to (str, str)
         Columns without a number in any row, such as dates and remarks, which `columns` leaves
         out: where the first cell is, and what it holds.
+    left_out : dict of str to str
+        Further columns that the file has and `columns` leaves out: why.
     """
 
     columns: Mapping[str, Column]
     units: dict[str, str] = field(default_factory=dict)
     clocks: dict[str, str] = field(default_factory=dict)
     text: dict[str, tuple[str, str]] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
 
     def require_numbers(self, file: str, column: str) -> None:
-        """Refuse a column that is text, naming its first cell.
+        """Refuse a column that is left out, as text whose first cell is named, or otherwise.
 
         Parameters
         ----------
@@ -63,6 +66,11 @@ class Table:
         if column in self.text:
             place, cell = self.text[column]
             raise cell_error(file, place, column, cell)
+        if column in self.left_out:
+            raise InputError(
+                f"{file}: {column} cannot be used as a column, as it is {self.left_out[column]}; "
+                "save it as a vector of numbers."
+            )
 
 
 class Decoded(Mapping[str, Column]):

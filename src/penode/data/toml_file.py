@@ -47,6 +47,7 @@ def is_number(value: object) -> bool:
 TEXT = Kind("text", lambda value: isinstance(value, str))
 FLAG = Kind("true or false", lambda value: isinstance(value, bool))
 NUMBER = Kind("a number", is_number)
+FINITE = Kind("a finite number", lambda value: is_number(value) and math.isfinite(value))
 FACTOR = Kind("a number other than 0", lambda v: is_number(v) and math.isfinite(v) and v != 0)
 POSITIVE = Kind("a number above zero", lambda v: is_number(v) and 0 < v < math.inf)
 SIGN = Kind("1 or -1", lambda value: is_whole(value) and value in (1, -1))
@@ -94,7 +95,11 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: tables or lists nested too deeply; nest them less.") from error
     except InputError:
         raise
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: not UTF-8 text (byte {error.start + 1}); save the file as UTF-8."
+        ) from error
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
     except ValueError as error:  # Python reads no number of more than 4300 digits
         raise InputError(f"{path}: a whole number of thousands of digits; shorten it.") from error

@@ -20,6 +20,8 @@ from penode.errors import InputError
 
 #: Key under which the document names the arrays it belongs to, and that of its own digest.
 _ARRAYS, _OWN = "arrays_sha256", "sha256"
+#: Bytes that any arrays may unpack to, and those for each byte of their file.
+_UNPACKED, _COMPRESSION = 1 << 26, 20
 _HOST = hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
 
 
@@ -100,6 +102,21 @@ def archive(document: Mapping[str, Any], arrays: Mapping[str, Any]) -> dict[str,
     return {"fit.npz": content, "fit.json": text.encode()}
 
 
+def content_of(path: Path) -> bytes:
+    """Return the bytes of a file of a saved fit.
+
+    Raises
+    ------
+    InputError
+        If it is a pipe or a device, which may never end.
+    OSError
+        If it cannot be read.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: this is a pipe or a device where a file was wanted; remove it.")
+    return path.read_bytes()
+
+
 def read_archive(folder: Path) -> tuple[dict[str, Any], dict[str, FloatArray]]:
     """Read what `archive` gave.
 
@@ -109,11 +126,14 @@ def read_archive(folder: Path) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         If a file is missing or damaged; the message names it.
     """
     try:
-        document = json.loads((folder / "fit.json").read_bytes())
-        content = (folder / "fit.npz").read_bytes()
+        document = json.loads(content_of(folder / "fit.json"))
+        content = content_of(folder / "fit.npz")
         _require_whole(document, content)
         with np.load(io.BytesIO(content), allow_pickle=False) as stored:
+            _require_plausible(stored, len(content))
             arrays = {name: stored[name] for name in stored.files}
+    except InputError:
+        raise
     except FileNotFoundError as error:
         raise InputError(
             f"{error.filename}: no such file; give the folder that `penode identify --out` wrote."
@@ -128,6 +148,13 @@ def read_archive(folder: Path) -> tuple[dict[str, Any], dict[str, FloatArray]]:
 
 #: What reading a damaged NPZ raises, beside errors of values and of the system.
 _BROKEN_ZIP = (zipfile.BadZipFile, zlib.error, NotImplementedError, SyntaxError)
+
+
+def _require_plausible(stored: Any, size: int) -> None:
+    """Refuse arrays that are far larger than their file, before they are unpacked."""
+    unpacked = sum(entry.file_size for entry in stored.zip.infolist())
+    if unpacked > _UNPACKED + _COMPRESSION * size:
+        raise ValueError(f"{size} bytes unpack to {unpacked}")
 
 
 def _require_whole(document: Any, content: bytes) -> None:

@@ -248,8 +248,8 @@ class Fit:
             )
         try:
             return cls(**parts_of(document, arrays, trust))
-        except InputError:
-            raise
+        except InputError as error:
+            raise InputError(f"{folder}: {error}") from error
         except (LookupError, TypeError, AttributeError, ValueError, RecursionError) as error:
             raise InputError(
                 f"{folder}: the saved fit lacks a part ({error!r}); run the identification again."

@@ -83,7 +83,7 @@ def restore_module(document: Any, arrays: Mapping[str, FloatArray], trust: bool 
 
 def _restorable_class(reference: str, trust: bool) -> type:
     module_name, _, class_name = reference.partition(":")
-    needs = f"The saved fit needs {reference}, which"
+    needs = f"the saved fit needs {reference}, which"
     if module_name == "__main__" and not hasattr(sys.modules["__main__"], class_name.split(".")[0]):
         raise InputError(
             f"{needs} a script or notebook defined; move it into a module of its own, import it "
@@ -108,6 +108,6 @@ def _restorable_class(reference: str, trust: bool) -> type:
     record = own and isinstance(target, type) and is_dataclass(target)
     if not (model or record):
         raise InputError(
-            f"The saved fit names {reference}, which is no model; it was not written by penode."
+            f"the saved fit names {reference}, which is no model; it was not written by penode."
         )
     return target

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from penode.errors import InputError
-from penode.fit.archive import name_file, sha256
+from penode.fit.archive import content_of, name_file, sha256
 
 RESULT = "result.json"
 #: Inside the folder while something is written: held by the process that writes, the files that it
@@ -100,10 +100,12 @@ def require_one_result(folder: Path) -> None:
         with suppress(InputError, OSError), claimed(folder):
             pass
     try:
-        result = json.loads((folder / RESULT).read_bytes())
+        result = json.loads(content_of(folder / RESULT))
         written = dict(result.get("files", {}))
     except (FileNotFoundError, NotADirectoryError):
         return
+    except InputError:
+        raise
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{folder / RESULT}: not as it was written ({type(error).__name__}); put back the one "

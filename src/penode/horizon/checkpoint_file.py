@@ -13,7 +13,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.errors import InputError
-from penode.fit.archive import to_json
+from penode.fit.archive import content_of, to_json
 from penode.fit.model_tree import describe_module, restore_module
 
 SCHEMA = "penode-checkpoint/2"
@@ -85,7 +85,7 @@ def _digest(document: Any) -> str:
 def read(path: Path) -> Record | None:
     """Return the record in the file, or None where there is no file."""
     try:
-        document = json.loads(path.read_text())
+        document = json.loads(content_of(path))
         if not isinstance(document, dict) or document.pop("sha256", None) != _digest(document):
             raise ValueError("it is not as it was written")
         if document["schema"] not in (SCHEMA, _EARLIER):
@@ -96,6 +96,8 @@ def read(path: Path) -> Record | None:
         return Record(asked, document["given"], start, began, tuple(rungs))
     except FileNotFoundError:
         return None
+    except InputError:
+        raise
     except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
         raise _unreadable(path, error) from error
 

@@ -141,8 +141,16 @@ def weight_matrix(transitions: FloatArray, states: int, horizon: int, samples: i
     Returns
     -------
     ndarray of complex, shape (samples, state, state)
-        Hermitian, at the frequencies of ``numpy.fft.fftfreq(samples)``.
+        Hermitian, at the frequencies of ``numpy.fft.fftfreq(samples)``; not finite where errors
+        grow without bound.
     """
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _from_transitions(transitions, states, horizon, samples)
+
+
+def _from_transitions(
+    transitions: FloatArray, states: int, horizon: int, samples: int
+) -> ComplexArray:
     power = np.broadcast_to(np.eye(transitions.shape[-1]), transitions.shape)
     impulse = np.empty((horizon, len(transitions), states, states))
     for j in range(horizon):

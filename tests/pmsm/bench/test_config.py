@@ -133,8 +133,13 @@ def test_every_kind_can_be_called(choices):
             "case.toml: seed = -1 came; give a",
         ),
         ("amplitude = 100.0", "amplitude = [100.0]", r"reference\.amplitude"),
-        ("duration = 0.01", "duration = [0.01]", r"duration = \[0\.01\] came; give a number"),
-        ("duration = 0.01", "duration = { x = 1.0 }", "duration = .* came; give a number"),
+        (
+            "duration = 0.01",
+            "duration = [0.01]",
+            r"duration = \[0\.01\] came; give a finite",
+        ),
+        ("duration = 0.01", "duration = inf", "duration = inf came; give a finite number"),
+        ("duration = 0.01", "duration = { x = 1.0 }", "duration = .* came; give a finite number"),
         ("duration = 0.01", "duration = 0.01\ndrive = 3.0", "drive = 3.0 came; give a table"),
         (
             "duration = 0.01",

@@ -9,13 +9,15 @@ import csv
 import gzip
 import io
 import mmap
+import re
+import tempfile
 import zlib
 from collections.abc import Collection, Iterator
 
 import numpy as np
 import polars as pl
 
-from penode.data.gathered import forget
+from penode.data.gathered import forget, write
 from penode.data.readers.csv_cells import Cells, Dialect, unsplittable
 from penode.data.table import Column, Table, clean_names
 from penode.data.units import unit_name
@@ -23,8 +25,12 @@ from penode.errors import InputError
 
 # Marks that separate cells where every line has them; they are no part of a number.
 _RARE_SEPARATORS = "\t;|"
+# A quotation mark alone in a cell, at which polars panics, and says so to the terminal.
+_LONE_QUOTE = re.compile(rb'(?:^|[,;\t| \r\n])"(?:[,;\t| \r\n]|$)')
 _MARK = b"\xef\xbb\xbf"
 _BLOCK = 1 << 23
+#: Bytes of the longest line of column names.
+_HEADER = 1 << 22
 #: Bytes that a compressed file may be unpacked to.
 _UNPACKED = 1 << 30
 
@@ -59,6 +65,11 @@ def read(file: str, content: bytes | mmap.mmap) -> Table:
     start = len(_MARK) if content[: len(_MARK)] == _MARK else 0
     body = _line_end(content, start)
     below = _line_end(content, body)
+    if body > _HEADER:
+        raise InputError(
+            f"{file}: line 1 has {body} bytes where a line of column names was wanted; add the "
+            "names, and end each row with a line feed."
+        )
     header, second = content[start:body].decode(), content[body:below].decode()
     dialect = _dialect(header, second, content.find(b",", body) >= 0)
     names = _header_names(file, header, dialect)
@@ -93,24 +104,32 @@ def read_packed(file: str, content: bytes) -> Table:
     InputError
         As `read`, or if the content is damaged or more than 1 GiB when unpacked.
     """
-    blocks, size = [], 0
+    with tempfile.TemporaryFile(prefix="penode-") as unpacked:
+        size = 0
+        for block in _unpacked(file, content):
+            size += len(block)
+            write(unpacked, block)
+        if size:
+            return read(file, mmap.mmap(unpacked.fileno(), 0, access=mmap.ACCESS_READ))
+    return read(file, b"")
+
+
+def _unpacked(file: str, content: bytes) -> Iterator[bytes]:
+    size = 0
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
             while block := packed.read(_BLOCK):
-                blocks.append(block)
                 size += len(block)
                 if size > _UNPACKED:
                     raise InputError(
                         f"{file}: the content is more than {_UNPACKED >> 20} MiB when unpacked; "
                         "unpack it yourself and name the .csv file."
                     )
-    except (OSError, EOFError, zlib.error) as error:
+                yield block
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(
             f"{file}: the content is not gzip, or damaged or cut short ({error}); copy it again."
         ) from error
-    unpacked = b"".join(blocks)
-    blocks.clear()
-    return read(file, unpacked)
 
 
 def _check_text(file: str, content: bytes | mmap.mmap) -> None:
@@ -121,6 +140,8 @@ def _check_text(file: str, content: bytes | mmap.mmap) -> None:
         raise InputError(
             f"{file}: the content is parquet, not CSV text; rename the file to end in .parquet."
         )
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise InputError(f"{file}: the content is UTF-16 text; export it as CSV in UTF-8.")
     start, where = 0, None
     try:
         for block in _blocks(content, 0):
@@ -200,7 +221,7 @@ def _parse_fast(
     names: list[str], block: bytes, dialect: Dialect, text: Collection[str]
 ) -> dict[str, Column] | None:
     """Parse rows in one go but for columns of text; None if anything is out of the ordinary."""
-    if dialect.decimal_comma and b"." in block:
+    if (dialect.decimal_comma and b"." in block) or _LONE_QUOTE.search(block):
         return None
     try:
         frame = pl.read_csv(

@@ -128,10 +128,7 @@ class Cells:
                 self._rows += 1
                 place = f"data row {self._rows} (line {self._lines + reader.line_num})"
                 if len(cells) != len(table):
-                    raise InputError(
-                        f"{self._file}: {place} has {len(cells)} cells where the header names "
-                        f"{len(table)} columns; write one cell for each column."
-                    )
+                    raise self._other_length(place, len(cells))
                 for column, seen, cell in zip(table, self._seen.values(), cells, strict=True):
                     column.append(self._value(seen, cell, place))
         except csv.Error as error:
@@ -139,6 +136,16 @@ class Cells:
         self._lines += reader.line_num
         for parts, column in zip(self._parts.values(), table, strict=True):
             parts.add(np.array(column, dtype=np.float64))
+
+    def _other_length(self, place: str, cells: int) -> InputError:
+        """Return the refusal of a row that has not one cell for each column."""
+        mend = "write one cell for each column"
+        if len(self._seen) == 1:
+            mend = "remove lines that stand above the column names"
+        return InputError(
+            f"{self._file}: {place} has {cells} cells where the header names {len(self._seen)} "
+            f"columns; {mend}."
+        )
 
     def _value(self, seen: _Seen, cell: str, place: str) -> float:
         number = self._dialect.number(cell)
@@ -159,7 +166,8 @@ class Cells:
             If a cell is not a finite number, nor a truth value in a column of truth values; the
             message names the first in the first such column.
         """
-        numbers = [name for name in self._seen if name not in self.text]
+        text = self.text
+        numbers = [name for name in self._seen if name not in text]
         for name in numbers:
             seen = self._seen[name]
             if seen.first is not None and (seen.other or seen.number):
@@ -185,5 +193,5 @@ def unsplittable(file: str, line: int, error: csv.Error) -> InputError:
     """
     return InputError(
         f"{file}: line {line} cannot be split into cells ({error}); "
-        "look for an unclosed quotation mark."
+        "look there and above for an unclosed quotation mark."
     )

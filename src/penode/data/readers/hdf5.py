@@ -51,7 +51,10 @@ class _Walk:
 
     def group(self, group: h5py.Group, depth: int) -> dict[str, Any]:
         """Return what a group holds itself; links may lead to other files."""
-        return {name: self._variable(group[name], depth) for name in _members(group)}
+        return {
+            name: self._variable(group[name], depth) if own else None
+            for name, own in _members(group)
+        }
 
     def _variable(self, node: Any, depth: int) -> Any:
         """Return one variable: a struct is a group, a list of structs a group of references."""
@@ -71,7 +74,7 @@ class _Walk:
         if kind == b"cell" or "MATLAB_empty" in node.attrs or not node.size:
             return None
         short = node.size <= _LIST
-        if node.dtype == h5py.ref_dtype:
+        if h5py.check_ref_dtype(node.dtype) is h5py.Reference:
             return (
                 []
                 if not short
@@ -104,11 +107,11 @@ class _Walk:
         )
 
 
-def _members(group: h5py.Group) -> Iterator[str]:
-    """Yield the names of the objects in a group, without links and MATLAB's own."""
+def _members(group: h5py.Group) -> Iterator[tuple[str, bool]]:
+    """Yield the names in a group but MATLAB's own, and whether they are objects and no links."""
     for name in group:
-        if not name.startswith("#") and group.get(name, getlink=True).__class__ is h5py.HardLink:
-            yield name
+        if not name.startswith("#"):
+            yield name, group.get(name, getlink=True).__class__ is h5py.HardLink
 
 
 def _is_complete(node: h5py.Dataset) -> bool:

@@ -54,11 +54,16 @@ def read(file: str, source: BinaryIO) -> Table:
     columns: dict[str, Column] = {}
     table = Table(columns)
     for name, variable in _variables(file, source.read()).items():
+        before = len(columns)
         for vectors, clock in _vectors_within(printable(name), variable, None):
             clean_names(file, [*vectors, *(twice for twice in vectors if twice in columns)])
             columns.update(vectors)
             if clock is not None:
                 table.clocks.update(dict.fromkeys(vectors, clock))
+        if len(columns) == before:
+            table.left_out[printable(name)] = (
+                "text, a cell, a link or another kind that is no vector"
+            )
     if not table.columns:
         raise InputError(
             f"{file}: no numeric vector in this MATLAB file; save vectors or structs of vectors "
@@ -74,7 +79,9 @@ def _variables(file: str, content: bytes) -> dict[str, _Variable]:
 
         return variables(file, content)
     if not content.startswith(b"MATLAB"):
-        raise InputError(f"{file}: not a MATLAB file, or damaged; save it from MATLAB again.")
+        raise InputError(
+            f"{file}: no MATLAB file of version 5 to 7.3, or damaged; save it from MATLAB again."
+        )
     from scipy.io import loadmat, whosmat
 
     for name, shape, kind in whosmat(io.BytesIO(content)):

@@ -9,7 +9,7 @@ import numpy as np
 
 from penode.data.signals import Signal, table_of
 from penode.data.table import Column, Table
-from penode.errors import InputError
+from penode.errors import InputError, printable
 
 # Types of conversion (ASAM MDF 4, block CC) that make numbers of numbers: none, linear, rational,
 # table with and without interpolation, table of ranges. Those from `_TEXT` on make text.
@@ -53,7 +53,11 @@ def read(file: str, source: BinaryIO) -> Table:
             f"{file}: reading MDF needs the library asammdf; pip install 'penode[mdf]'."
         ) from error
     recording = library.MDF(source, process_bus_logging=False)
-    return table_of(file, _signals(file, recording))
+    table = table_of(file, _signals(file, recording))
+    channels = (channel for group in recording.groups for channel in group.channels)
+    names = (channel.name for channel in channels if not _is_numeric(file, channel))
+    table.left_out.update({printable(name): "text" for name in names})
+    return table
 
 
 def _check_kind(file: str, head: bytes) -> None:

@@ -1,5 +1,7 @@
 """Reader of parquet files with flat numeric columns."""
 
+import io
+from collections.abc import Callable
 from functools import partial
 from typing import Any, BinaryIO
 
@@ -10,6 +12,8 @@ from penode.data.table import Column, Decoded, Table, cell_error, clean_names
 from penode.errors import InputError
 
 _MAGIC = b"PAR1"
+# Rows that one byte of all columns together can be unpacked to.
+_COMPRESSION = 1040
 
 
 def read(file: str, source: BinaryIO) -> Table:
@@ -34,6 +38,7 @@ def read(file: str, source: BinaryIO) -> Table:
         numeric, or a value that is missing or not finite; the message names the data row (from 1)
         and the channel.
     """
+    _require_plausible(file, source)
     head = _frame(file, source, n_rows=1)
     names = clean_names(file, head.columns)
     series = dict(zip(names, head.get_columns(), strict=True))
@@ -47,6 +52,21 @@ def read(file: str, source: BinaryIO) -> Table:
     return Table(Decoded({name: partial(column, name) for name in numbers}), text=text)
 
 
+def _require_plausible(file: str, source: BinaryIO) -> None:
+    """Refuse more rows than the bytes of the file can hold, before any is decoded."""
+    size = source.seek(0, io.SEEK_END)
+    rows = int(_of_polars(file, source, _count).item())
+    if rows > _COMPRESSION * size:
+        raise InputError(
+            f"{file}: {rows} rows are declared in a file of {size} bytes, so it is damaged; copy "
+            "or export it again."
+        )
+
+
+def _count(source: BinaryIO) -> pl.DataFrame:
+    return pl.scan_parquet(source).select(pl.len()).collect()
+
+
 def _is_text(series: pl.Series) -> bool:
     """Return whether a column holds words or times of day."""
     return series.dtype in (pl.String, pl.Categorical) or series.dtype.is_temporal()
@@ -54,6 +74,13 @@ def _is_text(series: pl.Series) -> bool:
 
 def _frame(file: str, source: BinaryIO, **what: Any) -> pl.DataFrame:
     """Decode a part of the file."""
+    return _of_polars(file, source, partial(pl.read_parquet, **what))
+
+
+def _of_polars(
+    file: str, source: BinaryIO, ask: Callable[[BinaryIO], pl.DataFrame]
+) -> pl.DataFrame:
+    """Ask for something of the file, refusing it where it is no parquet file."""
     source.seek(0)
     head = source.read(len(_MAGIC))
     source.seek(0)
@@ -65,7 +92,7 @@ def _frame(file: str, source: BinaryIO, **what: Any) -> pl.DataFrame:
             "or export the recording again."
         )
     try:
-        return pl.read_parquet(source, **what)
+        return ask(source)
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(

@@ -9,7 +9,7 @@ import numpy as np
 
 from penode.data.signals import Signal, table_of
 from penode.data.table import Column, Table
-from penode.errors import InputError
+from penode.errors import InputError, printable
 
 # A segment begins with a tag, a mask, a version, and the lengths of all of it and of its header.
 _TAG = b"TDSm"
@@ -53,7 +53,11 @@ def read(file: str, source: BinaryIO) -> Table:
     if not _is_complete(source, size):
         raise InputError(f"{file}: the TDMS file is cut short; copy or export it again.")
     source.seek(0)
-    return table_of(file, _signals(library.TdmsFile.open(source)))
+    recording = library.TdmsFile.open(source)
+    table = table_of(file, _signals(recording))
+    names = (channel.name for channel in _channels(recording) if not _is_numeric(channel))
+    table.left_out.update({printable(name): "text or without data" for name in names})
+    return table
 
 
 def _is_complete(source: BinaryIO, size: int) -> bool:
@@ -71,7 +75,7 @@ def _is_complete(source: BinaryIO, size: int) -> bool:
 
 def _signals(recording: Any) -> list[Signal]:
     """Return the numeric channels of all groups."""
-    channels = [channel for group in recording.groups() for channel in group.channels()]
+    channels = _channels(recording)
     begins = [c.properties["wf_start_time"] for c in channels if "wf_start_time" in c.properties]
     return [
         Signal(
@@ -82,8 +86,16 @@ def _signals(recording: Any) -> list[Signal]:
             _times(channel, min(begins, default=None)),
         )
         for channel in channels
-        if channel.dtype is not None and channel.dtype.kind in "biuf"
+        if _is_numeric(channel)
     ]
+
+
+def _channels(recording: Any) -> list[Any]:
+    return [channel for group in recording.groups() for channel in group.channels()]
+
+
+def _is_numeric(channel: Any) -> bool:
+    return channel.dtype is not None and channel.dtype.kind in "biuf"
 
 
 def _values(channel: Any) -> Column:

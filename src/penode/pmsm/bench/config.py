@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from penode.data.toml_file import FLAG, NATURAL, NUMBER, WHOLE, read_toml, require, require_known
+from penode.data.toml_file import FINITE, FLAG, NATURAL, WHOLE, read_toml, require, require_known
 from penode.errors import InputError
 from penode.pmsm.bench.drive import Drive
 from penode.pmsm.bench.identified import identified_machine
@@ -228,7 +228,7 @@ def _plain(kind: Any, entry: Any, where: str) -> Any:
     """Return numbers, truth values and nested lists of numbers as they are wanted."""
     if typing.get_origin(kind) is tuple:
         return _listed(typing.get_args(kind), entry, where)
-    require(where, entry, _PLAIN.get(kind, NUMBER))
+    require(where, entry, _PLAIN.get(kind, FINITE))
     return entry if kind in _PLAIN else float(entry)
 
 

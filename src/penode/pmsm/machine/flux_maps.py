@@ -251,20 +251,25 @@ def draw_flux_map(
     return FluxMap(family.draw(seed), *scales)
 
 
+#: Beyond the harmonics of any winding and slots.
+_HIGHEST_ORDER = 1000
+
+
 def check_angle_orders(kind: str, angle_orders: tuple[int, ...]) -> None:
     """Refuse harmonics that a family cannot have.
 
     Raises
     ------
     InputError
-        If they are not distinct whole numbers from 1, or the family cannot follow the angle.
+        If they are not distinct whole numbers from 1 to 1000, or the family cannot follow the
+        angle.
     """
     if not angle_orders:
         return
-    if min(angle_orders) < 1 or len(set(angle_orders)) < len(angle_orders):
+    if len({*angle_orders} & {*range(1, _HIGHEST_ORDER + 1)}) < len(angle_orders):
         raise InputError(
-            f"angle orders {', '.join(map(str, angle_orders))} came; give distinct whole numbers "
-            "from 1, such as 6,12."
+            f"angle orders {', '.join(map(str, angle_orders))[:200]} came; give distinct whole "
+            f"numbers from 1 to {_HIGHEST_ORDER}, such as 6,12."
         )
     able = [name for name, family in FLUX_MAPS.items() if family.draw_with_features is not None]
     if kind not in able:

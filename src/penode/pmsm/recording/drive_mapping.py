@@ -155,6 +155,11 @@ class DriveMapping:
     def _require(self, path: str | Path, table: Table, present: Collection[str]) -> None:
         """Refuse a file from which no drive recording can be made."""
         missing = missing_channels(present)
+        if missing and not table.columns:
+            raise InputError(
+                f"{path}: no column of numbers, where {', '.join(missing)} were wanted; export the "
+                "recording again, with a line of names above its numbers."
+            )
         if missing and not self.channels:
             raise InputError(
                 f"{path}: no column {', '.join(missing)}; the columns are "
