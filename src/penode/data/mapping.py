@@ -12,16 +12,12 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.gathered import in_pieces, pieces
+from penode.data.one_clock import Sampled, on_one_clock
 from penode.data.stretches import SHORTEST
 from penode.data.table import TIME, Table, cell_error, list_names
-from penode.data.time_axis import uniform_step, uniform_stretches
+from penode.data.time_axis import uniform_stretches
 from penode.data.units import UNITS, Unit, did_you_mean, find_unit, unit_name
 from penode.errors import InputError
-
-# Largest turn in rad between two samples of an angle that can still be interpolated.
-_LARGEST_TURN = np.pi / 2
-# Samples this close to the end of another clock, in time steps, are within it.
-_CLOCK_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -62,15 +58,6 @@ class _Clock:
 
     origin: Origin
     read: dict[Origin, FloatArray]
-
-
-@dataclass(frozen=True, eq=False)
-class _Sampled:
-    """SI values of one channel and their times in s, both of shape (time,)."""
-
-    times: FloatArray
-    values: FloatArray
-    is_angle: bool
 
 
 def own_names(table: Table) -> dict[str, Origin]:
@@ -148,11 +135,11 @@ def map_channels(
         for name, origin in origins.items()
         if name != TIME
     }
-    times, channels = _on_one_clock(file, sampled, resample)
+    times, channels = on_one_clock(file, sampled, resample)
     return _without_delays(file, times, channels, origins)
 
 
-def _sample(file: str, table: Table, name: str, origin: Origin, clock: _Clock) -> _Sampled:
+def _sample(file: str, table: Table, name: str, origin: Origin, clock: _Clock) -> Sampled:
     """Take one channel out of the table, with its times."""
     own, time = table.clocks.get(origin.column), clock.origin
     if own is not None and own != table.clocks.get(time.column):
@@ -167,7 +154,7 @@ def _sample(file: str, table: Table, name: str, origin: Origin, clock: _Clock) -
             f"times in column {time.column} are {len(times)}; name the time column that "
             "belongs to it, or export them together."
         )
-    return _Sampled(times, values, si == "rad")
+    return Sampled(times, values, si == "rad")
 
 
 def _si_values(file: str, table: Table, name: str, origin: Origin) -> tuple[FloatArray, str]:
@@ -224,62 +211,6 @@ def _unit(file: str, table: Table, name: str, origin: Origin) -> Unit:
             f"{', '.join(fitting)} was wanted; give the unit of the column."
         )
     return unit
-
-
-# --- one clock ----------------------------------------------------------------------------------
-
-
-def _on_one_clock(
-    file: str, sampled: Mapping[str, _Sampled], resample: bool
-) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Return the common times in s and the channels at them."""
-    first, *others = sampled
-    times = sampled[first].times
-    odd = [name for name in others if not _same(sampled[name].times, times)]
-    if not odd:
-        return times, {name: channel.values for name, channel in sampled.items()}
-    if not resample:
-        raise InputError(
-            f"{file}: channel {first} has {_pace(times)} and channel {odd[0]} "
-            f'{_pace(sampled[odd[0]].times)}; ask for resample = "linear", which interpolates '
-            "all channels at the times of the fastest."
-        )
-    steps = {name: uniform_step(file, channel.times) for name, channel in sampled.items()}
-    fastest = min(steps, key=lambda name: steps[name])
-    times, slack = sampled[fastest].times, _CLOCK_ROUNDING * steps[fastest]
-    begin = max(channel.times[0] for channel in sampled.values()) - slack
-    end = min(channel.times[-1] for channel in sampled.values()) + slack
-    times = times[(times >= begin) & (times <= end)]
-    return times, {name: _at(file, name, times, channel) for name, channel in sampled.items()}
-
-
-def _same(times: FloatArray, others: FloatArray) -> bool:
-    return times is others or np.array_equal(times, others)
-
-
-def _pace(times: FloatArray) -> str:
-    step = (times[-1] - times[0]) / max(len(times) - 1, 1)
-    return f"{len(times)} samples, one every {step:.6g} s from {times[0]:.6g} s"
-
-
-def _at(file: str, name: str, times: FloatArray, channel: _Sampled) -> FloatArray:
-    """Interpolate a channel linearly; an angle is unwrapped first where it has to be."""
-    values = channel.values
-    inside = np.isin(times, channel.times)
-    if inside.all():
-        return values[np.isin(channel.times, times)]
-    if channel.is_angle:
-        values = np.unwrap(values)
-        turn = float(np.abs(np.diff(values)).max())
-        if turn > _LARGEST_TURN:
-            raise InputError(
-                f"{file}: channel {name} turns {turn:.3g} rad between two of its samples where "
-                f"less than {_LARGEST_TURN:.3g} was wanted to interpolate it; record it faster."
-            )
-    return np.asarray(np.interp(times, channel.times, values))
-
-
-# --- delays -------------------------------------------------------------------------------------
 
 
 def _without_delays(

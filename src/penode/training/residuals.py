@@ -27,10 +27,8 @@ from penode.training.sensitivities import window_sums
 
 #: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
 CHUNK, _NEAR = 64, 131_072
-
 #: Windows that one pass of reverse mode takes: their rollouts stay in the second-level cache.
 GRADIENT_CHUNK = 256
-
 #: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
 #: not depend on the number of cores.
 STRANDS = 4
