@@ -22,7 +22,7 @@ from penode.pmsm.report.map_figures import (
 )
 from penode.report import sections
 from penode.report.fit_report import PARTS
-from penode.validation.comparison import Comparison
+from penode.validation.comparison import Comparison, by_recording
 from penode.validation.residual_tests import Spectrum, residual_correlations
 
 ELECTRICAL_FREQUENCY = 125.0
@@ -146,6 +146,7 @@ def machine_fit(choice=None, comparisons=None, warnings=(), **provenance):
         horizon=choice or answered(),
         excited=trajectory(4000, 2e-4)[1],
         comparisons=comparisons,
+        recordings=by_recording(comparisons),
         spectrum=spectrum_of(comparisons[0]),
         transitions=np.array([[[0.99, 0.09], [-0.07, 0.99]]]),
         warnings=tuple(warnings),
