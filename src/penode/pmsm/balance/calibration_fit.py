@@ -27,6 +27,8 @@ _STANDSTILL = 1e-4
 _SIGNIFICANT = 5.0
 #: Fractions of the current between which an error of the sensors is taken into account.
 _MATTERS, _ABSURD = 1e-4, 0.1
+#: Share of the current that iron usually takes.
+_USUAL = 0.01
 #: Angle in rad, and share of the current, below which none is, and above which none is believed.
 _ANGLES, _SHARES = (np.deg2rad(0.05), np.deg2rad(12.0)), (1e-3, 0.2)
 #: Share of the speed from which the slope of the angle is tried, and up to which it is one speed.
@@ -64,8 +66,7 @@ def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
         name: float(np.hypot(whole.values[name] - getattr(result, name), whole.deviation[name]))
         for name in ("angle", "delay")
     }
-    iron = np.hypot(whole.values["iron"], whole.deviation["iron"])
-    left["iron"] = float(np.sqrt(whole.probability("iron")) * iron)
+    left["iron"] = _iron_left(whole, timed, balance.experiments)
     result = replace(result, resistance=whole.resistance, deviation={**left, **result.deviation})
     if lagging is None:
         return result
@@ -144,11 +145,28 @@ def _credible(estimate: Estimate, name: str, experiments: Sequence[Experiment]) 
         return False
     if name == "angle":
         return bool(_ANGLES[0] < abs(size) < _ANGLES[1])
+    return bool(_SHARES[0] < size * _share(experiments) < _SHARES[1])
+
+
+def _iron_left(whole: Estimate, timed: Estimate, experiments: Sequence[Experiment]) -> float:
+    """Return what iron loss may be left, in S: its root mean square over acting and not acting.
+
+    Without saliency a timing stands in for any of it: no more than an ordinary share is believed,
+    and no surer than the likelihood beside the timing alone.
+    """
+    better = 0.5 * float(np.clip(timed.evidence - whole.evidence, -1e3, 1e3))
+    probable = min(whole.probability("iron"), 1 / (1 + np.exp(-better)))
+    size = np.hypot(whole.values["iron"], whole.deviation["iron"])
+    return float(np.sqrt(probable) * min(size, _USUAL / _share(experiments)))
+
+
+def _share(experiments: Sequence[Experiment]) -> float:
+    """Return the share of the current that iron of 1 S takes."""
     taken, whole = (
         np.sqrt(sum(float(np.sum(e.stack(names) ** 2)) for e in experiments))
         for names in (VOLTAGES, CURRENTS)
     )
-    return bool(_SHARES[0] < size * taken / whole < _SHARES[1])
+    return float(taken / max(whole, 1e-300))
 
 
 def _timing(free: Estimate, estimated: Sequence[str], plain: float) -> Calibration:
