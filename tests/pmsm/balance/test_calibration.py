@@ -204,7 +204,7 @@ def test_a_machine_without_saliency_cannot_tell_iron_from_a_delay():
     run = simulate(surface, Lissajous(200.0, 40.0, 33.0), speed_rpm=900.0, duration=0.5)
     result = calibration_of([recorded(run, lambda u: np.roll(u, -1, axis=0))])
     assert (result.delay, result.turn, result.iron) == (1.0, 0.0, 0.0)
-    assert result.deviation["iron"] < 1e-3  # not what the pair of both would be
+    assert result.deviation["iron"] < 0.03  # the balance alone shows 0.2 ± 1.2 S
 
 
 def test_what_is_left_of_the_corrections_joins_the_budget(slow_run):
