@@ -10,9 +10,11 @@ from penode.models.inputs import Inputs
 from penode.pmsm import Accuracy
 from penode.pmsm.balance.calibration import Calibration, with_speed_from_angle
 from penode.pmsm.balance.calibration_fit import calibration_of
+from penode.pmsm.bench.drive import Drive
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
+from penode.pmsm.bench.sensors import Resolver
 from penode.pmsm.machine.holds import HOLDS, mean_over_samples, turned_voltage
 from penode.pmsm.machine.space_vectors import in_frame_ahead
 
@@ -119,6 +121,16 @@ def test_an_angle_offset_is_estimated_beside_the_timing(fast_run):
     corrected = replace(result, angle=np.deg2rad(2.0), delay=0.0).applied(behind)
     for name, values in fast_run.channels.items():
         np.testing.assert_allclose(corrected.channels[name], values, atol=1e-9)
+
+
+def test_a_large_angle_is_taken_without_what_is_not_credible_beside_it():
+    """Beside so large an angle, taken to first order, iron loss seems to act; alone it does not."""
+    drive = Drive(current_noise=0.05, resolver=Resolver(float(np.deg2rad(5.0))))
+    figure = Lissajous(240.0, 14.0, 15.0)
+    run = simulate(TRACTION_300A, figure, speed_rpm=1500.0, duration=1.2, drive=drive, seed=1)
+    result = calibration_of([run])
+    assert np.rad2deg(result.angle) == pytest.approx(-5.0, abs=0.05)
+    assert result.iron == 0.0
 
 
 def with_iron(run, conductance, resistance):

@@ -60,11 +60,13 @@ def test_a_sharp_knee_whose_phases_agree(sharp_run):
     assert isinstance(with_knee([sharp_run], (), by_phase=True).term, PhaseDeadTime)
 
 
-def test_a_knee_of_either_kind_is_trained_with_its_softness():
+def test_a_knee_of_either_kind_is_in_doubt():
     """Of a third of the voltage an arctan is a quarter as likely as a tanh; R differs by 3 %."""
     shaped = with_knee([behind(DeviceDrop(1.0, current_scale=8.0))], ())
-    assert 0.0 < float(shaped.term.dead_time_softness) < 0.7
-    assert shaped.doubts == ()
+    (doubt,) = shaped.doubts
+    assert shaped.term.dead_time_softness is None
+    assert float(doubt.term.dead_time_softness) == 1.0
+    assert 0.1 < doubt.weight**2 < 0.5
 
 
 def test_the_knee_frees_the_resistance_of_its_bias(soft_run):

@@ -114,8 +114,9 @@ def _with_errors(balance: Balance, errors: tuple[str, ...], first: Estimate) -> 
     free, plain = balance.rounds((*_TIMING, *errors), first), balance.rounds(errors, first)
     timed = _timing(free, _TIMING, plain.evidence)
     chosen = plain if timed is AS_RECORDED else free
-    if not all(_credible(chosen, name, balance.experiments) for name in errors):
-        return None
+    credible = tuple(name for name in errors if _credible(chosen, name, balance.experiments))
+    if credible != errors:  # what is left is estimated without it
+        return _with_errors(balance, credible, first) if credible else None
     reasons = list(timed.reasons)
     if "angle" in errors:
         angle, own = (np.rad2deg(part["angle"]) for part in (chosen.values, chosen.deviation))

@@ -70,16 +70,19 @@ def with_knee(
     sharp, soft, whole = search.best()
     phases = {knee: search.by_phase(knee.term) for knee in (sharp, soft, whole)}
     gain = max(phases[sharp].misfit - phases[soft].misfit, 0.0)
-    # A little softness is one parameter more; an arctan in place of a tanh is none, and as likely.
     share = probability(math.sqrt(gain), len(search.left) / OVERLAP)
-    odds = 0.5 * (phases[whole].misfit - phases[sharp].misfit)
-    share = max(share, 1 / (1 + math.exp(min(odds, 700.0))))
     same = soft if share > _THIN else sharp
     free = phases[same]
     term = free.term if by_phase or search.phases_differ(same, free) else same.term
-    if same is soft or share < _NOTICED:
+    if same is soft:
         return Shaped(term, ())
-    other = phases[soft] if term is free.term else soft
+    # A little softness is one parameter more; an arctan in place of a tanh is none, and as likely.
+    odds = 0.5 * (phases[whole].misfit - phases[sharp].misfit)
+    either = 1 / (1 + math.exp(min(odds, 700.0)))
+    share, rival = (either, whole) if either > share else (share, soft)
+    if share < _NOTICED:
+        return Shaped(term, ())
+    other = phases[rival] if term is free.term else rival
     doubt = Doubt("knee of the dead time", _REMEDY, other.term, term, math.sqrt(share))
     return Shaped(term, (doubt,))
 
