@@ -110,7 +110,7 @@ def simulate(
         state = system.simulate(action) * system.limits
         acting = limited
     log = np.array(rows).T
-    return DriveLog(log[0], log[1], log[2].real, log[3].real), log[4].real
+    return DriveLog(log[0], log[1], log[2].real, log[3].real, link_voltage), log[4].real
 
 
 def _measured(current: complex, angle: float, sensors: Sensors) -> complex:

@@ -130,6 +130,8 @@ def simulate(
     log = run.simulate(t_stop=kind.duration).ctrl
     voltage = log.ref.u_s if kind.voltage == "command" else log.fbk.u_s_zoh
     return (
-        DriveLog(log.fbk.i_s, voltage, np.real(log.fbk.w_m), np.real(log.fbk.theta_m)),
+        DriveLog(
+            log.fbk.i_s, voltage, np.real(log.fbk.w_m), np.real(log.fbk.theta_m), link_voltage
+        ),
         np.array(resistance),
     )

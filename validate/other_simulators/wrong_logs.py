@@ -52,7 +52,11 @@ def _angle(log: DriveLog, _planned: Planned, _part: int) -> DriveLog:
 def _per_unit(log: DriveLog, planned: Planned, _part: int) -> DriveLog:
     volt, ampere, speed = bases(planned)
     return replace(
-        log, voltage=log.voltage / volt, current=log.current / ampere, speed=log.speed / speed
+        log,
+        voltage=log.voltage / volt,
+        current=log.current / ampere,
+        speed=log.speed / speed,
+        link=log.link / volt,
     )
 
 

@@ -123,14 +123,18 @@ def test_an_angle_offset_is_estimated_beside_the_timing(fast_run):
         np.testing.assert_allclose(corrected.channels[name], values, atol=1e-9)
 
 
-def test_a_large_angle_is_taken_without_what_is_not_credible_beside_it():
-    """Beside so large an angle, taken to first order, iron loss seems to act; alone it does not."""
-    drive = Drive(current_noise=0.05, resolver=Resolver(float(np.deg2rad(5.0))))
+@pytest.mark.parametrize("degrees", [-5.0, 4.0, 10.0])
+def test_a_large_angle_is_no_delay_and_no_iron_loss(degrees):
+    """Taken to first order alone it leaves enough for both."""
+    drive = Drive(current_noise=0.05, resolver=Resolver(float(np.deg2rad(degrees))))
     figure = Lissajous(240.0, 14.0, 15.0)
     run = simulate(TRACTION_300A, figure, speed_rpm=1500.0, duration=1.2, drive=drive, seed=1)
     result = calibration_of([run])
-    assert np.rad2deg(result.angle) == pytest.approx(-5.0, abs=0.05)
-    assert result.iron == 0.0
+    assert np.rad2deg(result.angle) == pytest.approx(-degrees, abs=0.01)
+    assert (result.delay, result.turn, result.iron, result.mismatch) == (0.0, 0.0, 0.0, 0.0)
+    assert result.deviation["delay"] < 0.04
+    assert result.deviation["iron"] < 1e-4
+    assert [reason[:10] for reason in result.reasons] == ["The d axis"]
 
 
 def with_iron(run, conductance, resistance):

@@ -114,7 +114,13 @@ def test_errors_at_the_largest_voltages(fit, run):
     voltage = np.hypot(*run.stack(("u_d", "u_q")).T)
     high = np.roll(voltage > np.quantile(voltage, 0.9), 1)[:, None]
     one_step = fit.comparisons[0].measured + np.where(high, 1.0, 0.1) * np.array([1.0, -1.0])
-    assert names(comparing(fit, one_step=one_step), run, (voltage_limit,)) == ["voltage limit"]
+    compared = comparing(fit, one_step=one_step)
+    (found,) = objections(compared, [run], (voltage_limit,))
+    assert found.name == "voltage limit"
+    assert "Record u_dc beside" in found.repair
+    linked = replace(run, channels={**run.channels, "u_dc": np.full(len(run), 600.0)})
+    (found,) = objections(compared, [linked], (voltage_limit,))
+    assert found.repair.startswith("Record the voltage behind the limiter")
 
 
 def test_per_unit(fit, run):

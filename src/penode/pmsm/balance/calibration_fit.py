@@ -12,7 +12,7 @@ from penode.data.experiment import Experiment
 from penode.pmsm.balance.calibration import AS_RECORDED, SLOPE, Calibration, with_speed_from_angle
 from penode.pmsm.balance.calibration_equations import ERRORS, SENSORS, Balance, Estimate
 from penode.pmsm.balance.trial_balance import lag_of_voltage
-from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
+from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES, in_frame_ahead
 from penode.pmsm.machine.terms import ANGLE, SPEED, Term
 
 #: -2 log likelihood by which another timing has to be better, and samples that it has to differ by.
@@ -31,6 +31,8 @@ _MATTERS, _ABSURD = 1e-4, 0.1
 _USUAL = 0.01
 #: Angle in rad, and share of the current, below which none is, and above which none is believed.
 _ANGLES, _SHARES = (np.deg2rad(0.05), np.deg2rad(12.0)), (1e-3, 0.2)
+#: Angle in rad above which the rest is estimated again, in the frame that it is turned to.
+_FIRST_ORDER = np.deg2rad(1.0)
 #: Share of the speed from which the slope of the angle is tried, and up to which it is one speed.
 _LAGS, _SAME = 1e-3, 0.2
 
@@ -47,6 +49,25 @@ def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
     terms : sequence of Term
         Of the voltage equation; a dead time is allowed for where the angle was recorded.
     """
+    result = _calibrated(experiments, terms)
+    ahead = 0.0
+    if abs(result.angle) > _FIRST_ORDER:
+        ahead = result.angle
+        result = _calibrated([in_frame_ahead(e, ahead) for e in experiments], terms)
+    angle, own = (
+        float(np.rad2deg(a)) for a in (ahead + result.angle, result.deviation.get("angle", 0.0))
+    )
+    if not angle:
+        return result
+    sentence = (
+        f"The d axis lies {angle:.3f} ± {own:.3f}° before that of the recording: currents, "
+        "voltages and angle are turned by it."
+    )
+    return replace(result, angle=ahead + result.angle, reasons=(*result.reasons, sentence))
+
+
+def _calibrated(experiments: Sequence[Experiment], terms: Sequence[Term]) -> Calibration:
+    """Return the calibration to first order in the angle, which is named by no reason."""
     balance = Balance.of(experiments, terms)
     turning = max(float(np.abs(e.channels[SPEED.name]).max()) * e.time_step for e in experiments)
     if turning <= _STANDSTILL:
@@ -118,12 +139,6 @@ def _with_errors(balance: Balance, errors: tuple[str, ...], first: Estimate) -> 
     if credible != errors:  # what is left is estimated without it
         return _with_errors(balance, credible, first) if credible else None
     reasons = list(timed.reasons)
-    if "angle" in errors:
-        angle, own = (np.rad2deg(part["angle"]) for part in (chosen.values, chosen.deviation))
-        reasons.append(
-            f"The d axis lies {angle:.3f} ± {own:.3f}° before that of the recording: currents, "
-            "voltages and angle are turned by it."
-        )
     if "iron" in errors:
         iron, own = (1e3 * part["iron"] for part in (chosen.values, chosen.deviation))
         reasons.append(

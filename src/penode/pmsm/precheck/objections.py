@@ -10,9 +10,11 @@ from penode.fit.outcome import Objection
 from penode.horizon.objections import Check, trained_on
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.conventions.check import check_all
+from penode.pmsm.recording.stationary_frame import LINK
 
 #: Fraction of the samples with the largest voltages, and how much larger their errors may be.
 _TOP, _LARGER = 0.1, 3.0
+_LINK_TOO = "Record u_dc beside, with which the samples at the limit are left out. "
 #: A and V below which both currents and voltages look like fractions of a base.
 _PER_UNIT = 2.5
 
@@ -70,11 +72,11 @@ def voltage_limit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objec
             continue
         ratio = float(np.sqrt(squares[above].mean() / max(squares[~above].mean(), 1e-300)))
         if ratio > _LARGER:
+            link = "" if LINK in experiment.channels else _LINK_TOO
             yield Objection(
                 "voltage limit",
                 f"{comparison.name}: one-step errors are {ratio:.1f} times as large where the "
                 f"voltage is above {voltage[above].min():.3g} V, as if a limiter acted that the "
                 "recorded command does not show.",
-                "Record u_dc beside, with which the samples at the limit are left out, or the "
-                "voltage behind the limiter; or stay below it.",
+                f"{link}Record the voltage behind the limiter, or stay below it.",
             )
