@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from penode.arrays import FloatArray
+from penode.arrays import ComplexArray, FloatArray
 from penode.data.experiment import Experiment
 from penode.horizon.uncertainty_budget import Imperfection
+from penode.pmsm.balance.linkage import Linkage
 from penode.pmsm.machine.holds import mean_over_samples, turned_voltage
 from penode.pmsm.machine.space_vectors import (
     CURRENTS,
@@ -30,6 +31,8 @@ from penode.pmsm.recording.accuracy import Accuracy
 
 #: Samples, and degree of the polynomial, over which an angle is differentiated.
 SLOPE, _DEGREE = 51, 3
+#: Root of a probability from which the other kind of iron loss is a row of the budget.
+_NOTICED = 0.1
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,13 @@ class Calibration:
     iron : float
         Conductance of the iron, parallel to the induced voltage, S: of the recorded current it
         takes this share, and the rest magnetises.
+    rotation_alone : bool
+        Whether the iron takes current by omega J psi alone (Morimoto et al., IEEE Trans. Ind.
+        Electron. 41 (1994) 511, doi:10.1109/41.315269), not by d psi/dt too.
     resistance : float
         By which the induced voltage is known, ohm; for the iron alone.
+    linkage : Linkage or None
+        By which that of the rotation is known; for the iron alone.
     mismatch, offset : complex
         Of the current sensors of the phases, see `with_mismatch` and `with_offset` in
         `penode.pmsm.machine.space_vectors`; the offset in A.
@@ -59,7 +67,8 @@ class Calibration:
         Whether the speed is the slope of the angle, as the recorded one lags.
     deviation : mapping of str to float
         Of what was estimated, by the names above, an offset's as a fraction of the largest current;
-        of what was left alone, what it may be off by.
+        of what was left alone, what it may be off by. Of rotation_alone the root of the
+        probability that it is the other way round.
     reasons : tuple of str
         What was estimated, a sentence each.
     """
@@ -69,7 +78,9 @@ class Calibration:
     turn: float = 0.0
     angle: float = 0.0
     iron: float = 0.0
+    rotation_alone: bool = False
     resistance: float = field(default=0.0, compare=False)
+    linkage: Linkage | None = field(default=None, compare=False)
     mismatch: complex = 0.0
     offset: complex = 0.0
     speed_from_angle: bool = False
@@ -133,17 +144,44 @@ class Calibration:
                     "iron loss", text, remedy, lambda e, n: self._without_iron(e, n * iron)
                 )
             )
+        other = self.deviation.get("rotation_alone", 0.0)
+        if self.iron and other > _NOTICED:
+            left.append(
+                Imperfection(
+                    "kind of iron loss",
+                    f"{100 * other**2:.2g} % probable",
+                    "Record another speed, or larger currents.",
+                    lambda e, n: self._with_other_iron(e, n * other),
+                )
+            )
         return tuple(left)
 
     def _without_iron(self, experiment: Experiment, conductance: float) -> Experiment:
-        """Return a recording with the current that magnetises, the voltage behind R kept.
+        """Return a recording with the current that magnetises, the voltage behind R kept."""
+        induced = self._induced(experiment)
+        rate = self._rate(experiment, induced) if self.rotation_alone else 0.0
+        return self._less(experiment, conductance * (induced - rate))
 
-        At a sample acts the mean of the voltages before and after it.
-        """
+    def _with_other_iron(self, experiment: Experiment, share: float) -> Experiment:
+        """Return an applied recording with a share of d psi/dt taken by the iron, or given back."""
+        rate = self._rate(experiment, self._induced(experiment))
+        sign = 1.0 if self.rotation_alone else -1.0
+        return self._less(experiment, sign * share * self.iron * rate)
+
+    def _rate(self, experiment: Experiment, induced: ComplexArray) -> ComplexArray:
+        """Return d psi/dt, in V."""
+        if self.linkage is None:
+            return np.zeros_like(induced)
+        return np.asarray(induced - self.linkage.rotation(experiment))
+
+    def _induced(self, experiment: Experiment) -> ComplexArray:
+        """Return the voltage behind R: at a sample the mean of those before and after it."""
         after = vector_of(self.acting(experiment), VOLTAGES)
         before = np.concatenate([after[:1], after[:-1]])
         drop = self.resistance * vector_of(experiment, CURRENTS)
-        taken = conductance * (0.5 * (before + after) - drop)
+        return np.asarray(0.5 * (before + after) - drop)
+
+    def _less(self, experiment: Experiment, taken: ComplexArray) -> Experiment:
         experiment = with_vector(experiment, CURRENTS, lambda current: current - taken)
         return with_vector(experiment, VOLTAGES, lambda voltage: voltage - self.resistance * taken)
 

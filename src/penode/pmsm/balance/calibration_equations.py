@@ -14,17 +14,17 @@ from functools import cached_property
 
 import numpy as np
 
-from penode.arrays import FloatArray, float64, with_shared_length
+from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
-from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.doubt import probability
+from penode.pmsm.balance.drift import drift_columns
 from penode.pmsm.balance.equations import balance_equations
+from penode.pmsm.balance.linkage import Linkage
 from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
 from penode.pmsm.balance.voltage_balance import harmonic_window
 from penode.pmsm.machine.coenergy_map import (
     MEAN,
     CoenergyPart,
-    CoenergySplines,
     columns,
     roughness,
 )
@@ -39,6 +39,8 @@ from penode.training.weak_form import OVERLAP, WeakRegression, join, weak_regres
 _ROUNDS = 2
 #: Errors that bend the map.
 ERRORS = ("angle", "iron")
+#: What iron may take current by.
+IRON = {"iron": "the induced voltage", "iron_of_rotation": "the voltage that rotation induces"}
 #: Errors of the phases' current sensors, both axes each.
 SENSORS = {"mismatch": ("mismatch_d", "mismatch_q"), "offset": ("offset_d", "offset_q")}
 
@@ -52,7 +54,7 @@ class Estimate:
     evidence: float
     equations: int
     resistance: float
-    maps: tuple[tuple[FloatArray, FloatArray], ...]
+    linkage: Linkage
 
     def probability(self, name: str) -> float:
         """Return how probable an error is."""
@@ -92,19 +94,17 @@ class Balance:
 
     def solved(self, names: Sequence[str], before: Estimate | None = None) -> Estimate:
         """Estimate the named errors; the sensors' and the map's own need the round before."""
-        maps = before.maps if before else [None] * len(self.experiments)
-        resistance = before.resistance if before else 0.0
         sensors = self.sensors if before else ()
         names = (*sensors, *names)
         rows = [
             WeakRegression(
-                np.concatenate([self._columns(e, names, of_map, resistance), own.matrix], axis=1),
-                own.target,
+                np.concatenate([self._columns(e, names, before), own.matrix], axis=1), own.target
             )
-            for e, of_map, own in zip(self.experiments, maps, self._without_errors, strict=True)
+            for e, own in zip(self.experiments, self._without_errors, strict=True)
         ]
         whole, physical = join(rows), physical_values(self.terms)
-        first = len(names) + len(physical)
+        own_first = len(names) + len(self._drifts[0])
+        first = own_first + len(physical)
         penalty = [Roughness.of(first, roughness(self.part))]
         free = smoothed(whole, penalty)
         own = deviations(whole, penalty, free)
@@ -113,48 +113,43 @@ class Balance:
             dict(zip(names, own.tolist(), strict=False)),
             free.evidence,
             len(whole.target),
-            dict(zip(physical, free.solution[len(names) :].tolist(), strict=False)).get("R", 0.0),
-            self._maps(free.solution[first:]),
+            dict(zip(physical, free.solution[own_first:].tolist(), strict=False)).get("R", 0.0),
+            self._linkage(free.solution[first:]),
         )
 
     def rounds(self, names: Sequence[str], before: Estimate) -> Estimate:
         """Estimate errors that bend the map, which the map follows."""
-        for _ in range(_ROUNDS if set(names) & set(ERRORS) else 1):
+        for _ in range(_ROUNDS if set(names) & {*ERRORS, *IRON} else 1):
             before = self.solved(names, before)
         return before
 
-    def _maps(self, coefficients: FloatArray) -> tuple[tuple[FloatArray, FloatArray], ...]:
-        """Return psi (time, 2) in Vs and L (time, 2, 2) in H at the currents of each recording."""
+    def _linkage(self, coefficients: FloatArray) -> Linkage:
         table = coefficients.reshape(self.part.coefficients.shape)
-        splines = with_batch_axis(CoenergySplines((replace(self.part, coefficients=table),)))
-        maps = []
-        with float64():
-            for experiment in self.experiments:
-                at = with_shared_length(experiment.stack(CURRENTS).T / self.reach)
-                psi, slope = (np.asarray(part) for part in splines.value_and_jacobian(at))
-                count = len(experiment)
-                maps.append((psi.T[:count], np.moveaxis(slope, -1, 0)[:count] / self.reach))
-        return tuple(maps)
+        return Linkage(replace(self.part, coefficients=table), self.reach)
 
     @cached_property
     def _without_errors(self) -> tuple[WeakRegression, ...]:
-        """The equations of each recording with the columns of the terms and the map alone."""
+        """The equations of each recording with the columns of drift, terms and map alone."""
         return tuple(
             balance_equations(
                 e,
                 self.terms,
                 columns(self.part, e.stack(CURRENTS) / self.reach),
                 harmonic_window(e),
+                drifts,
             )
-            for e in self.experiments
+            for e, drifts in zip(self.experiments, self._drifts, strict=True)
         )
+
+    @cached_property
+    def _drifts(self) -> list[list[tuple[FloatArray, FloatArray]]]:
+        return drift_columns(self.experiments, self.terms)
 
     def _columns(
         self,
         experiment: Experiment,
         names: Sequence[str],
-        psi_and_slope: tuple[FloatArray, FloatArray] | None,
-        resistance: float,
+        before: Estimate | None,
     ) -> FloatArray:
         """Return the columns of the named errors, shape (equation, error)."""
         current, voltage = experiment.stack(CURRENTS), experiment.stack(VOLTAGES)
@@ -164,11 +159,12 @@ class Balance:
             "delay": (step * voltage, nothing),
             "turn": (nothing, step * speed * _j(voltage)),
         }
-        if psi_and_slope is not None:
-            psi, slope = psi_and_slope
+        if before is not None:
+            (psi, slope), resistance = before.linkage.at(experiment), before.resistance
             bent = {
                 "angle": _j(psi) - _along(slope, _j(current)),
                 "iron": -_along(slope, voltage - resistance * current),
+                "iron_of_rotation": -_along(slope, speed * _j(psi)),
             }
             further |= {name: (psi, -speed * _j(psi)) for name, psi in bent.items()}
             for name in self.sensors:

@@ -94,8 +94,8 @@ def drift_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> D
         Of the voltage equation; a dead time is allowed for where the angle was recorded. One that
         follows the winding's temperature leaves no drift of R.
     """
-    kinds = [1] if any(TEMPERATURE in term.channels for term in terms) else [0, 1]
-    equations, first = _equations(experiments, terms, kinds)
+    kinds = _kinds(terms)
+    equations, first = _equations(experiments, terms)
     solution = equations.solve()
     count = len(equations.target) / OVERLAP
     sizes = abs(float(solution[first])), _largest_flux(experiments)
@@ -117,7 +117,7 @@ def drift_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> D
 
 
 def _equations(
-    experiments: Sequence[Experiment], terms: Sequence[Term], kinds: Sequence[int]
+    experiments: Sequence[Experiment], terms: Sequence[Term]
 ) -> tuple[WeakRegression, int]:
     """Return the balance with columns of the drifts first, and the place of the first parameter."""
     reach = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
@@ -125,17 +125,45 @@ def _equations(
     extra = (DeadTime(),) if angle and all(t.role != DeadTime.role for t in terms) else ()
     every = tuple(term.prepared(reach) for term in completed((*terms, *extra)))
     polynomial = PolynomialMap(True, reach)
-    numbers, rows = recording_numbers(experiments), []
-    for place, e in zip(numbers, experiments, strict=True):
-        own = [_drift_columns(e, kind) for kind in kinds]
-        pairs = [
+    drifts = drift_columns(experiments, terms)
+    rows = [
+        balance_equations(e, every, polynomial.basis(e.stack(CURRENTS)), harmonic_window(e), own)
+        for e, own in zip(experiments, drifts, strict=True)
+    ]
+    return join(rows), len(drifts[0])
+
+
+def drift_columns(
+    experiments: Sequence[Experiment], terms: Sequence[Term]
+) -> list[list[tuple[FloatArray, FloatArray]]]:
+    """Return stored and supplied quantity of the drifts of each recording, for `balance_equations`.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
+    terms : sequence of Term
+        Of the voltage equation.
+
+    Returns
+    -------
+    list of list of (ndarray, ndarray)
+        For each experiment those of R, then of the magnets, of one recording after the other,
+        shape (time, 2) each; without R's where a term follows the winding's temperature.
+    """
+    numbers = recording_numbers(experiments)
+    return [
+        [
             (stored * (k == place), supplied * (k == place))
-            for stored, supplied in own
+            for stored, supplied in (_drift_columns(e, kind) for kind in _kinds(terms))
             for k in range(numbers.max() + 1)
         ]
-        basis = polynomial.basis(e.stack(CURRENTS))
-        rows.append(balance_equations(e, every, basis, harmonic_window(e), pairs))
-    return join(rows), len(kinds) * int(numbers.max() + 1)
+        for place, e in zip(numbers, experiments, strict=True)
+    ]
+
+
+def _kinds(terms: Sequence[Term]) -> list[int]:
+    return [1] if any(TEMPERATURE in term.channels for term in terms) else [0, 1]
 
 
 def _drift_columns(experiment: Experiment, kind: int) -> tuple[FloatArray, FloatArray]:

@@ -73,8 +73,9 @@ class Smoothed:
     prior_variance : ndarray, shape (penalty,)
         Variance of a coefficient along the eigenvectors of S, over its eigenvalue.
     evidence : float
-        -2 log restricted likelihood: smaller is better. It compares models that differ in what is
-        penalised; those that differ in what is not it does not.
+        -2 log restricted likelihood: smaller is better. What is not penalised is believed to be
+        about as large before as one equation shows (unit information; Kass and Wasserman, J. Am.
+        Stat. Assoc. 90 (1995) 928, doi:10.1080/01621459.1995.10476592), whatever its unit.
     """
 
     solution: FloatArray
@@ -191,19 +192,25 @@ class _Normal:
     count: float
     penalties: Sequence[Roughness]
     balance: FloatArray
+    unpenalised: float
 
     @classmethod
     def of(cls, equations: WeakRegression, penalties: Sequence[Roughness]) -> "_Normal":
         matrix, target = equations.matrix, equations.target
         normal = matrix.T @ matrix
+        free, count = np.ones(len(normal), bool), len(target) / OVERLAP
+        for penalty in penalties:
+            free[penalty.place] = False
+        information = np.maximum(np.diag(normal)[free] / max(count, 1.0), 1e-300)
         even = [np.trace(normal[p.place, p.place]) / np.trace(p.matrix) for p in penalties]
         return cls(
             normal=normal,
             right=matrix.T @ target,
             energy=float(target @ target),
-            count=len(target) / OVERLAP,
+            count=count,
             penalties=penalties,
             balance=np.maximum(even, 1e-300),
+            unpenalised=float(np.sum(np.log(information))),
         )
 
     def evidence(self, logs: FloatArray) -> tuple[float, FloatArray, float]:
@@ -214,5 +221,6 @@ class _Normal:
         rank = sum(penalty.rank for penalty in self.penalties)
         free = max(self.count - (len(self.right) - rank), 1.0)
         strengths = np.log(self.balance) + np.log(10.0) * logs
+        volume -= self.unpenalised
         prior = sum(p.rank * s + p.volume for p, s in zip(self.penalties, strengths, strict=True))
         return free * np.log(left / free) + volume - float(prior), solution, OVERLAP * left / free
