@@ -10,6 +10,7 @@ from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
 from penode.horizon.cross_checks import cross_check
+from penode.horizon.free_runs import with_free_runs
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import (
     LadderProblem,
@@ -19,7 +20,7 @@ from penode.horizon.ladder import (
     ladder_plan,
 )
 from penode.horizon.objections import CHECKS, objections, with_objections
-from penode.horizon.selection import Plateau, Selector, choose, without_collapsed
+from penode.horizon.selection import Plateau, Selector, believable, choose
 from penode.models.base import Model
 from penode.training.plan import Plan
 from penode.validation.free_run import require_predictable
@@ -92,7 +93,8 @@ def identify(
     for unseen in validation:
         require_predictable(problem.objective.predictor, start.model, unseen)
 
-    climb = without_collapsed(problem.climb(plan, problem.objective.layout.raw(start.model)))
+    climb = with_free_runs(problem, problem.climb(plan, problem.objective.layout.raw(start.model)))
+    climb = believable(climb)
     choice = choose(selector, climb, plan)
     check = cross_check(problem, plan, climb, choice, start)
     fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)

@@ -13,9 +13,9 @@ from penode.horizon.selection import (
     Choice,
     Longest,
     Plateau,
+    believable,
     choose,
     paired_deviation,
-    without_collapsed,
 )
 from penode.training.plan import Plan, Solution, Stage
 
@@ -237,11 +237,11 @@ def test_a_map_whose_deviation_is_no_number_leaves_a_choice():
 
 def test_a_collapsed_deviation_is_not_believed():
     rungs = ladder((1, 8, 50, 200), (1.0, 1.0, 5.0, 1.0), (0.3, 0.2, 1e-9, 0.1))
-    climb = without_collapsed(Climb(tuple(rungs)))
+    climb = believable(Climb(tuple(rungs)))
     assert [r.working[0] for r in climb.fits] == [0.3, 0.2, np.inf, 0.1]
     assert np.isinf(climb.fits[2].deviation[0])
     whole = Climb(tuple(ladder((1, 8), (1.0, 1.0), (0.3, 0.01))))
-    assert without_collapsed(whole) is whole
+    assert believable(whole) is whole
 
 
 @pytest.mark.parametrize(("claimed", "believed"), [(1.9e-4, False), (2.1e-4, True)])
@@ -251,7 +251,7 @@ def test_a_deviation_collapses_below_a_thousandth_of_the_median(claimed, believe
     deviations = np.column_stack([first, np.ones(6)])
     rungs = ladder((1, 2, 4, 8, 16, 32), np.ones((6, 2)), deviations)
     rungs = [replace(r, influence=np.ones((2, len(r.windows)))) for r in rungs]
-    last = without_collapsed(Climb(tuple(rungs))).fits[-1]
+    last = believable(Climb(tuple(rungs))).fits[-1]
     np.testing.assert_array_equal(np.isfinite(last.working), [believed, True])
     np.testing.assert_array_equal(np.isfinite(last.deviation), [believed, True])
     assert rungs[-1].working[0] == claimed, "the climb that came is as it was"
@@ -259,7 +259,17 @@ def test_a_deviation_collapses_below_a_thousandth_of_the_median(claimed, believe
 
 def test_a_collapsed_climb_remembers_that_it_was_interrupted():
     rungs = ladder((1, 8, 50), (1.0, 1.0, 1.0), (0.3, 0.2, 1e-9))
-    assert without_collapsed(Climb(tuple(rungs), interrupted=True)).interrupted
+    assert believable(Climb(tuple(rungs), interrupted=True)).interrupted
+
+
+def test_a_rung_whose_free_run_is_unstable_is_not_believed():
+    rungs = ladder((1, 8, 50, 200), (1.0, 1.0, 1.2, 1.0), (0.3, 0.2, 0.01, 0.1))
+    errors = ([2.0, 0.1], [1.0, 0.1], [1.0, 1e9], [1.0, 0.3])
+    known = tuple(replace(r, free_run=np.array(e)) for r, e in zip(rungs, errors, strict=True))
+    climb = believable(Climb(known))
+    assert [r.working[0] for r in climb.fits] == [0.3, 0.2, np.inf, 0.1]
+    astray = tuple(replace(r, free_run=np.array([np.inf, 1.0])) for r in rungs)
+    assert believable(Climb(astray)).fits == astray, "where all are, it says nothing of one"
 
 
 def test_what_was_interrupted_is_preliminary():

@@ -26,7 +26,7 @@ from penode.training.covariance import sandwich
 from penode.training.plan import Plan, Problem
 from penode.validation.comparison import Comparison
 from penode.validation.coverage import thin
-from penode.validation.free_run import compare, free_run_errors, with_unmeasured
+from penode.validation.free_run import compare, with_unmeasured
 from penode.validation.residual_tests import residual_correlations, residual_spectrum
 
 _UNCHECKED = CrossCheck()
@@ -224,12 +224,8 @@ class Assembly:
         )
 
     def _ladder(self) -> tuple[HorizonSummary, ...]:
-        problem, model = self.problem, self.problem.model
-        fits = [
-            [self._model(r.solution.raw, k) for k in range(len(problem.experiments))]
-            for r in self.rungs
-        ]
-        errors = free_run_errors(problem.objective.predictor, fits, problem.experiments)
+        model = self.problem.model
+        errors = np.stack([np.asarray(rung.free_run, dtype=float) for rung in self.rungs])
         measured = [name for name in model.states if name not in model.unmeasured]
         units = [u for n, u in zip(model.states, model.state_units, strict=True) if n in measured]
         pooled = np.sqrt(np.mean(errors**2, axis=1))

@@ -100,6 +100,8 @@ class HorizonFit:
         With the rung's parameters.
     prior : ndarray, shape (physical,), or 0
         Deviation of each physical parameter that Gaussian priors add, SI units.
+    free_run : ndarray, shape (state,), or None
+        Errors of a free run (rms), infinite where it diverged; None while they are not known.
     """
 
     horizon: int
@@ -112,6 +114,7 @@ class HorizonFit:
     predictor: Predictor
     model: Model
     prior: FloatArray | float = 0.0
+    free_run: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,8 +189,7 @@ class LadderProblem:
         KeyboardInterrupt
             On Ctrl-C before the first horizon is finished.
         """
-        rungs: list[HorizonFit] = []
-        interrupted = False
+        rungs, interrupted = list[HorizonFit](), False
         try:
             self._climb(plan, raw, rungs)
         except KeyboardInterrupt:
@@ -232,25 +234,24 @@ class LadderProblem:
 
     def _finish(self, horizon: int, problem: Problem, solution: Solution) -> HorizonFit:
         jacobian = problem.reported_jacobian(solution.raw)
-        values, physical = self.reported.values(solution.raw), self.objective.layout.physical
+        of_physical = jacobian[: len(self.objective.layout.physical)]
         deviation = self._deviation(problem, solution, jacobian)
         working = working_deviation(solution.terms, jacobian, problem.windows)
-        few = dominated_by_few_windows(solution.terms, jacobian[: len(physical)])
+        few = dominated_by_few_windows(solution.terms, of_physical)
         deviation[: len(few)][few] = working[: len(few)][few] = np.inf
-        influences = influence(solution.terms, jacobian[: len(physical)])
         with float64():
             model = self.objective.layout.plain_model(solution.raw)
         return HorizonFit(
             horizon=horizon,
             solution=solution,
-            values=values,
+            values=self.reported.values(solution.raw),
             deviation=deviation,
             working=working,
-            influence=influences,
+            influence=influence(solution.terms, of_physical),
             windows=problem.windows,
             predictor=self.objective.predictor,
             model=model,
-            prior=prior_deviation(solution.terms, jacobian[: len(physical)]),
+            prior=prior_deviation(solution.terms, of_physical),
         )
 
     def _report(self, rung: HorizonFit, place: tuple[int, int]) -> None:
@@ -274,9 +275,8 @@ class LadderProblem:
         """Return the deviations of reported quantities, infinite where nothing measures them."""
         deviation = sandwich_deviation(solution.terms, jacobian, problem.windows)
         error = self.objective.error
-        if problem.windows.horizon * len(error.compared) <= len(error.free):
-            return np.full_like(deviation, np.inf)  # every window spends its data on its own start
-        return deviation
+        spent = problem.windows.horizon * len(error.compared) <= len(error.free)  # on their starts
+        return np.full_like(deviation, np.inf) if spent else deviation
 
     def _progress(
         self, horizon: int, place: tuple[int, int]

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from scipy.special import ndtri
 
-from penode.arrays import FloatArray
+from penode.arrays import BoolArray, FloatArray
 from penode.horizon.ladder import Climb, HorizonFit
 from penode.training.covariance import bartlett_variance, correlation_length
 from penode.training.plan import Plan
@@ -18,6 +18,8 @@ from penode.training.plan import Plan
 _AS_SURE = 1.05
 #: A deviation over the median of those of all rungs below which it has collapsed.
 _COLLAPSED = 1e-3
+#: Error of a free run over the median of those of all rungs above which it is unstable.
+_ASTRAY = 100.0
 
 
 @dataclass(frozen=True)
@@ -59,11 +61,12 @@ def choose(selector: "Selector", climb: Climb, plan: Plan) -> Choice:
     return replace(choice, verdict="stopped", reason=reason)
 
 
-def without_collapsed(climb: Climb) -> Climb:
+def believable(climb: Climb) -> Climb:
     """Return a climb whose rungs do not know what one of them claims to know beyond belief.
 
     A deviation can collapse where a few windows cancel by chance, or where training ended at the
-    edge of numbers. It would outweigh all other rungs.
+    edge of numbers; and where predictions are unstable, all that they depend on seems sure. It
+    would outweigh all other rungs.
 
     Parameters
     ----------
@@ -73,15 +76,24 @@ def without_collapsed(climb: Climb) -> Climb:
     working = np.stack([rung.working[:physical] for rung in climb.fits])
     finite = np.where(np.isfinite(working), working, np.nan)
     middle = [np.nanmedian(c) if np.isfinite(c).any() else 0.0 for c in finite.T]
-    collapsed = working < _COLLAPSED * np.asarray(middle)
-    if not collapsed.any():
+    doubtful = (working < _COLLAPSED * np.asarray(middle)) | _unstable(climb)[:, None]
+    if not doubtful.any():
         return climb
     fits = []
-    for rung, few in zip(climb.fits, collapsed, strict=True):
+    for rung, few in zip(climb.fits, doubtful, strict=True):
         deviation, own = rung.deviation.copy(), rung.working.copy()
         deviation[:physical][few] = own[:physical][few] = np.inf
         fits.append(replace(rung, deviation=deviation, working=own))
     return replace(climb, fits=tuple(fits))
+
+
+def _unstable(climb: Climb) -> BoolArray:
+    """Return which rungs' free runs go astray where most rungs' do not, (rung,)."""
+    known = [rung.free_run for rung in climb.fits if rung.free_run is not None]
+    if len(known) < len(climb.fits):
+        return np.zeros(len(climb.fits), bool)
+    errors = np.stack(known)
+    return np.any(errors > _ASTRAY * np.median(errors, axis=0), axis=1)
 
 
 class Selector(Protocol):

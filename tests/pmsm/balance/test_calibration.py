@@ -15,6 +15,7 @@ from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.bench.sensors import Resolver
+from penode.pmsm.bench.winding import IronLoss
 from penode.pmsm.machine.holds import HOLDS, mean_over_samples, turned_voltage
 from penode.pmsm.machine.space_vectors import in_frame_ahead
 
@@ -168,6 +169,39 @@ def test_iron_loss_is_estimated_and_taken_off_the_currents(slow_run):
         largest = np.abs(run.channels[name] - slow_run.channels[name]).max()
         np.testing.assert_allclose(
             corrected.channels[name], slow_run.channels[name], atol=0.01 * largest
+        )
+
+
+@pytest.mark.parametrize("by_rotation", [True, False])
+def test_what_the_iron_takes_current_by_is_decided_by_the_recording(by_rotation):
+    """Slow rotation and fast currents: much of the induced voltage is that of changing flux."""
+    losses = IronLoss(1 / 0.03) if by_rotation else None
+    drive = Drive(current_noise=0.05, iron_loss=losses)
+    figure = Lissajous(200.0, 130.0, 120.0)
+    run = simulate(TRACTION_300A, figure, speed_rpm=600.0, duration=1.0, drive=drive, seed=2)
+    if not by_rotation:
+        run = with_iron(run, 0.03, TRACTION_300A.resistance)
+    result = calibration_of([run])
+    assert result.rotation_alone == by_rotation
+    assert result.iron == pytest.approx(0.03, rel=0.03)
+    assert result.deviation["rotation_alone"] < 0.1
+    assert "kind of iron loss" not in [one.source for one in result.imperfections]
+    assert (result.delay, result.turn, result.angle) == (0.0, 0.0, 0.0)
+
+
+def test_iron_loss_of_the_other_kind_is_what_changes_with_it(slow_run):
+    """Taken wholly back, the loss by all of the induced voltage is that by the rotation."""
+    result = calibration_of([with_iron(slow_run, 0.03, TRACTION_300A.resistance)])
+    unsure = replace(result, iron=0.003, rotation_alone=False, deviation={"rotation_alone": 1.0})
+    (row,) = unsure.imperfections
+    assert (row.source, row.accuracy) == ("kind of iron loss", "1e+02 % probable")
+    by_all = unsure.applied(slow_run)
+    by_rotation = replace(unsure, rotation_alone=True).applied(slow_run)
+    other = row.applied(by_all, 1.0)
+    for name in ("i_d", "i_q", *VOLTAGES):
+        apart = np.abs(by_all.channels[name] - by_rotation.channels[name]).max()
+        np.testing.assert_allclose(
+            other.channels[name], by_rotation.channels[name], atol=0.05 * apart
         )
 
 
