@@ -10,7 +10,8 @@ from penode import Plan, Stage, Start
 from penode.data.windows import Jittered
 from penode.horizon.assemble import Assembly
 from penode.horizon.consensus import Consensus
-from penode.horizon.ladder import LadderProblem
+from penode.horizon.free_runs import with_free_runs
+from penode.horizon.ladder import Climb, LadderProblem
 from penode.horizon.selection import Choice
 from penode.training.covariance import Reported
 from penode.training.loss import Loss, equation, last_step
@@ -32,7 +33,8 @@ def climbed(systems, objective_of):
     objective, runs = objective_of(system), system.recorded_again(noise=0.05)
     reported = Reported(objective.layout, np.zeros((1, 2)))
     problem = LadderProblem(objective, reported, system.model, runs, observer=lambda event: None)
-    return problem, problem.climb(Plan((Stage(1, Still()), Stage(7, Still()))), system.raw).fits
+    climb = problem.climb(Plan((Stage(1, Still()), Stage(7, Still()))), system.raw)
+    return problem, with_free_runs(problem, climb).fits
 
 
 def fit_of(climbed, start=None, choice=None, values=None):
@@ -146,7 +148,8 @@ def test_a_diverging_free_run_is_a_warning_and_no_number(climbed):
     wrong = np.array([0.0, 0.0, -200.0, 0.0])
     solution = replace(rungs[1].solution, raw=rungs[1].solution.raw + wrong)
     broken = replace(rungs[1], values=rungs[1].values + wrong, solution=solution)
-    fit = fit_of((problem, (rungs[0], broken)), choice=FIXED)
+    known = with_free_runs(problem, Climb((rungs[0], broken))).fits
+    fit = fit_of((problem, known), choice=FIXED)
     assert fit.horizon.ladder[0].free_run_rmse is not None
     assert fit.horizon.ladder[1].free_run_rmse is None
     assert [w.split(":")[0] for w in fit.warnings] == ["run0.csv", "run1.csv"]
