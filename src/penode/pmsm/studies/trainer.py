@@ -20,6 +20,7 @@ from penode.data.experiment import Experiment
 from penode.fit.archive import to_json, write_atomically
 from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
+from penode.horizon.free_runs import with_free_runs
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, Observer
 from penode.horizon.selection import Longest, choose
@@ -115,7 +116,7 @@ class Trainer:
         *before, last = plan.stages
         raw = self._end(start, plan, tuple(before), branches)
         final = replace(plan, stages=(last,))
-        climb = self.problem.climb(final, raw)
+        climb = with_free_runs(self.problem, self.problem.climb(final, raw))
         branches.keep(_key(plan.stages), climb.fits[0].solution.raw)
         choice = choose(Longest(), climb, final)
         assembly = Assembly(self.problem, Start(start), final, climb.fits, choice)
