@@ -15,8 +15,9 @@ $(STAMP): pyproject.toml constraints.txt
 demo: $(STAMP)
 	$(BIN)/penode demo --out out/demo
 
+# Two processes of one thread each: BLAS with two would wait for its own.
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: $(STAMP)
 	$(BIN)/ruff format --check .
@@ -33,7 +34,7 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.run
 
 validate: $(STAMP)
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m slow
 	$(BIN)/python -m validate.random_starts
 	$(BIN)/python -m validate.horizon_choice
 	$(BIN)/python -m validate.conventions

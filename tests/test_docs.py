@@ -169,6 +169,8 @@ def test_commands_run(command, recordings, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", command.split())
     if command.startswith("penode init"):
         Path("study.toml").unlink()  # it never overwrites
+    if "fleet.toml" in command:
+        Path("other.csv").unlink()  # a fleet of one will do
     status = 0
     try:
         main()

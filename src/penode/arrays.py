@@ -40,12 +40,18 @@ def shared_length(samples: int) -> int:
     return power if samples > 3 * power // 4 else 3 * power // 4
 
 
+#: A call over as many samples costs a millisecond, another program half a second and more.
+_SHORTEST = 4096
+
+
 def with_shared_length(rows: JaxArray | FloatArray) -> JaxArray:
     """Return rows (channel, time) whose last sample goes on up to a `shared_length`.
 
-    Recordings of about the same length then run through one compiled program.
+    Recordings of about the same length then run through one compiled program, and so do all of a
+    few thousand samples: a recording with gaps has stretches of any length.
     """
-    missing = [(0, 0), (0, shared_length(rows.shape[1]) - rows.shape[1])]
+    length = max(shared_length(rows.shape[1]), _SHORTEST)
+    missing = [(0, 0), (0, length - rows.shape[1])]
     return jnp.asarray(np.pad(np.asarray(rows), missing, mode="edge"))
 
 

@@ -210,12 +210,12 @@ def crossed(solver, frame, machine, at, theta):
 
 
 FINE = {}
-#: Errors fall with the square of the steps a sample: a hundredth of the solvers' own.
-FINELY = 12
+#: Errors fall with the square of the steps a sample: a thirtieth of the solvers' own.
+FINELY = 6
 
 
 def finely_crossed(frame, machines, at, theta):
-    """Return what twelve steps a sample give for each machine; computed once a frame."""
+    """Return what as many steps a sample give for each machine; computed once a frame."""
     if frame not in FINE:
         fine = Substeps(DEFAULT_SOLVER, FINELY)
         FINE[frame] = [crossed(fine, frame, machine, at, theta) for machine in machines]
@@ -240,7 +240,7 @@ class Momentary(DeadTime):
     ],
 )
 def test_stages_that_stand_for_parts_of_a_sample_follow_zero_crossings(name, frame):
-    """What the signs add to 40 samples, against twelve steps a sample."""
+    """What the signs add to 40 samples, against six steps a sample."""
     theta = np.linspace(0, 2 * np.pi, 700)
     at = np.array([[-120.0], [90.0]]) + 0 * theta
     solver, flux = STANDING_FOR_PARTS[name], machines()["dead time"].flux

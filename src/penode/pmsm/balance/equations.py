@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, float64, with_shared_length
+from penode.arrays import FloatArray, JaxArray, float64
 from penode.data.experiment import Experiment
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
@@ -83,14 +83,29 @@ def term_columns(
         Derivative by the flux linkages, in V over Vs.
     """
     names = (*VOLTAGES, *channels_of(terms))
+    rows = [experiment.stack(channels).T for channels in (CURRENTS, names)]
+    blocks = []
     with float64():
-        x, u = (with_shared_length(experiment.stack(rows).T) for rows in (CURRENTS, names))
-        parts = _linearised(tuple(terms), x, u, names, experiment.time_step)
-        known_drop, by_parameter, by_psi = (
-            np.ascontiguousarray(np.moveaxis(np.asarray(part), -1, 0)[: len(experiment)])
-            for part in parts
-        )
-    return known_drop, by_parameter, by_psi
+        for first in range(0, len(experiment), _BLOCK):
+            x, u = (_block(channels, first) for channels in rows)
+            parts = _linearised(tuple(terms), x, u, names, experiment.time_step)
+            blocks.append([np.asarray(part) for part in parts])
+    known_drop, by_parameter, by_psi = (
+        np.concatenate([np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in parts])
+        for parts in zip(*blocks, strict=True)
+    )
+    count = len(experiment)
+    return known_drop[:count], by_parameter[:count], by_psi[:count]
+
+
+#: Samples of a call. Each sample is by itself, and one program serves recordings of any length.
+_BLOCK = 4096
+
+
+def _block(rows: FloatArray, first: int) -> FloatArray:
+    """Return the samples of a call, the last repeated where the recording ends."""
+    part = rows[:, first : first + _BLOCK]
+    return np.pad(part, [(0, 0), (0, _BLOCK - part.shape[1])], mode="edge")
 
 
 @partial(jax.jit, static_argnums=(3, 4))
