@@ -389,7 +389,7 @@ def test_surface_is_blank_where_nothing_was_recorded():
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="No Chromium on this machine to draw the page with.")
-@pytest.mark.parametrize("width", [1300, 420])
+@pytest.mark.parametrize("width", [1300, pytest.param(420, marks=pytest.mark.slow)])
 def test_a_browser_draws_every_figure_without_complaint(text, tmp_path, width):
     path = Path(tmp_path, "report.html")
     path.write_text(text, encoding="utf-8")
