@@ -155,6 +155,7 @@ UNUSABLE = {
     "gaps": (table(t=table()["t"] + 5e-3 * (np.arange(400) // 150)), ["rows 150 and 151"]),
     "jitter": (table(t=JITTER), ["t"]),
     "three samples": (table(rows=3), ["3"]),
+    "too few for a machine": (table(rows=150), ["150", "200"]),
     "constant currents": (table(i_d=np.ones(400), i_q=np.zeros(400)), ["i_d"]),
 }
 

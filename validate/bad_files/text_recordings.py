@@ -161,6 +161,7 @@ TEXTS: dict[str, Made] = {
     "time and nothing else": ("run.csv", csv({"t": recording()["t"]})),
     "one sample": ("run.csv", _first(1)),
     "seven samples": ("run.csv", _first(7)),
+    "eight samples": ("run.csv", _first(8)),
     "an unknown unit": ("run.csv", csv(units="s,V,furlong,A,A,rad/s,rad")),
     "a unit of another quantity": ("run.csv", csv(units="s,V,A,A,A,rad/s,rad")),
     "a voltage that is stuck": ("run.csv", csv(changed(u_q=np.full(2500, 45.0)))),

@@ -20,7 +20,7 @@ from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.drift import Drift, drift_of
 from penode.pmsm.balance.start import anchor_of, weak_start
-from penode.pmsm.balance.usable import left_out, usable_stretches
+from penode.pmsm.balance.usable import left_out, require_samples, usable_stretches
 from penode.pmsm.machine.dead_time import PhaseSigns
 from penode.pmsm.machine.facts import facts_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
@@ -77,6 +77,7 @@ def identify(
         On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """
     study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
+    require_samples(experiments)
     given, experiments = experiments, usable_stretches(experiments)
     validation = usable_stretches(validation)
     used = study.excerpt(experiments)

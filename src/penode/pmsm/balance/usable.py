@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from penode.data.experiment import Experiment
 from penode.data.gathered import PIECE
-from penode.data.stretches import by_recording, with_reason
+from penode.data.stretches import SHORTEST, by_recording, with_reason
 from penode.errors import InputError
 from penode.pmsm.balance.voltage_limit import below_limit
 from penode.pmsm.recording.channels import drive_recording
@@ -27,6 +27,26 @@ def usable_stretches(experiments: Sequence[Experiment]) -> tuple[Experiment, ...
     """
     recordings = map(_excited, by_recording(experiments))
     return tuple(e for stretches in recordings for e in _excited(below_limit(stretches)))
+
+
+def require_samples(experiments: Sequence[Experiment]) -> None:
+    """Raise if recordings are too short to identify a machine from.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+
+    Raises
+    ------
+    InputError
+        If no stretch holds as many samples as one has to that is worth its while.
+    """
+    longest = max(experiments, key=len)
+    if len(longest) < SHORTEST:
+        raise InputError(
+            f"{longest.name}: only {len(longest)} samples in a row came where a machine is "
+            f"identified from at least {SHORTEST}; record for longer."
+        )
 
 
 def left_out(given: Sequence[Experiment], usable: Sequence[Experiment]) -> str:

@@ -13,7 +13,7 @@ from penode.errors import InputError
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
-from penode.pmsm.balance.usable import left_out, usable_stretches
+from penode.pmsm.balance.usable import left_out, require_samples, usable_stretches
 from penode.pmsm.conventions.broken_convention import BrokenConvention
 from penode.pmsm.conventions.check import check_all
 from penode.pmsm.machine.terms import Term
@@ -196,6 +196,7 @@ def check_recordings(
     quality = tuple(
         f for e in by_recording(recordings) for f in inspect_stretches(e, electrical(e))
     )
+    require_samples(recordings)
     usable = usable_stretches(recordings)
     used = excerpt(usable, electrical(usable), SAMPLES)
     sentences = (*reasons_of(usable), *filter(None, [used.sentence]))
