@@ -207,6 +207,9 @@ def test_a_kink_does_not_make_steps_go_to_and_fro():
             normal, descent = slope.T @ slope, slope.T @ residual
             return GaussNewtonTerms(float(residual @ residual), 1, normal, descent, slope.T)
 
+        def penalties(self, raw):
+            return np.empty(0), np.empty((0, 1))
+
         def reported_jacobian(self, raw):
             return np.empty((0, 1))
 
@@ -230,6 +233,9 @@ def test_a_rejected_step_is_restrained_at_once():
             residual = np.array([2.0, 0.5]) + slope @ raw
             loss = float(residual @ residual) if abs(raw[0] - raw[1]) < 1 else np.inf
             return GaussNewtonTerms(loss, 1, slope.T @ slope, -slope.T @ residual, slope.T)
+
+        def penalties(self, raw):
+            return np.empty(0), np.empty((0, 2))
 
         def reported_jacobian(self, raw):
             return np.empty((0, 2))

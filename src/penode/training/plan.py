@@ -61,6 +61,11 @@ class Problem:
         descent = terms.descent[self.moving]
         return GaussNewtonTerms(terms.loss, terms.count, normal, descent, scores, prior)
 
+    def penalties(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the penalties' residuals at raw (parameter,) and slopes (residual, moving)."""
+        residuals, slopes = self.objective.penalties(raw)
+        return residuals, slopes[:, self.moving]
+
     def _ridge(self, normal: FloatArray) -> FloatArray:
         """Return what keeps a learned parameter that nothing depends on from drifting away.
 

@@ -92,12 +92,9 @@ class Objective:
             One program serves every horizon and number of windows cut from the same recordings.
         """
         residuals = len(windows.starts) * windows.horizon * len(self.error.compared)
+        penalties, slopes = self.penalties(raw)
         with float64():
-            at = jnp.asarray(raw)
-            penalties, slopes = (
-                np.asarray(part) for part in _penalties_at(self.layout, self._arguments, at)
-            )
-            prior = self._prior(at, residuals)
+            prior = self._prior(jnp.asarray(raw), residuals)
         squares, normal, scores = self._sums(raw, windows)
         return GaussNewtonTerms(
             loss=float(squares) / residuals + float(penalties @ penalties),
@@ -108,15 +105,19 @@ class Objective:
             prior=prior,
         )
 
+    def penalties(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the penalties' residuals at raw (parameter,) and slopes (residual, parameter)."""
+        with float64():
+            both = _penalties_at(self.layout, self._arguments, jnp.asarray(raw))
+            return np.asarray(both[0]), np.asarray(both[1])
+
     def _prior(self, raw: JaxArray, residuals: int) -> FloatArray | float:
         """Return what Gaussian priors add to the covariance of the scores."""
         beliefs = [p for p in self.loss.penalties if isinstance(p, GaussianPrior)]
         if not beliefs:
             return 0.0
         transform = np.asarray(_transform(self.layout, raw))
-        with np.errstate(
-            invalid="ignore"
-        ):  # a step too far has no finite transform, and is rejected
+        with np.errstate(invalid="ignore"):  # a step too far has none, and is rejected
             slopes = [belief.slopes(self.layout) @ transform for belief in beliefs]
         parts = zip(beliefs, slopes, strict=True)
         return residuals**2 * sum(s.T @ (b.variance[:, None] * s) for b, s in parts)

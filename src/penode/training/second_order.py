@@ -6,7 +6,8 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.training.covariance import working_deviation
-from penode.training.gauss_newton_terms import GaussNewtonTerms, marquardt_scale
+from penode.training.gauss_newton_terms import GaussNewtonTerms
+from penode.training.local_loss import LocalLoss
 from penode.training.plan import CONVERGED, DIVERGED, Problem, Progress, Solution, ignore_progress
 
 _LARGEST_DAMPING = 1e10
@@ -15,7 +16,7 @@ _LARGEST_DAMPING = 1e10
 _CREEP = 1e-4
 #: A fraction of the loss that the remaining step must not take away: while the model does not yet
 #: fit, the deviations are as large as the misfit and nothing seems to move.
-_MISFIT = 0.02
+_MISFIT = 5e-4
 #: Least damping after a step was rejected.
 _RESTRAINED = 1e-3
 #: Least fraction of a step.
@@ -71,12 +72,13 @@ class LevenbergMarquardt:
         for evaluation in range(1, self.evaluations):
             progress(raw, terms.loss)
             # One step at least: horizons are compared by differences far below one deviation.
-            if evaluation > 1 and self._converged(problem, raw, terms):
+            local = LocalLoss(problem, raw, terms)
+            if evaluation > 1 and self._converged(local):
                 return Solution(raw, terms, evaluation, CONVERGED)
-            step = reach * _step(terms, damping)
+            step = reach * local.step(damping)
             candidate = raw + problem.spread(step)
             trial = problem.gauss_newton(candidate)
-            gain = _gain(terms, trial, step)
+            gain = _gain(local, trial, step)
             reach = _reach(reach, gain)
             if gain > 0:
                 raw, terms = candidate, trial
@@ -87,12 +89,13 @@ class LevenbergMarquardt:
                 damping, growth = max(damping * growth, _RESTRAINED), growth * 2
         return Solution(raw, terms, self.evaluations, "The evaluations are used up.")
 
-    def _converged(self, problem: Problem, raw: FloatArray, terms: GaussNewtonTerms) -> bool:
-        jacobian = problem.reported_jacobian(raw)
-        step = _step(terms, _CREEP)
+    def _converged(self, local: LocalLoss) -> bool:
+        problem, terms = local.problem, local.terms
+        jacobian = problem.reported_jacobian(local.raw)
+        step = local.step(_CREEP)
         if not len(jacobian):  # nothing is reported: the loss decides
             return bool(terms.descent @ step <= 1e-10 * terms.loss * terms.count)
-        if _promised(terms, step) > _MISFIT * terms.loss:
+        if local.promised(step) > _MISFIT * terms.loss:
             return False
         left = jacobian @ step
         deviation = working_deviation(terms, jacobian, problem.windows)
@@ -102,19 +105,14 @@ class LevenbergMarquardt:
         return bool(max(*ratio[:physical], learned / 5, 0.0) < self.tolerance)
 
 
-def _gain(terms: GaussNewtonTerms, trial: GaussNewtonTerms, step: FloatArray) -> float:
-    """Return a step's decrease of the loss, as a fraction of what the quadratic model promised.
+def _gain(local: LocalLoss, trial: GaussNewtonTerms, step: FloatArray) -> float:
+    """Return a step's decrease of the loss, as a fraction of what the local loss promised.
 
     Negative infinity for a trial that diverged.
     """
     if not trial.finite:
         return -np.inf
-    return (terms.loss - trial.loss) / max(_promised(terms, step), 1e-300)
-
-
-def _promised(terms: GaussNewtonTerms, step: FloatArray) -> float:
-    """Return the decrease of the loss by a step in the quadratic model."""
-    return float(step @ (2 * terms.descent - terms.normal @ step)) / terms.count
+    return (local.terms.loss - trial.loss) / max(local.promised(step), 1e-300)
 
 
 def _reach(reach: float, gain: float) -> float:
@@ -132,9 +130,3 @@ def _reach(reach: float, gain: float) -> float:
 def _after(gain: float) -> float:
     """Return what multiplies the damping after a step of some gain: 1/3 to 2, 1 for one half."""
     return max(1 / 3, 1 - (2 * gain - 1) ** 3)
-
-
-def _step(terms: GaussNewtonTerms, damping: float) -> FloatArray:
-    scale = marquardt_scale(terms.normal)
-    damped = terms.normal / np.outer(scale, scale) + damping * np.eye(len(scale))
-    return np.asarray(np.linalg.solve(damped, terms.descent / scale) / scale)
