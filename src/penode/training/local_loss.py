@@ -84,7 +84,7 @@ class LocalLoss:
     def _shortened(
         self, step: FloatArray, further: FloatArray, held: FloatArray
     ) -> tuple[FloatArray, float]:
-        """Return a step with as much of what goes further as lowers the damped loss, and by what."""
+        """Return a step with as much of `further` as lowers the damped loss, and by how much."""
         here = self._decrease(step, held)
         for fraction in 0.5 ** np.arange(_HALVINGS):
             candidate = step + fraction * further
