@@ -1,10 +1,13 @@
 """Long text files are parsed block by block; that may change neither a value nor a sentence."""
 
+import re
 import tracemalloc
 from contextlib import nullcontext
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from penode.data.readers import csv
 from penode.errors import InputError
@@ -67,6 +70,12 @@ def test_truth_values_are_those_of_a_whole_column(block):
     mixed = lines()
     mixed[20] = words[20]
     assert "data row 20 (line 21), channel on: found 'true'" in refusal(mixed)
+
+
+@given(text=st.text('",;\t| \r\nab1', max_size=9))
+def test_a_quotation_mark_alone_is_seen_wherever_a_cell_may_end(text):
+    alone = '"' in re.split(r"[,;\t| \r\n]", text)
+    assert bool(csv._LONE_QUOTE.search(text.encode())) == alone
 
 
 def test_a_quoted_cell_may_go_on_in_the_next_line(block):
