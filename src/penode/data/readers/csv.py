@@ -25,8 +25,8 @@ from penode.errors import InputError
 
 # Marks that separate cells where every line has them; they are no part of a number.
 _RARE_SEPARATORS = "\t;|"
-# A quotation mark alone in a cell, at which polars panics, and says so to the terminal. Looked for by
-# the mark: a search for what may stand before it takes three times as long as all the parsing.
+# A quotation mark alone in a cell, at which polars panics, and says so to the terminal. Looked for
+# by the mark: a search for what may stand before it takes three times as long as all the parsing.
 _LONE_QUOTE = re.compile(rb'"(?<![^,;\t| \r\n]")(?![^,;\t| \r\n])')
 _MARK = b"\xef\xbb\xbf"
 _BLOCK = 1 << 23
