@@ -44,13 +44,14 @@ def shared_length(samples: int) -> int:
 _SHORTEST = 4096
 
 
-def with_shared_length(rows: JaxArray | FloatArray) -> JaxArray:
+def with_shared_length(rows: JaxArray | FloatArray, shortest: int = _SHORTEST) -> JaxArray:
     """Return rows (channel, time) whose last sample goes on up to a `shared_length`.
 
     Recordings of about the same length then run through one compiled program, and so do all of a
-    few thousand samples: a recording with gaps has stretches of any length.
+    few thousand samples: a recording with gaps has stretches of any length. Where each sample is
+    dear, a smaller number may be the `shortest` that comes back.
     """
-    length = max(shared_length(rows.shape[1]), _SHORTEST)
+    length = max(shared_length(rows.shape[1]), shortest)
     missing = [(0, 0), (0, length - rows.shape[1])]
     return jnp.asarray(np.pad(np.asarray(rows), missing, mode="edge"))
 

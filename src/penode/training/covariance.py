@@ -92,7 +92,7 @@ class Reported:
 
     @cached_property
     def _padded(self) -> JaxArray:
-        return with_shared_length(self._points.T)
+        return with_shared_length(self._points.T, shortest=1)
 
     def _joined(self, parts: tuple[JaxArray, JaxArray]) -> FloatArray:
         """Return physical parameters and, behind them, the map without the points that pad."""

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from penode.training.plan import Problem
 _ROUNDS, _HALVINGS = 30, 12
 #: Of the decrease so far: a round that promises less is not worth its while.
 _LITTLE = 1e-4
+
+#: Residuals of penalties (residual,) and their slopes (residual, moving).
+_Penalties: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,62 +48,55 @@ class LocalLoss:
             Relative to the scaled diagonal of the normal matrix.
         """
         scale = marquardt_scale(self.terms.normal)
-        step, decrease = np.zeros(len(scale)), 0.0
+        held = damping * scale**2
+        step, decrease, here = np.zeros(len(scale)), 0.0, self._penalties
         for _ in range(_ROUNDS):
-            normal, descent = self._at(step)
+            normal, descent = self._at(step, here)
             damped = normal / np.outer(scale, scale) + damping * np.eye(len(scale))
-            descent = descent - damping * scale**2 * step
+            descent = descent - held * step
             further = np.linalg.solve(damped, descent / scale) / scale
             if descent @ further <= _LITTLE * decrease:
                 break
             if not len(self._penalties[0]):
                 return np.asarray(further)
-            step, reached = self._shortened(step, further, damping * scale**2)
-            if reached <= decrease:
+            for fraction in 0.5 ** np.arange(_HALVINGS):
+                candidate = step + fraction * further
+                there = self._after(candidate)
+                lower = self._decrease(candidate, held, there[0])
+                if lower > decrease:
+                    step, decrease, here = candidate, lower, there
+                    break
+            else:
                 break
-            decrease = reached
         return step
 
     def promised(self, step: FloatArray) -> float:
         """Return the decrease of the loss by a step (moving,)."""
-        return self._decrease(step, 0.0) / self.terms.count
+        return self._decrease(step, 0.0, self._after(step)[0]) / self.terms.count
 
     @cached_property
-    def _penalties(self) -> tuple[FloatArray, FloatArray]:
+    def _penalties(self) -> _Penalties:
         return self.problem.penalties(self.raw)
 
-    def _at(self, step: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the normal matrix and the descent after a step."""
+    def _after(self, step: FloatArray) -> _Penalties:
+        if not len(self._penalties[0]):
+            return self._penalties
+        return self.problem.penalties(self.raw + self.problem.spread(step))
+
+    def _at(self, step: FloatArray, here: _Penalties) -> tuple[FloatArray, FloatArray]:
+        """Return the normal matrix and the descent after a step, where penalties are as given."""
         terms = self.terms
         if not step.any():
             return terms.normal, terms.descent
-        (before, old), (after, new) = self._penalties, self._after(step)
+        (before, old), (after, new) = self._penalties, here
         data = terms.normal - terms.count * old.T @ old
         descent = terms.descent + terms.count * (old.T @ before - new.T @ after)
         return data + terms.count * new.T @ new, descent - data @ step
 
-    def _after(self, step: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return self.problem.penalties(self.raw + self.problem.spread(step))
-
-    def _shortened(
-        self, step: FloatArray, further: FloatArray, held: FloatArray
-    ) -> tuple[FloatArray, float]:
-        """Return a step with as much of `further` as lowers the damped loss, and by how much."""
-        here = self._decrease(step, held)
-        for fraction in 0.5 ** np.arange(_HALVINGS):
-            candidate = step + fraction * further
-            decrease = self._decrease(candidate, held)
-            if decrease > here:
-                return candidate, decrease
-        return step, here
-
-    def _decrease(self, step: FloatArray, held: FloatArray | float) -> float:
-        """Return the decrease of the damped sum of squares by a step."""
+    def _decrease(self, step: FloatArray, held: FloatArray | float, after: FloatArray) -> float:
+        """Return the decrease of the damped sum of squares, penalties given after the step."""
         terms = self.terms
         quadratic = step @ (2 * terms.descent - terms.normal @ step - held * step)
         before, old = self._penalties
-        if not len(before):
-            return float(quadratic)
-        after = self._after(step)[0]
         straight = before + old @ step
         return float(quadratic + terms.count * (straight @ straight - after @ after))
