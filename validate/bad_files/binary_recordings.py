@@ -207,7 +207,7 @@ _OTHERS: dict[str, Made] = {
         ),
     ),
     "MDF, no group": ("run.mf4", mdf({"t": recording()["t"]})),
-    "MDF, invalid samples": ("run.mf4", mdf(invalid=np.arange(N) % 700 == 5)),
+    "MDF, invalid samples all over": ("run.mf4", mdf(invalid=np.arange(N) % 70 == 5)),
     "MDF, a unit unknown": ("run.mf4", mdf(units={"i_d": "parsec"})),
     "MDF, voltages sampled slowly": (
         "run.mf4",

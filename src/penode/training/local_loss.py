@@ -89,9 +89,9 @@ class LocalLoss:
         if not step.any():
             return terms.normal, terms.descent
         (before, old), (after, new) = self._penalties, here
-        data = terms.normal - terms.count * old.T @ old
+        data = terms.normal - terms.count * _squared(old)
         descent = terms.descent + terms.count * (old.T @ before - new.T @ after)
-        return data + terms.count * new.T @ new, descent - data @ step
+        return data + terms.count * _squared(new), descent - data @ step
 
     def _decrease(self, step: FloatArray, held: FloatArray | float, after: FloatArray) -> float:
         """Return the decrease of the damped sum of squares, penalties given after the step."""
@@ -100,3 +100,9 @@ class LocalLoss:
         before, old = self._penalties
         straight = before + old @ step
         return float(quadratic + terms.count * (straight @ straight - after @ after))
+
+
+def _squared(slopes: FloatArray) -> FloatArray:
+    """Return S'S of slopes (residual, moving), most rows of which may be zero."""
+    rows = slopes[slopes.any(axis=1)]
+    return np.asarray(rows.T @ rows)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -122,11 +123,20 @@ def test_training_is_held_off_small_inductances(rng):
         table = weights.reshape(part.coefficients.shape)
         layout = Layout(CoenergySplines((replace(part, coefficients=table),)))
         with float64():
-            return np.asarray(penalty.residuals(layout, jnp.asarray(weights)))
+            at = jnp.asarray(weights)
+            slopes = jax.jacfwd(lambda weights: penalty.residuals(layout, weights))(at)
+            return np.asarray(penalty.residuals(layout, at)), np.asarray(slopes)
 
-    assert not lacking(held.solution).any()
-    assert lacking(found.solution).max() > 2.0
-    np.testing.assert_allclose(lacking(np.zeros_like(found.solution)), 2.0, rtol=1e-5)
+    residuals, slopes = lacking(found.solution)
+    direction = rng.normal(size=len(found.solution)) * 1e-7
+    change = (lacking(found.solution + direction)[0] - lacking(found.solution - direction)[0]) / 2
+    clear = np.abs(residuals) > 1e-3  # not at the limit itself
+    assert clear.sum() > 3
+    np.testing.assert_allclose(change[clear], slopes[clear] @ direction, rtol=1e-4)
+    assert not slopes[residuals == 0].any()
+    assert not lacking(held.solution)[0].any()
+    assert lacking(found.solution)[0].max() > 2.0
+    np.testing.assert_allclose(lacking(np.zeros_like(found.solution))[0], 2.0, rtol=1e-5)
 
 
 @pytest.mark.filterwarnings("error")
