@@ -146,7 +146,10 @@ TEXTS: dict[str, Made] = {
     "a second header in between": ("run.csv", _row(1200, csv().partition("\n")[0])),
     "times that step back": ("run.csv", _times(lambda t: _set(t, slice(1200, None), t[:1300]))),
     "a time twice": ("run.csv", _times(lambda t: _set(t, 1200, t[1199]))),
-    "gaps all over": ("run.csv", _times(lambda t: t + 0.1 * (np.arange(t.size) // 100))),
+    "gaps all over": (
+        "run.csv",
+        _times(lambda t: _set(t, slice(None), t + 0.1 * (np.arange(t.size) // 100))),
+    ),
     "irregular times": (
         "run.csv",
         _times(lambda t: _set(t, slice(None), t + 4e-5 * np.sin(np.arange(t.size)))),
