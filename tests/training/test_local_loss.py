@@ -78,6 +78,23 @@ def test_what_a_step_promises_is_what_the_loss_does(seed):
     assert local.promised(step) == pytest.approx(decrease, rel=1e-9, abs=1e-9)
 
 
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_damped_step_is_where_the_damped_loss_is_least(seed):
+    """Sums of squares with the damping added: no way out of there lowers them."""
+    problem, rng = Hinged(seed, 1.0), np.random.default_rng(seed)
+    raw = rng.normal(size=VALUES) * 3
+    terms = problem.gauss_newton(raw)
+    held = 0.5 * np.diag(terms.normal)
+    step = LocalLoss(problem, raw, terms).step(0.5)
+
+    def damped(step):
+        return ROWS * problem.loss(raw + step) + step @ (held * step)
+
+    decrease = damped(np.zeros(VALUES)) - damped(step)
+    best = minimize(damped, step, method="BFGS", options={"gtol": 1e-9}).fun
+    assert damped(step) - best <= 2e-4 * decrease
+
+
 def test_without_limits_near_it_is_the_damped_step_to_the_last_bit():
     problem = Hinged(3, 1.0)
     problem.least = np.full(LIMITS, -1e9)
@@ -87,3 +104,24 @@ def test_without_limits_near_it_is_the_damped_step_to_the_last_bit():
     damped = terms.normal / np.outer(scale, scale) + 1e-3 * np.eye(VALUES)
     expected = np.linalg.solve(damped, terms.descent / scale) / scale
     np.testing.assert_array_equal(LocalLoss(problem, raw, terms).step(1e-3), expected)
+
+
+def test_a_model_that_misfits_is_trained_to_its_minimum_too():
+    """Deviations are as large as the misfit then, and what is reported seems to stand still."""
+
+    class Misfit(Hinged):
+        objective = SimpleNamespace(layout=SimpleNamespace(physical=("R",)))
+        windows = SimpleNamespace(states=np.zeros(ROWS), starts=np.arange(ROWS), horizon=1)
+
+        def reported_jacobian(self, raw):
+            return np.eye(1, VALUES)
+
+    problem = Misfit(5, 1.0)
+    problem.target = problem.target + 30.0
+    problem.least = np.full(LIMITS, -1e9)
+    best = np.linalg.lstsq(problem.slope, problem.target, rcond=None)[0]
+    start = best + np.linalg.lstsq(problem.slope, np.full(ROWS, 6.0), rcond=None)[0]
+    assert problem.loss(start) > 1.002 * problem.loss(best)
+    solution = LevenbergMarquardt(20, damping=30.0).minimise(problem, start)
+    assert solution.converged
+    assert solution.terms.loss < 1.0006 * problem.loss(best)

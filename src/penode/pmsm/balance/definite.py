@@ -22,8 +22,6 @@ from penode.training.weak_form import WeakRegression
 
 #: Points a side of the rectangle, and recorded ones that say how small an inductance may be.
 _GRID, _POINTS = 31, 200
-#: Points a side of the rectangle in training.
-_TRAINED = 31
 #: Least inductance beyond the recordings over the least within; what is below half of it is raised.
 _LEAST = 0.2
 #: That least inductance over the deviation with which it is known: surer than a misfit of training.
@@ -171,7 +169,7 @@ def held_in_training(
     """
     if not held.least > 0:
         return ()
-    hessians = _hessians(parts, _rectangle(currents, _TRAINED))
+    hessians = _hessians(parts, _rectangle(currents, _GRID))
     return (PositiveInductance(hessians, held.least, weight),)
 
 
