@@ -35,7 +35,20 @@ static XLA_FFI_Buffer *result(XLA_FFI_CallFrame *frame, int k) { return frame->r
 enum { SPLINES = 5, LANES = 8, DERIVATIVES = 4 }; /* quartic: five of them differ from zero */
 
 typedef double Four __attribute__((vector_size(32)));
-typedef double Eight __attribute__((vector_size(64)));
+/* The same in an array of doubles: a copy by memcpy would go through the stack, and wait for it. */
+typedef double FourAnywhere __attribute__((vector_size(32), aligned(8), may_alias));
+/* A number a spline, in two halves: no compiler splits wider vectors well for all processors. */
+typedef struct {
+  Four low, high;
+} Row;
+
+static Four of_four(double x) { return (Four){x, x, x, x}; }
+
+/* left + factor * right */
+static Row plus(Row left, double factor, Row right) {
+  Four each = of_four(factor);
+  return (Row){left.low + each * right.low, left.high + each * right.high};
+}
 
 /* The polynomial pieces of one axis, (cell, power, lane), and the ends of the cells. */
 typedef struct {
@@ -43,30 +56,41 @@ typedef struct {
   int64_t cells;
 } Axis;
 
-/* Splines at one place by derivative; the first of them is number `first`. */
+/* Splines at one place, (derivative, lane); the first of them is number `first`. */
 typedef struct {
-  Eight of[DERIVATIVES];
+  union {
+    Row rows[DERIVATIVES];
+    double of[DERIVATIVES][LANES];
+  };
   int64_t first;
 } Splines;
 
-static Splines splines_at(Axis axis, double x) {
+/* One half of the lanes of the splines' derivatives, `t` into a cell and `beyond` past the last. */
+static void half_at(const double *pieces, double t, double beyond, Four half[DERIVATIVES]) {
+  Four c[SPLINES], at = of_four(t), on = of_four(beyond);
+  for (int k = 0; k < SPLINES; k++) c[k] = *(const FourAnywhere *)(pieces + k * LANES);
+  half[0] = c[0] + at * (c[1] + at * (c[2] + at * (c[3] + at * c[4])));
+  half[1] = c[1] + at * (2 * c[2] + at * (3 * c[3] + at * (4 * c[4])));
+  half[2] = 2 * c[2] + at * (6 * c[3] + at * (12 * c[4]));
+  half[3] = 6 * c[3] + at * (24 * c[4]);
+  if (beyond != 0.0) { /* on along the parabola that touches at the end */
+    half[0] += on * (half[1] + 0.5 * on * half[2]);
+    half[1] += on * half[2];
+    half[3] *= 0.0;
+  }
+}
+
+static void splines_at(Axis axis, double x, Splines *splines) {
   double inside = x < -1.0 ? -1.0 : x > 1.0 ? 1.0 : x;
   int64_t cell = 0;
   for (int64_t k = 1; k < axis.cells; k++) cell += inside >= axis.breaks[k];
-  Eight c[SPLINES];
-  memcpy(c, axis.pieces + cell * SPLINES * LANES, sizeof c);
+  const double *pieces = axis.pieces + cell * SPLINES * LANES;
   double t = inside - axis.breaks[cell], beyond = x - inside;
-  Eight value = c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * c[4])));
-  Eight slope = c[1] + t * (2 * c[2] + t * (3 * c[3] + t * (4 * c[4])));
-  Eight curvature = 2 * c[2] + t * (6 * c[3] + t * (12 * c[4]));
-  Eight third = 6 * c[3] + t * (24 * c[4]);
-  Splines splines = {{value, slope, curvature, third}, cell};
-  if (beyond != 0.0) { /* on along the parabola that touches at the end */
-    splines.of[0] = value + beyond * (slope + 0.5 * beyond * curvature);
-    splines.of[1] = slope + beyond * curvature;
-    splines.of[3] = third * 0.0;
-  }
-  return splines;
+  Four low[DERIVATIVES], high[DERIVATIVES];
+  half_at(pieces, t, beyond, low);
+  half_at(pieces + LANES / 2, t, beyond, high);
+  for (int m = 0; m < DERIVATIVES; m++) splines->rows[m] = (Row){low[m], high[m]};
+  splines->first = cell;
 }
 
 /* What both kernels are given: places, axes, orders of differentiation, parities along q. */
@@ -110,8 +134,9 @@ EXPORT XLA_FFI_Error *penode_spline_jets(XLA_FFI_CallFrame *frame) {
   int64_t apart = table->dims[2], own = apart > 1;
   double *jets = result(frame, 0)->data;
   for (int64_t b = 0; b < p.batch; b++) {
-    Splines d = splines_at(p.along_d, p.x[b]);
-    Splines q = splines_at(p.along_q, p.x[p.batch + b]);
+    Splines d, q;
+    splines_at(p.along_d, p.x[b], &d);
+    splines_at(p.along_q, p.x[p.batch + b], &q);
     Four by_spline[SPLINES], rows[SPLINES] = {{0}};
     for (int j = 0; j < SPLINES; j++)
       by_spline[j] = (Four){q.of[0][j], q.of[1][j], q.of[2][j], q.of[3][j]};
@@ -121,17 +146,17 @@ EXPORT XLA_FFI_Error *penode_spline_jets(XLA_FFI_CallFrame *frame) {
       double sign[SPLINES];
       int64_t width = fold(p.d, q.first, p.parities[s], column, sign);
       for (int j = 0; j < SPLINES; j++) {
-        Four factor = sign[j] * by_spline[j];
+        Four factor = of_four(sign[j]) * by_spline[j];
         const double *entry = table->data;
         entry += (d.first * p.q + before + column[j]) * apart + own * b;
-        for (int i = 0; i < SPLINES; i++) rows[i] += entry[i * p.q * apart] * factor;
+        for (int i = 0; i < SPLINES; i++) rows[i] += of_four(entry[i * p.q * apart]) * factor;
       }
       before += width;
     }
     Four every[DERIVATIVES];
     for (int m = 0; m < DERIVATIVES; m++) {
-      every[m] = d.of[m][0] * rows[0];
-      for (int i = 1; i < SPLINES; i++) every[m] += d.of[m][i] * rows[i];
+      every[m] = of_four(d.of[m][0]) * rows[0];
+      for (int i = 1; i < SPLINES; i++) every[m] += of_four(d.of[m][i]) * rows[i];
     }
     for (int64_t k = 0; k < p.order_count; k++)
       jets[k * p.batch + b] = every[p.orders[2 * k]][p.orders[2 * k + 1]];
@@ -148,15 +173,21 @@ EXPORT XLA_FFI_Error *penode_spline_products(XLA_FFI_CallFrame *frame) {
   double *every = tables->data;
   memset(every, 0, sizeof(double) * p.d * p.q * p.batch);
   for (int64_t b = 0; b < p.batch; b++) {
-    Splines d = splines_at(p.along_d, p.x[b]);
-    Splines q = splines_at(p.along_q, p.x[p.batch + b]);
-    Eight rows[DERIVATIVES] = {{0}}, products[SPLINES];
-    for (int64_t k = 0; k < p.order_count; k++)
-      rows[p.orders[2 * k]] += cotangents[k * p.batch + b] * q.of[p.orders[2 * k + 1]];
-    for (int i = 0; i < SPLINES; i++) {
-      products[i] = d.of[0][i] * rows[0];
-      for (int m = 1; m < DERIVATIVES; m++) products[i] += d.of[m][i] * rows[m];
+    Splines d, q;
+    splines_at(p.along_d, p.x[b], &d);
+    splines_at(p.along_q, p.x[p.batch + b], &q);
+    Row rows[DERIVATIVES] = {{{0}, {0}}};
+    union {
+      Row row;
+      double of[LANES];
+    } products[SPLINES] = {{{{0}, {0}}}};
+    for (int64_t k = 0; k < p.order_count; k++) {
+      Row *row = rows + p.orders[2 * k];
+      *row = plus(*row, cotangents[k * p.batch + b], q.rows[p.orders[2 * k + 1]]);
     }
+    for (int i = 0; i < SPLINES; i++)
+      for (int m = 0; m < DERIVATIVES; m++)
+        products[i].row = plus(products[i].row, d.of[m][i], rows[m]);
     int64_t before = 0;
     for (int64_t s = 0; s < p.parity_count; s++) {
       int64_t column[SPLINES];
@@ -164,7 +195,7 @@ EXPORT XLA_FFI_Error *penode_spline_products(XLA_FFI_CallFrame *frame) {
       int64_t width = fold(p.d, q.first, p.parities[s], column, sign);
       for (int i = 0; i < SPLINES; i++)
         for (int j = 0; j < SPLINES; j++)
-          every[((d.first + i) * p.q + before + column[j]) * p.batch + b] += sign[j] * products[i][j];
+          every[((d.first + i) * p.q + before + column[j]) * p.batch + b] += sign[j] * products[i].of[j];
       before += width;
     }
   }
@@ -195,24 +226,27 @@ enum { WIDTH = 8, TALL = 8 };
 #else
 enum { WIDTH = 4, TALL = 4 };
 #endif
-enum { WIDE = 2 * WIDTH };
+enum { VECTORS = 3, WIDE = VECTORS * WIDTH }; /* as many sums as there are registers for */
 typedef double Vector __attribute__((vector_size(8 * WIDTH)));
+typedef double VectorAnywhere __attribute__((vector_size(8 * WIDTH), aligned(8), may_alias));
 
 /* Adds one tile of the product to `normal` (size, size); panels are (depth, WIDE), one behind the
    other for each WIDE columns, so that a tile's factors stay in the first cache. */
 static void add_tile(const double *panels, int64_t depth, int64_t size, int64_t row,
                      int64_t column, double *normal) {
-  Vector sums[TALL][2] = {{{0}}};
+  Vector sums[TALL][VECTORS] = {{{0}}};
   double tile[TALL][WIDE];
   const double *left = panels + row / WIDE * WIDE * depth + row % WIDE;
   const double *right = panels + column * depth;
   for (int64_t k = 0; k < depth; k++) {
-    Vector both[2];
-    memcpy(both, right + k * WIDE, sizeof both);
+    const VectorAnywhere *every = (const VectorAnywhere *)(right + k * WIDE);
+    Vector one = every[0], two = every[1], three = every[2];
 #pragma GCC unroll 8
     for (int i = 0; i < TALL; i++) {
-      sums[i][0] += left[k * WIDE + i] * both[0];
-      sums[i][1] += left[k * WIDE + i] * both[1];
+      double factor = left[k * WIDE + i];
+      sums[i][0] += factor * one;
+      sums[i][1] += factor * two;
+      sums[i][2] += factor * three;
     }
   }
 #pragma GCC unroll 8
