@@ -124,6 +124,11 @@ def _jets(table: JaxArray, x: JaxArray, basis: TensorBasis, orders: Orders) -> J
 
 
 def _products(cotangents: JaxArray, x: JaxArray, basis: TensorBasis, orders: Orders) -> JaxArray:
+    """Return one table for each of the cotangents (many, order, batch)."""
+    return jax.vmap(partial(_product, basis=basis, orders=orders), (0, None))(cotangents, x)
+
+
+def _product(cotangents: JaxArray, x: JaxArray, basis: TensorBasis, orders: Orders) -> JaxArray:
     along_d, along_q = _along(basis, orders, x)
     rows = {
         n: sum(c * along_d[m] for c, (m, k) in zip(cotangents, orders, strict=True) if k == n)
@@ -156,7 +161,7 @@ def _jets_shape(table: Any, x: Any, *, basis: TensorBasis, orders: Orders) -> An
 
 
 def _products_shape(cotangents: Any, x: Any, *, basis: TensorBasis, orders: Orders) -> Any:
-    return x.update(shape=(basis.count, basis.columns, x.shape[1]))
+    return x.update(shape=(cotangents.shape[0], basis.count, basis.columns, x.shape[1]))
 
 
 def _jets_jvp(primals: Any, tangents: Any, *, basis: TensorBasis, orders: Orders) -> Any:
@@ -176,7 +181,7 @@ def _jets_jvp(primals: Any, tangents: Any, *, basis: TensorBasis, orders: Orders
 
 
 def _jets_transposed(cotangents: Any, table: Any, x: Any, **described: Any) -> Any:
-    products = _products_p.bind(cotangents, x, **described)
+    products = _products_p.bind(cotangents[None], x, **described)[0]
     if table.aval.shape[-1] == 1:
         products = jnp.sum(products, axis=-1, keepdims=True)
     return products, None
@@ -193,8 +198,18 @@ def _products_jvp(primals: Any, tangents: Any, **described: Any) -> Any:
     return _products_p.bind(cotangents, x, **described), sum(slopes[1:], slopes[0])
 
 
-def _products_transposed(table: Any, cotangents: Any, x: Any, **described: Any) -> Any:
-    return _jets_p.bind(table, x, **described), None
+def _products_transposed(tables: Any, cotangents: Any, x: Any, **described: Any) -> Any:
+    return jnp.stack([_jets_p.bind(table, x, **described) for table in tables]), None
+
+
+def _products_mapped(arguments: Any, axes: Any, **described: Any) -> Any:
+    """Map over cotangents at the same places: the splines there are computed once for all."""
+    (cotangents, x), (axis, axis_of_x) = arguments, axes
+    if axis_of_x is not None:
+        return _one_by_one(_products_p, arguments, axes, **described)
+    mapped = jnp.moveaxis(cotangents, axis, 0)
+    every = _products_p.bind(mapped.reshape(-1, *mapped.shape[2:]), x, **described)
+    return every.reshape(*mapped.shape[:2], *every.shape[1:]), 0
 
 
 def _one_by_one(primitive: Primitive, arguments: Any, axes: Any, **described: Any) -> Any:
@@ -239,3 +254,4 @@ _define(_products_p, _products, _products_shape)
 ad.primitive_jvps.update({_jets_p: _jets_jvp, _products_p: _products_jvp})
 ad.primitive_transposes[_jets_p] = _jets_transposed
 ad.primitive_transposes[_products_p] = _products_transposed
+batching.primitive_batchers[_products_p] = _products_mapped

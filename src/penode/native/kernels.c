@@ -164,40 +164,48 @@ EXPORT XLA_FFI_Error *penode_spline_jets(XLA_FFI_CallFrame *frame) {
   return NULL;
 }
 
-/* The transpose: cotangents (order, batch) to one table a place, (d, q, batch). */
+/* Adds the products at one place, cotangents and table `batch` apart. */
+static void add_product(const Problem *p, const Splines *d, const Splines *q,
+                        const double *cotangents, double *table) {
+  Row rows[DERIVATIVES] = {{{0}, {0}}};
+  union {
+    Row row;
+    double of[LANES];
+  } products[SPLINES] = {{{{0}, {0}}}};
+  for (int64_t k = 0; k < p->order_count; k++) {
+    Row *row = rows + p->orders[2 * k];
+    *row = plus(*row, cotangents[k * p->batch], q->rows[p->orders[2 * k + 1]]);
+  }
+  for (int i = 0; i < SPLINES; i++)
+    for (int m = 0; m < DERIVATIVES; m++)
+      products[i].row = plus(products[i].row, d->of[m][i], rows[m]);
+  int64_t before = 0;
+  for (int64_t s = 0; s < p->parity_count; s++) {
+    int64_t column[SPLINES];
+    double sign[SPLINES];
+    int64_t width = fold(p->d, q->first, p->parities[s], column, sign);
+    for (int i = 0; i < SPLINES; i++)
+      for (int j = 0; j < SPLINES; j++)
+        table[((d->first + i) * p->q + before + column[j]) * p->batch] += sign[j] * products[i].of[j];
+    before += width;
+  }
+}
+
+/* The transpose: cotangents (many, order, batch) to one table a place, (many, d, q, batch). */
 EXPORT XLA_FFI_Error *penode_spline_products(XLA_FFI_CallFrame *frame) {
   if (answered(frame)) return NULL;
   XLA_FFI_Buffer *tables = result(frame, 0);
-  Problem p = problem_of(frame, tables->dims[0], tables->dims[1]);
+  Problem p = problem_of(frame, tables->dims[1], tables->dims[2]);
   const double *cotangents = argument(frame, 0)->data;
-  double *every = tables->data;
-  memset(every, 0, sizeof(double) * p.d * p.q * p.batch);
+  int64_t many = tables->dims[0], size = p.d * p.q * p.batch;
+  memset(tables->data, 0, sizeof(double) * many * size);
   for (int64_t b = 0; b < p.batch; b++) {
     Splines d, q;
     splines_at(p.along_d, p.x[b], &d);
     splines_at(p.along_q, p.x[p.batch + b], &q);
-    Row rows[DERIVATIVES] = {{{0}, {0}}};
-    union {
-      Row row;
-      double of[LANES];
-    } products[SPLINES] = {{{{0}, {0}}}};
-    for (int64_t k = 0; k < p.order_count; k++) {
-      Row *row = rows + p.orders[2 * k];
-      *row = plus(*row, cotangents[k * p.batch + b], q.rows[p.orders[2 * k + 1]]);
-    }
-    for (int i = 0; i < SPLINES; i++)
-      for (int m = 0; m < DERIVATIVES; m++)
-        products[i].row = plus(products[i].row, d.of[m][i], rows[m]);
-    int64_t before = 0;
-    for (int64_t s = 0; s < p.parity_count; s++) {
-      int64_t column[SPLINES];
-      double sign[SPLINES];
-      int64_t width = fold(p.d, q.first, p.parities[s], column, sign);
-      for (int i = 0; i < SPLINES; i++)
-        for (int j = 0; j < SPLINES; j++)
-          every[((d.first + i) * p.q + before + column[j]) * p.batch + b] += sign[j] * products[i].of[j];
-      before += width;
-    }
+    for (int64_t one = 0; one < many; one++)
+      add_product(&p, &d, &q, cotangents + one * p.order_count * p.batch + b,
+                  (double *)tables->data + one * size + b);
   }
   return NULL;
 }
@@ -230,15 +238,22 @@ enum { VECTORS = 3, WIDE = VECTORS * WIDTH }; /* as many sums as there are regis
 typedef double Vector __attribute__((vector_size(8 * WIDTH)));
 typedef double VectorAnywhere __attribute__((vector_size(8 * WIDTH), aligned(8), may_alias));
 
-/* Adds one tile of the product to `normal` (size, size); panels are (depth, WIDE), one behind the
-   other for each WIDE columns, so that a tile's factors stay in the first cache. */
-static void add_tile(const double *panels, int64_t depth, int64_t size, int64_t row,
-                     int64_t column, double *normal) {
+/* The columns of a batch's slopes that are not zero throughout: splines far away leave many so.
+   Panels are (depth, WIDE), one behind the other for each WIDE columns, so that a tile's factors
+   stay in the first cache. */
+typedef struct {
+  double *panels;
+  int64_t *column; /* where each one stands among all */
+  int64_t count, depth, size;
+} Active;
+
+/* Adds the tile of the product that begins at a row and a column of the active ones to `normal`. */
+static void add_tile(Active a, int64_t row, int64_t column, double *normal) {
   Vector sums[TALL][VECTORS] = {{{0}}};
   double tile[TALL][WIDE];
-  const double *left = panels + row / WIDE * WIDE * depth + row % WIDE;
-  const double *right = panels + column * depth;
-  for (int64_t k = 0; k < depth; k++) {
+  const double *left = a.panels + row / WIDE * WIDE * a.depth + row % WIDE;
+  const double *right = a.panels + column * a.depth;
+  for (int64_t k = 0; k < a.depth; k++) {
     const VectorAnywhere *every = (const VectorAnywhere *)(right + k * WIDE);
     Vector one = every[0], two = every[1], three = every[2];
 #pragma GCC unroll 8
@@ -251,10 +266,22 @@ static void add_tile(const double *panels, int64_t depth, int64_t size, int64_t 
   }
 #pragma GCC unroll 8
   for (int i = 0; i < TALL; i++) memcpy(tile[i], sums[i], sizeof sums[i]);
-  int64_t rows = size - row < TALL ? size - row : TALL;
-  int64_t columns = size - column < WIDE ? size - column : WIDE;
-  for (int64_t i = 0; i < rows; i++)
-    for (int64_t j = 0; j < columns; j++) normal[(row + i) * size + column + j] += tile[i][j];
+  int64_t rows = a.count - row < TALL ? a.count - row : TALL;
+  int64_t columns = a.count - column < WIDE ? a.count - column : WIDE;
+  const int64_t *at = a.column + column;
+  for (int64_t i = 0; i < rows; i++) {
+    double *to = normal + a.column[row + i] * a.size;
+    if (columns == WIDE && at[WIDE - 1] == at[0] + WIDE - 1)
+      for (int64_t j = 0; j < WIDE; j++) to[at[0] + j] += tile[i][j];
+    else
+      for (int64_t j = 0; j < columns; j++) to[at[j]] += tile[i][j];
+  }
+}
+
+static int all_zero(const double *x, int64_t count) {
+  for (int64_t k = 0; k < count; k++)
+    if (x[k] != 0.0) return 0; /* nor is nan */
+  return 1;
 }
 
 /* normal += sum over outputs and batch of s s' on and below the diagonal; s (output, size, batch). */
@@ -262,20 +289,28 @@ EXPORT XLA_FFI_Error *penode_add_products(XLA_FFI_CallFrame *frame) {
   if (answered(frame)) return NULL;
   XLA_FFI_Buffer *before = argument(frame, 0), *slopes = argument(frame, 1);
   double *normal = result(frame, 0)->data;
-  int64_t outputs = slopes->dims[0], size = slopes->dims[1], batch = slopes->dims[2];
-  int64_t depth = outputs * batch, padded = (size + WIDE - 1) / WIDE * WIDE;
-  if (normal != before->data) memcpy(normal, before->data, sizeof(double) * size * size);
-  double *panels = calloc(depth * padded + 1, sizeof(double));
-  if (panels == NULL) return out_of_memory(frame);
   const double *from = slopes->data;
-  for (int64_t o = 0; o < outputs; o++)
-    for (int64_t j = 0; j < size; j++) {
-      double *to = panels + j / WIDE * WIDE * depth + j % WIDE + o * batch * WIDE;
-      for (int64_t b = 0; b < batch; b++) to[b * WIDE] = *from++;
-    }
-  for (int64_t row = 0; row < size; row += TALL)
-    for (int64_t column = 0; column < size && column < row + TALL; column += WIDE)
-      add_tile(panels, depth, size, row, column, normal);
-  free(panels);
+  int64_t outputs = slopes->dims[0], size = slopes->dims[1], batch = slopes->dims[2];
+  Active a = {NULL, NULL, 0, outputs * batch, size};
+  if (normal != before->data) memcpy(normal, before->data, sizeof(double) * size * size);
+  a.panels = calloc(a.depth * (size + WIDE), sizeof(double));
+  a.column = malloc(sizeof(int64_t) * (size + 1));
+  if (a.panels == NULL || a.column == NULL) {
+    free(a.panels), free(a.column);
+    return out_of_memory(frame);
+  }
+  for (int64_t j = 0; j < size; j++) {
+    int zero = 1;
+    for (int64_t o = 0; o < outputs && zero; o++) zero = all_zero(from + (o * size + j) * batch, batch);
+    if (zero) continue;
+    double *to = a.panels + a.count / WIDE * WIDE * a.depth + a.count % WIDE;
+    for (int64_t o = 0; o < outputs; o++)
+      for (int64_t b = 0; b < batch; b++, to += WIDE) *to = from[(o * size + j) * batch + b];
+    a.column[a.count++] = j;
+  }
+  for (int64_t row = 0; row < a.count; row += TALL)
+    for (int64_t column = 0; column < a.count && column < row + TALL; column += WIDE)
+      add_tile(a, row, column, normal);
+  free(a.panels), free(a.column);
   return NULL;
 }

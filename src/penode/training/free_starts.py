@@ -45,7 +45,8 @@ def estimated_starts(
     stiffness = jnp.asarray(error.stiffness)[:, None]
 
     def evaluate(correction: JaxArray) -> tuple[JaxArray, JaxArray, JaxArray]:
-        sums = window_sums(error, values, correction, horizon, batch, shared=False)
+        nothing = jnp.zeros((0, 0), values.dtype)
+        sums = window_sums(error, values, correction, horizon, batch, nothing)
         squares = sums.squares + jnp.sum(stiffness * correction**2, axis=0)
         curvature = sums.own + (np.eye(free)[..., None] * stiffness)
         return squares, sums.scores - stiffness * correction, curvature

@@ -16,6 +16,7 @@ from penode.arrays import FloatArray, JaxArray, float64, shared_length
 from penode.data.windows import Windows
 from penode.models.base import Model
 from penode.models.layout import Layout
+from penode.native.normal_matrix import whole
 from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
 from penode.training.free_starts import eliminated, estimated_starts
@@ -276,12 +277,12 @@ def _sum_over_chunks(
     def body(chunk: JaxArray, sums: tuple[JaxArray, ...]) -> tuple[JaxArray, ...]:
         batch = windows.part(first + chunk * width, width)
         correction = estimated_starts(error, each, horizon, batch)
-        joint = window_sums(error, each, correction, horizon, batch)
+        joint = window_sums(error, each, correction, horizon, batch, sums[1])
         squares, scores, normal = eliminated(error, joint, correction, batch.used)
         here = (jnp.zeros_like(chunk), chunk * width)
         return (
             sums[0] + jnp.sum(squares),
-            sums[1] + normal,
+            normal,
             jax.lax.dynamic_update_slice(sums[2], scores, here),
         )
 
@@ -291,8 +292,8 @@ def _sum_over_chunks(
         jnp.zeros((size, capacity), values.dtype),
     )
     chunks = (count + width - 1) // width
-    sums: tuple[JaxArray, ...] = jax.lax.fori_loop(0, chunks, body, nothing)
-    return sums
+    squares, normal, scores = jax.lax.fori_loop(0, chunks, body, nothing)
+    return squares, whole(normal), scores
 
 
 @cache

@@ -13,7 +13,7 @@ import numpy as np
 
 from penode.arrays import JaxArray
 from penode.models.layout import Parts
-from penode.native.normal_matrix import add_products, whole
+from penode.native.normal_matrix import add_products
 from penode.predictors.rollout import rollout
 from penode.training.prediction_error import Batch, PredictionError
 
@@ -30,7 +30,7 @@ class Sums(NamedTuple):
     own : array, shape (free, column, batch)
         Rows of S'S that belong to the window's own columns, those of its start.
     normal : array, shape (value, value)
-        S'S of the shared columns, summed over windows too.
+        S'S of the shared columns on and below the diagonal, summed over windows too.
     """
 
     squares: JaxArray
@@ -45,7 +45,7 @@ def window_sums(
     correction: JaxArray,
     horizon: JaxArray,
     batch: Batch,
-    shared: bool = True,
+    normal: JaxArray,
 ) -> Sums:
     """Predict a batch of windows and sum what Gauss and Newton need.
 
@@ -59,11 +59,12 @@ def window_sums(
     horizon : scalar array
         Steps, known at run time only.
     batch : Batch
-    shared : bool
-        Whether the parameters are columns too, or only the windows' own starts.
+    normal : array, shape (value, value)
+        What S'S of the parameters is added to, on and below the diagonal; of shape (0, 0) where
+        only the windows' own starts are columns.
     """
     parts = error.layout.split(values)
-    recursion = _Recursion(error, parts, horizon, batch, values.shape[0] if shared else 0)
+    recursion = _Recursion(error, parts, horizon, batch, len(normal))
     start, first = recursion.start(correction)
     prefilter = error.loss.prefilter
 
@@ -75,7 +76,7 @@ def window_sums(
         slopes, slopes_before = prefilter.advance(slopes_before, slopes * batch.used)
         return sensitivity, (before, slopes_before), _added(sums, filtered, slopes)
 
-    columns, width, lead = first.shape[2], values.shape[1], recursion.shared
+    columns, width = first.shape[2], values.shape[1]
     shape = (prefilter.order, len(error.compared))
 
     def zeros(*shape: int) -> JaxArray:
@@ -83,9 +84,9 @@ def window_sums(
 
     memory = (zeros(*shape, width), zeros(*shape, columns, width))
     own = zeros(len(error.free), columns, width)
-    sums = Sums(zeros(width), zeros(columns, width), own, zeros(lead, lead))
-    sums = rollout(recursion.step, start, horizon, visit, (first, memory, sums))[2]
-    return sums._replace(normal=whole(sums.normal))
+    sums = Sums(zeros(width), zeros(columns, width), own, normal)
+    last: Sums = rollout(recursion.step, start, horizon, visit, (first, memory, sums))[2]
+    return last
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,9 +131,9 @@ class _Recursion:
 
     def ahead(self, history: JaxArray, pull_back: Any, sensitivity: JaxArray) -> JaxArray:
         """Return S_(k+1) = (dg/dx) S_k + dg/dtheta in front of its past."""
-        products = [pull_back(_unit(history, (0, i))) for i in range(history.shape[1])]
-        rows = [self._row(direct, before, sensitivity) for direct, before in products]
-        ahead = jnp.stack(rows)[None]
+        units = jnp.stack([_unit(history, (0, i)) for i in range(history.shape[1])])
+        direct, before = jax.vmap(pull_back)(units)
+        ahead = jax.vmap(self._row, in_axes=(0, 0, None))(direct, before, sensitivity)[None]
         return jnp.concatenate([ahead, sensitivity[:-1]]) if len(sensitivity) > 1 else ahead
 
     def residual(
