@@ -15,7 +15,8 @@ from penode.arrays import float64
 from penode.models.spline_basis import SplineBasis
 from penode.models.tensor_splines import TensorBasis, folded, jets
 from penode.native import harmonics as waves
-from penode.native import library, normal_matrix
+from penode.native import library
+from penode.native.normal_matrix import NormalMatrix
 
 ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 BASES = [
@@ -108,15 +109,39 @@ def test_jets_are_mapped_and_differentiated_twice(places, rng):
 
 @pytest.mark.parametrize("size", [1, 7, 16, 37, 219])
 @pytest.mark.parametrize("batch", [1, 32])
-def test_the_normal_matrix_is_a_sum_of_products(size, batch, rng):
+@pytest.mark.parametrize("zeros", [0.0, 0.4])
+def test_the_normal_matrix_is_a_sum_of_products(size, batch, zeros, rng):
     start = rng.normal(size=(size, size))
     start, slopes = start + start.T, rng.normal(size=(2, size, batch))
-    with float64():
-        added = jax.jit(normal_matrix.add_products)(jnp.asarray(start), jnp.asarray(slopes))
-        total = np.asarray(normal_matrix.whole(added))
+    slopes[:, rng.uniform(size=size) < zeros] = 0.0
+    slopes[0, :1] = 0.0  # zero for one output alone
     wanted = start + np.einsum("oib,ojb->ij", slopes, slopes)
+    total = np.asarray(grown(start, slopes))
     np.testing.assert_allclose(total, wanted, rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal(total, total.T)
+
+
+def test_the_normal_matrix_stays_where_no_products_are_wanted(rng):
+    start, slopes = np.eye(5), rng.normal(size=(2, 5, 8))
+    np.testing.assert_array_equal(grown(start, slopes, wanted=0), start)
+
+
+def test_a_slope_that_is_no_number_is_in_the_normal_matrix(rng):
+    slopes = rng.normal(size=(2, 20, 8))
+    slopes[1, 3] = 0.0
+    slopes[1, 3, 2] = np.nan
+    assert np.isnan(grown(np.zeros((20, 20)), slopes)[3]).all()
+
+
+def grown(start, slopes, wanted=1):
+    """Return a normal matrix with the products of slopes added."""
+
+    @jax.jit
+    def add(start, slopes):
+        return NormalMatrix(start, jnp.asarray(wanted, jnp.int32)).plus(slopes).whole
+
+    with float64():
+        return np.asarray(add(jnp.asarray(start), jnp.asarray(slopes)))
 
 
 def test_harmonics_and_their_slopes(rng):

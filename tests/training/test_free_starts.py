@@ -17,10 +17,11 @@ from penode.data.windows import Windows
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import AB2, EULER
+from penode.training.chunks import CHUNK
 from penode.training.free_starts import estimated_starts
 from penode.training.loss import DEFAULT_LOSS, Loss, equation
 from penode.training.prediction_error import Batch
-from penode.training.residuals import CHUNK, Objective
+from penode.training.residuals import Objective
 
 STEP, HORIZON, WINDOWS = 0.1, 6, CHUNK + 9
 SCALE = np.array([0.5, 1.0])

@@ -8,8 +8,9 @@ import pytest
 from penode import Predictor
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
+from penode.training.chunks import CHUNK
 from penode.training.gauss_newton_terms import GaussNewtonTerms
-from penode.training.residuals import CHUNK, Objective
+from penode.training.residuals import Objective
 
 HORIZONS = (1, 7, 23)
 

@@ -20,8 +20,8 @@ from penode.training.covariance import (
     Reported,
     dominated_by_few_windows,
     influence,
+    long_enough,
     prior_deviation,
-    sandwich_deviation,
     working_deviation,
 )
 from penode.training.gauss_newton_terms import residual_scale
@@ -235,8 +235,8 @@ class LadderProblem:
     def _finish(self, horizon: int, problem: Problem, solution: Solution) -> HorizonFit:
         jacobian = problem.reported_jacobian(solution.raw)
         of_physical = jacobian[: len(self.objective.layout.physical)]
-        deviation = self._deviation(problem, solution, jacobian)
         working = working_deviation(solution.terms, jacobian, problem.windows)
+        deviation = self._deviation(problem.windows, working)
         few = dominated_by_few_windows(solution.terms, of_physical)
         deviation[: len(few)][few] = working[: len(few)][few] = np.inf
         with float64():
@@ -271,12 +271,12 @@ class LadderProblem:
             }
         )
 
-    def _deviation(self, problem: Problem, solution: Solution, jacobian: FloatArray) -> FloatArray:
+    def _deviation(self, windows: Windows, working: FloatArray) -> FloatArray:
         """Return the deviations of reported quantities, infinite where nothing measures them."""
-        deviation = sandwich_deviation(solution.terms, jacobian, problem.windows)
         error = self.objective.error
-        spent = problem.windows.horizon * len(error.compared) <= len(error.free)  # on their starts
-        return np.full_like(deviation, np.inf) if spent else deviation
+        spent = windows.horizon * len(error.compared) <= len(error.free)  # on their starts
+        unknown = spent or not long_enough(windows)
+        return np.full_like(working, np.inf) if unknown else working.copy()
 
     def _progress(
         self, horizon: int, place: tuple[int, int]

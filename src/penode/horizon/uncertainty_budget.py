@@ -79,8 +79,9 @@ def raw_shifts(
     moving = problem.objective.layout.members(stage.groups)
     for shift, one in zip(shifts, imperfections, strict=True):
         imperfect = [one.applied(e, _SMALL) for e in problem.experiments]
-        here = replace(problem, experiments=imperfect).problem(stage, plan)
-        shift[moving] = terms.inverse @ (here.gauss_newton(raw).descent - terms.descent) / _SMALL
+        windows = replace(problem, experiments=imperfect).problem(stage, plan).windows
+        descent = problem.objective.descent(raw, windows)[moving]
+        shift[moving] = terms.inverse @ (descent - terms.descent) / _SMALL
     return shifts
 
 

@@ -82,8 +82,35 @@ class SplineBasis:
         ----------
         x : ndarray, shape (point,)
         """
+        inside = np.clip(x, -1.0, 1.0)
+        cell = np.searchsorted(self.breaks[1:-1], inside, side="right")
+        t, beyond = inside - self.breaks[cell], x - inside
+        c0, c1, c2, c3, c4 = self.pieces[:, :, cell]
+        value = c0 + t * (c1 + t * (c2 + t * (c3 + t * c4)))
+        slope = c1 + t * (2 * c2 + t * (3 * c3 + t * (4 * c4)))
+        curvature = 2 * c2 + t * (6 * c3 + t * (12 * c4))
+        third = np.where(beyond == 0.0, 6 * c3 + t * (24 * c4), 0.0)
+        value, slope = value + beyond * (slope + beyond * curvature / 2), slope + beyond * curvature
+        every = np.zeros((4, self.count, len(x)))
+        for k in range(DEGREE + 1):
+            every[:, cell + k, np.arange(len(x))] = value[k], slope[k], curvature[k], third[k]
+        return every
+
+    @cached_property
+    def pieces(self) -> FloatArray:
+        """Polynomials of each cell over the distance from its left end, (power, spline, cell).
+
+        Of the splines, those five that are not zero in the cell.
+        """
         axis = self.knots[None, :, None], self.weights[None]
-        return np.asarray(_derivatives(*axis, x[None], 4, np)[:, 0])
+        left, right = (
+            _derivatives(*axis, ends[None], 4, np)[:, 0]
+            for ends in (self.breaks[:-1], self.breaks[1:])
+        )
+        fourth = (right[3] - left[3]) / np.diff(self.breaks)
+        powers = np.stack([*left, fourth]) / np.array([1.0, 1.0, 2.0, 6.0, 24.0])[:, None, None]
+        cells = np.arange(len(self.breaks) - 1)
+        return np.asarray(powers[:, cells + np.arange(DEGREE + 1)[:, None], cells])
 
 
 def splines_of_each(bases: Sequence[SplineBasis], x: JaxArray, count: int = 3) -> JaxArray:

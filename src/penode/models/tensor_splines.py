@@ -63,23 +63,13 @@ class TensorBasis:
     @cached_property
     def pieces(self) -> FloatArray:
         """Polynomials of each cell, shape (axis, cell, power, lane), over the distance from it."""
-        return np.stack([_pieces(axis) for axis in self.axes])
+        pieces = np.stack([axis.pieces.transpose(2, 0, 1) for axis in self.axes])
+        return np.pad(pieces, [*[(0, 0)] * 3, (0, _LANES - DEGREE - 1)])
 
     @cached_property
     def breaks(self) -> FloatArray:
         """Ends of the cells, shape (axis, cell + 1)."""
         return np.stack([axis.breaks for axis in self.axes])
-
-
-def _pieces(axis: SplineBasis) -> FloatArray:
-    left, right = axis.derivatives(axis.breaks[:-1]), axis.derivatives(axis.breaks[1:])
-    cells = len(axis.breaks) - 1
-    fourth = (right[3] - left[3]) / np.diff(axis.breaks)
-    powers = np.stack([*left, fourth]) / np.array([1.0, 1.0, 2.0, 6.0, 24.0])[:, None, None]
-    pieces = np.zeros((cells, DEGREE + 1, _LANES))
-    for cell in range(cells):
-        pieces[cell, :, : DEGREE + 1] = powers[:, cell : cell + DEGREE + 1, cell]
-    return pieces
 
 
 def folded(splines: Array, even: bool) -> Array:
@@ -175,9 +165,16 @@ def _jets_jvp(primals: Any, tangents: Any, *, basis: TensorBasis, orders: Orders
         return values, sum(slopes, slope)
     further = tuple(one for m, n in orders for one in ((m + 1, n), (m, n + 1)))
     every = tuple(dict.fromkeys(orders + further))
-    row = dict(zip(every, jets(basis, every, table, x), strict=True))
-    along = [row[m + 1, n] * x_dot[0] + row[m, n + 1] * x_dot[1] for m, n in orders]
-    return jnp.stack([row[one] for one in orders]), sum(slopes, jnp.stack(along))
+    rows = jets(basis, every, table, x)
+    # As sums over an axis: the transpose of rows taken one by one is a loop for each of them.
+    at = [np.array([every.index((m + i, n + j)) for m, n in orders]) for i, j in _NEXT]
+    value, *slopes_along = (rows[places] for places in at)
+    along = jnp.sum(jnp.stack(slopes_along) * x_dot[:, None], axis=0)
+    return value, sum(slopes, along)
+
+
+#: What is added to orders of differentiation: nothing, one along d, one along q.
+_NEXT = ((0, 0), (1, 0), (0, 1))
 
 
 def _jets_transposed(cotangents: Any, table: Any, x: Any, **described: Any) -> Any:

@@ -284,15 +284,18 @@ static int all_zero(const double *x, int64_t count) {
   return 1;
 }
 
-/* normal += sum over outputs and batch of s s' on and below the diagonal; s (output, size, batch). */
+/* normal += sum over outputs and batch of s s' on and below the diagonal; s (output, size, batch).
+   Nothing is added where it is not wanted. */
 EXPORT XLA_FFI_Error *penode_add_products(XLA_FFI_CallFrame *frame) {
   if (answered(frame)) return NULL;
-  XLA_FFI_Buffer *before = argument(frame, 0), *slopes = argument(frame, 1);
+  XLA_FFI_Buffer *before = argument(frame, 0), *slopes = argument(frame, 2);
+  const int32_t *wanted = argument(frame, 1)->data;
   double *normal = result(frame, 0)->data;
   const double *from = slopes->data;
   int64_t outputs = slopes->dims[0], size = slopes->dims[1], batch = slopes->dims[2];
   Active a = {NULL, NULL, 0, outputs * batch, size};
   if (normal != before->data) memcpy(normal, before->data, sizeof(double) * size * size);
+  if (*wanted == 0) return NULL;
   a.panels = calloc(a.depth * (size + WIDE), sizeof(double));
   a.column = malloc(sizeof(int64_t) * (size + 1));
   if (a.panels == NULL || a.column == NULL) {

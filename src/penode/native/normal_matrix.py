@@ -1,5 +1,7 @@
 """The sum of products of sensitivities, S'S, one batch of windows at a time."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,32 +10,52 @@ from penode.arrays import JaxArray
 from penode.native import library
 
 
-def add_products(normal: JaxArray, slopes: JaxArray) -> JaxArray:
-    """Add the products of each output's and window's slopes; read it by `whole`.
+class NormalMatrix(NamedTuple):
+    """S'S, growing.
 
-    Parameters
+    Attributes
     ----------
-    normal : array, shape (value, value)
+    lower : array, shape (value, value)
         On and below the diagonal.
-    slopes : array, shape (output, value, batch)
+    wanted : array of int32, shape ()
+        0 where nothing is to be added: a third of an evaluation that needs S'r alone.
     """
-    if normal.dtype != np.float64 or not library.available():
-        return _plain(normal, slopes)
-    added: JaxArray = jax.lax.platform_dependent(normal, slopes, cpu=_in_c, default=_plain)
-    return added
+
+    lower: JaxArray
+    wanted: JaxArray
+
+    @classmethod
+    def zero(cls, size: int, like: JaxArray, wanted: JaxArray | int = 1) -> "NormalMatrix":
+        """Return the matrix (size, size) before anything was added, of another array's type."""
+        return cls(jnp.zeros((size, size), like.dtype), jnp.asarray(wanted, jnp.int32))
+
+    def plus(self, slopes: JaxArray) -> "NormalMatrix":
+        """Add the products of each output's and window's slopes (output, value, batch)."""
+        if self.lower.dtype != np.float64 or not library.available():
+            return self._replace(lower=_plain(*self, slopes))
+        lower = jax.lax.platform_dependent(*self, slopes, cpu=_in_c, default=_plain)
+        return self._replace(lower=lower)
+
+    def minus(self, products: JaxArray) -> "NormalMatrix":
+        """Take a symmetric matrix (value, value) away."""
+        return self._replace(lower=self.lower - products)
+
+    @property
+    def whole(self) -> JaxArray:
+        """Both sides of the diagonal, shape (value, value)."""
+        return jnp.tril(self.lower) + jnp.tril(self.lower, -1).T
 
 
-def whole(normal: JaxArray) -> JaxArray:
-    """Return the symmetric matrix of which the part on and below the diagonal came."""
-    return jnp.tril(normal) + jnp.tril(normal, -1).T
+def _plain(lower: JaxArray, wanted: JaxArray, slopes: JaxArray) -> JaxArray:
+    def added(lower: JaxArray, slopes: JaxArray) -> JaxArray:
+        return lower + jnp.einsum("oib,ojb->ij", slopes, slopes)
+
+    sums: JaxArray = jax.lax.cond(wanted != 0, added, lambda lower, _: lower, lower, slopes)
+    return sums
 
 
-def _plain(normal: JaxArray, slopes: JaxArray) -> JaxArray:
-    return normal + jnp.einsum("oib,ojb->ij", slopes, slopes)
-
-
-def _in_c(normal: JaxArray, slopes: JaxArray) -> JaxArray:
-    shape = jax.ShapeDtypeStruct(normal.shape, normal.dtype)
+def _in_c(lower: JaxArray, wanted: JaxArray, slopes: JaxArray) -> JaxArray:
+    shape = jax.ShapeDtypeStruct(lower.shape, lower.dtype)
     call = jax.ffi.ffi_call("penode_add_products", shape, input_output_aliases={0: 0})
-    added: JaxArray = call(normal, slopes)
+    added: JaxArray = call(lower, wanted, slopes)
     return added

@@ -128,9 +128,14 @@ def sandwich_deviation(
         Those the terms were summed over. Recordings of fewer than five HAC bandwidths cannot show
         how their residuals vary; the deviations are then infinite.
     """
-    if len(windows.states) < LEAST_BANDWIDTHS * correlation_length(windows):
+    if not long_enough(windows):
         return np.full(len(jacobian), np.inf)
     return working_deviation(terms, jacobian, windows)
+
+
+def long_enough(windows: Windows) -> bool:
+    """Whether recordings show how their residuals vary: five HAC bandwidths at least."""
+    return len(windows.states) >= LEAST_BANDWIDTHS * correlation_length(windows)
 
 
 def dominated_by_few_windows(terms: GaussNewtonTerms, jacobian: FloatArray) -> BoolArray:

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import JaxArray
+from penode.native.normal_matrix import NormalMatrix
 from penode.training.prediction_error import Batch, PredictionError
 from penode.training.sensitivities import Sums, window_sums
 
@@ -45,7 +46,7 @@ def estimated_starts(
     stiffness = jnp.asarray(error.stiffness)[:, None]
 
     def evaluate(correction: JaxArray) -> tuple[JaxArray, JaxArray, JaxArray]:
-        nothing = jnp.zeros((0, 0), values.dtype)
+        nothing = NormalMatrix.zero(0, values)
         sums = window_sums(error, values, correction, horizon, batch, nothing)
         squares = sums.squares + jnp.sum(stiffness * correction**2, axis=0)
         curvature = sums.own + (np.eye(free)[..., None] * stiffness)
@@ -85,15 +86,15 @@ def estimated_starts(
 
 def eliminated(
     error: PredictionError, sums: Sums, correction: JaxArray, used: JaxArray
-) -> tuple[JaxArray, JaxArray, JaxArray]:
-    """Return squares (batch,), scores (value, batch) and normal (value, value) without the starts.
+) -> tuple[JaxArray, JaxArray, NormalMatrix]:
+    """Return squares (batch,), scores (value, batch) and normal matrix without the starts.
 
     The corrections' own squares are included.
     """
     free = len(error.free)
     if not free:
         return sums.squares, sums.scores, sums.normal
-    lead = len(sums.normal)
+    lead = len(sums.normal.lower)
     stiffness = jnp.asarray(error.stiffness)[:, None]
     squares = sums.squares + used * jnp.sum(stiffness * correction**2, axis=0)
     slope = sums.scores[lead:] - used * stiffness * correction
@@ -102,7 +103,7 @@ def eliminated(
     mixed = sums.own[:, :lead]
     removed = _solve(curvature, jnp.concatenate([mixed, slope[:, None]], axis=1), 0.0 * used)
     scores = sums.scores[:lead] - jnp.sum(mixed * removed[:, -1:], axis=0)
-    normal = sums.normal - jnp.einsum("fib,fjb->ij", mixed, removed[:, :-1])
+    normal = sums.normal.minus(jnp.einsum("fib,fjb->ij", mixed, removed[:, :-1]))
     return squares, scores, normal
 
 

@@ -74,13 +74,22 @@ class Batch(eqx.Module):
         return self.states[:, self.starts + step]
 
 
-def compiled_windows(windows: Windows, capacity: int) -> Batch:
+def compiled_windows(windows: Windows, capacity: int, order: IntArray | None = None) -> Batch:
     """Return the windows for compiled code, padded to a length: one program for a whole ladder.
 
     The last window pads: a rollout from elsewhere could overflow, and zero times that is nan.
     Recordings are padded too, so that others of about the same length share the program.
+
+    Parameters
+    ----------
+    windows : Windows
+    capacity : int
+        Windows there is room for.
+    order : ndarray of int, shape (window,), optional
+        Which window comes first, second, and so on; as they are by default.
     """
-    order = np.minimum(np.arange(capacity), len(windows.starts) - 1)
+    order = np.arange(len(windows.starts)) if order is None else order
+    order = np.pad(order, (0, capacity - len(order)), mode="edge")
     return Batch(
         states=with_shared_length(windows.states.T),
         inputs=with_shared_length(windows.inputs.T),

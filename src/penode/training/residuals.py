@@ -1,9 +1,6 @@
 """THE objective: one residual, from which loss, gradient, Gauss-Newton terms and scores derive."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from typing import Any
 
 import equinox as eqx
@@ -12,27 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.sparse import csr_array
 
-from penode.arrays import FloatArray, JaxArray, float64, shared_length
+from penode.arrays import FloatArray, JaxArray, float64
 from penode.data.windows import Windows
 from penode.models.base import Model
 from penode.models.layout import Layout
-from penode.native.normal_matrix import whole
 from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
-from penode.training.free_starts import eliminated, estimated_starts
+from penode.training.chunks import summed
+from penode.training.free_starts import estimated_starts
 from penode.training.gauss_newton_terms import GaussNewtonTerms
 from penode.training.loss import DEFAULT_LOSS, Loss
 from penode.training.penalties import GaussianPrior, Penalty
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
-from penode.training.sensitivities import window_sums
 
-#: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
-CHUNK, _NEAR = 64, 131_072
 #: Windows that one pass of reverse mode takes: their rollouts stay in the second-level cache.
 GRADIENT_CHUNK = 256
-#: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
-#: not depend on the number of cores.
-STRANDS = 4
 
 
 class Objective:
@@ -106,6 +97,21 @@ class Objective:
             prior=prior,
         )
 
+    def descent(self, raw: FloatArray, windows: Windows) -> FloatArray:
+        """Return the descent (parameter,) of the Gauss-Newton terms alone, which costs less.
+
+        Parameters
+        ----------
+        raw : ndarray, shape (parameter,)
+            Raw parameters.
+        windows : Windows
+            Served by the same program as those of `gauss_newton`.
+        """
+        residuals = len(windows.starts) * windows.horizon * len(self.error.compared)
+        penalties, slopes = self.penalties(raw)
+        scores = self._sums(raw, windows, normal=False)[2]
+        return np.asarray(scores.sum(axis=1) - residuals * slopes.T @ penalties)
+
     def penalties(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the penalties' residuals at raw (parameter,) and slopes (residual, parameter)."""
         with float64():
@@ -123,36 +129,14 @@ class Objective:
         parts = zip(beliefs, slopes, strict=True)
         return residuals**2 * sum(s.T @ (b.variance[:, None] * s) for b, s in parts)
 
-    @cached_property
-    def chunk(self) -> int:
-        """Windows that are worked on together."""
-        return _chunk(self.error)
-
-    def _sums(self, raw: FloatArray, windows: Windows) -> tuple[FloatArray, ...]:
-        """Return summed squares, normal matrix and the windows' scores, by strands."""
-        most, least = shared_length(len(windows.states)), STRANDS * self.chunk
-        capacity = least * -(-most // least)
+    def _sums(
+        self, raw: FloatArray, windows: Windows, normal: bool = True
+    ) -> tuple[FloatArray, ...]:
+        """Return summed squares, normal matrix (or zeros) and the windows' scores, of raw."""
+        squares, products, scores = summed(self.error, raw, windows, normal)
         with float64():
-            batch = compiled_windows(windows, capacity)
-            shared = jnp.asarray(raw), jnp.asarray(self.scale), batch
-
-        def add_up(first: int, count: int) -> list[FloatArray]:
-            with float64():
-                sums = _sum_over_chunks(self.error, *shared, (first, count), windows.horizon)
-                return [np.asarray(part) for part in sums]
-
-        count = len(windows.starts)
-        length = self.chunk * -(-count // (STRANDS * self.chunk))
-        firsts = range(0, count, length)
-        counts = [min(length, count - first) for first in firsts]
-        add_up(0, 0)  # compiles, where that is still to be done, once
-        sums = list(_workers().map(add_up, firsts, counts))
-        squares, normal = (np.sum([part[k] for part in sums], axis=0) for k in (0, 1))
-        scores = [part[2][:, :used] for part, used in zip(sums, counts, strict=True)]
-        with float64():
-            transposed = csr_array(np.asarray(_transform(self.layout, shared[0])).T)
-        raw_normal = transposed @ (transposed @ normal).T
-        return squares, raw_normal, transposed @ np.concatenate(scores, axis=1)
+            transposed = csr_array(np.asarray(_transform(self.layout, jnp.asarray(raw))).T)
+        return squares, transposed @ (transposed @ products).T, transposed @ scores
 
     @cached_property
     def _value_and_grad(self) -> Any:
@@ -227,11 +211,6 @@ class Objective:
         )
 
 
-def _chunk(error: PredictionError) -> int:
-    each = 8 * len(error.model.states) * error.layout.size
-    return next((n for n in (CHUNK, CHUNK // 2) if n * each <= _NEAR), CHUNK // 4)
-
-
 def _penalties(layout: Layout[Model], penalties: tuple[Penalty, ...], raw: JaxArray) -> JaxArray:
     values = layout.values(raw)
     return jnp.concatenate([raw[:0], *(penalty.residuals(layout, values) for penalty in penalties)])
@@ -255,47 +234,3 @@ def _transform(layout: Layout[Model], raw: JaxArray) -> JaxArray:
     """Return d(values)/d(raw)."""
     slopes: JaxArray = jax.jacfwd(layout.values)(raw)
     return slopes
-
-
-@partial(jax.jit, static_argnums=0)
-def _sum_over_chunks(
-    error: PredictionError,
-    raw: JaxArray,
-    scale: JaxArray,
-    windows: Batch,
-    span: tuple[JaxArray, JaxArray],
-    horizon: JaxArray,
-) -> tuple[JaxArray, ...]:
-    """Sum over a span of windows: the first of them, and how many."""
-    first, count = span
-    error = replace(error, scale=scale)
-    values = error.layout.values(raw)
-    size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS
-    width = _chunk(error)
-    each = jnp.broadcast_to(values[:, None], (size, width))
-
-    def body(chunk: JaxArray, sums: tuple[JaxArray, ...]) -> tuple[JaxArray, ...]:
-        batch = windows.part(first + chunk * width, width)
-        correction = estimated_starts(error, each, horizon, batch)
-        joint = window_sums(error, each, correction, horizon, batch, sums[1])
-        squares, scores, normal = eliminated(error, joint, correction, batch.used)
-        here = (jnp.zeros_like(chunk), chunk * width)
-        return (
-            sums[0] + jnp.sum(squares),
-            normal,
-            jax.lax.dynamic_update_slice(sums[2], scores, here),
-        )
-
-    nothing = (
-        jnp.zeros((), values.dtype),
-        jnp.zeros((size, size), values.dtype),
-        jnp.zeros((size, capacity), values.dtype),
-    )
-    chunks = (count + width - 1) // width
-    squares, normal, scores = jax.lax.fori_loop(0, chunks, body, nothing)
-    return squares, whole(normal), scores
-
-
-@cache
-def _workers() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(min(STRANDS, os.cpu_count() or 1), thread_name_prefix="penode")

@@ -13,7 +13,7 @@ import numpy as np
 
 from penode.arrays import JaxArray
 from penode.models.layout import Parts
-from penode.native.normal_matrix import add_products
+from penode.native.normal_matrix import NormalMatrix
 from penode.predictors.rollout import rollout
 from penode.training.prediction_error import Batch, PredictionError
 
@@ -29,14 +29,14 @@ class Sums(NamedTuple):
         S'r.
     own : array, shape (free, column, batch)
         Rows of S'S that belong to the window's own columns, those of its start.
-    normal : array, shape (value, value)
-        S'S of the shared columns on and below the diagonal, summed over windows too.
+    normal : NormalMatrix
+        S'S of the shared columns, summed over windows too.
     """
 
     squares: JaxArray
     scores: JaxArray
     own: JaxArray
-    normal: JaxArray
+    normal: NormalMatrix
 
 
 def window_sums(
@@ -45,7 +45,7 @@ def window_sums(
     correction: JaxArray,
     horizon: JaxArray,
     batch: Batch,
-    normal: JaxArray,
+    normal: NormalMatrix,
 ) -> Sums:
     """Predict a batch of windows and sum what Gauss and Newton need.
 
@@ -59,12 +59,12 @@ def window_sums(
     horizon : scalar array
         Steps, known at run time only.
     batch : Batch
-    normal : array, shape (value, value)
-        What S'S of the parameters is added to, on and below the diagonal; of shape (0, 0) where
-        only the windows' own starts are columns.
+    normal : NormalMatrix
+        What S'S of the parameters is added to; of size 0 where only the windows' own starts are
+        columns.
     """
     parts = error.layout.split(values)
-    recursion = _Recursion(error, parts, horizon, batch, len(normal))
+    recursion = _Recursion(error, parts, horizon, batch, len(normal.lower))
     start, first = recursion.start(correction)
     prefilter = error.loss.prefilter
 
@@ -162,13 +162,13 @@ class _Recursion:
 
 def _added(sums: Sums, residual: JaxArray, slopes: JaxArray) -> Sums:
     """Add one step's filtered residual (output, batch) and slopes (output, column, batch)."""
-    lead = len(sums.normal)
+    lead = len(sums.normal.lower)
     shared, own = slopes[:, :lead], slopes[:, lead:]
     return Sums(
         sums.squares + jnp.sum(residual**2, axis=0),
         sums.scores + jnp.sum(slopes * residual[:, None], axis=0),
         sums.own + jnp.sum(own[:, :, None] * slopes[:, None], axis=0),
-        add_products(sums.normal, shared),
+        sums.normal.plus(shared),
     )
 
 

@@ -5,13 +5,12 @@ precision is lambda_k S_k over the variance of an equation; its strengths maximi
 likelihood (REML). S. N. Wood, J. R. Stat. Soc. B 73 (2011) 3, doi:10.1111/j.1467-9868.2010.00749.x.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
 
 from penode.arrays import FloatArray
 from penode.training.gauss_newton_terms import inverse_normal
@@ -19,8 +18,9 @@ from penode.training.weak_form import OVERLAP, WeakRegression
 
 #: Decades within which a strength is sought, over that at which penalty and data weigh the same.
 _LOWEST, _HIGHEST, _FIRST = -7.0, 3.0, -3.0
-#: Decades to which a strength is rounded.
-_ROUNDED = 0.25
+#: Decades between the strengths that are tried, so that the last digits of a recording do not move
+#: the answer; and steps of the search, in these.
+_ROUNDED, _STEPS = 0.25, (6, 3, 2, 1)
 #: Keeps directions that neither data nor penalty see, such as a coenergy's constant.
 _RIDGE = 1e-13
 
@@ -95,21 +95,11 @@ def smoothed(equations: WeakRegression, penalties: Sequence[Roughness]) -> Smoot
     penalties : sequence of Roughness
     """
     problem = _Normal.of(equations, penalties)
-    optimum = minimize(
-        lambda logs: (
-            problem.evidence(np.clip(logs, _LOWEST, _HIGHEST))[0]
-            + float(np.sum((logs - np.clip(logs, _LOWEST, _HIGHEST)) ** 2))
-        ),
-        np.full(len(penalties), _FIRST),
-        method="Nelder-Mead",
-        options={
-            "xatol": 1e-3,
-            "fatol": 1e-6,
-            "initial_simplex": _simplex(len(penalties)),
-        },
+    logs = _ROUNDED * lowest(
+        lambda place: problem.evidence(_ROUNDED * place)[0],
+        np.full(len(penalties), round(_FIRST / _ROUNDED)),
+        (round(_LOWEST / _ROUNDED), round(_HIGHEST / _ROUNDED)),
     )
-    # Rounded, so that the last digits of a recording do not move the answer.
-    logs = np.round(np.clip(optimum.x, _LOWEST, _HIGHEST) / _ROUNDED) * _ROUNDED
     evidence, solution, variance = problem.evidence(logs)
     strength = problem.balance * 10.0**logs
     return Smoothed(solution, strength, variance, variance / strength, evidence)
@@ -175,11 +165,42 @@ def _solved(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, float]:
     return np.asarray(solution), volume
 
 
-def _simplex(size: int) -> FloatArray:
-    """Return first trials (size + 1, size) a decade and a half apart."""
-    first = np.full((size + 1, size), _FIRST)
-    first[1:] += 1.5 * np.eye(size)
-    return first
+def lowest(
+    function: Callable[[FloatArray], float], first: FloatArray, limits: tuple[int, int]
+) -> FloatArray:
+    """Return the whole numbers at which a function is lowest, by a compass search.
+
+    Steps along one axis at a time, first long, then half as long, to one; where none leads lower,
+    the place is lower than its neighbours (R. Hooke and T. A. Jeeves, J. ACM 8 (1961) 212,
+    doi:10.1145/321062.321069). No place is evaluated twice.
+
+    Parameters
+    ----------
+    function : callable
+        Of whole numbers, shape (axis,).
+    first : ndarray, shape (axis,)
+        Where to begin.
+    limits : tuple of int
+        Lowest and highest number along each axis.
+    """
+    evaluated: dict[tuple[float, ...], float] = {}
+
+    def value(place: FloatArray) -> float:
+        key = tuple(place)
+        if key not in evaluated:
+            evaluated[key] = function(place)
+        return evaluated[key]
+
+    best = np.asarray(first, dtype=np.float64)
+    ways = [sign * way for way in np.eye(len(best)) for sign in (1.0, -1.0)]
+    for length in _STEPS:
+        moved = True
+        while moved:
+            trials = [np.clip(best + length * way, *limits) for way in ways]
+            better = min(trials, key=value, default=best)
+            moved = value(better) < value(best)
+            best = better if moved else best
+    return best
 
 
 @dataclass(frozen=True, eq=False)

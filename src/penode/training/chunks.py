@@ -1,0 +1,138 @@
+"""Gauss-Newton sums over all windows: chunk by chunk, which caches hold, and side by side."""
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import cache, partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import FloatArray, IntArray, JaxArray, float64, shared_length
+from penode.data.windows import Windows
+from penode.native.normal_matrix import NormalMatrix
+from penode.training.free_starts import eliminated, estimated_starts
+from penode.training.prediction_error import Batch, PredictionError, compiled_windows
+from penode.training.sensitivities import window_sums
+
+#: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
+CHUNK, _NEAR = 64, 131_072
+#: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
+#: not depend on the number of cores.
+STRANDS = 4
+#: Parts of the first state's range: windows that start in one of them follow each other.
+_PARTS = 10
+
+
+def summed(
+    error: PredictionError, raw: FloatArray, windows: Windows, normal: bool = True
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return sums over windows, by the parameters' values.
+
+    Parameters
+    ----------
+    error : PredictionError
+    raw : ndarray, shape (parameter,)
+        Raw parameters.
+    windows : Windows
+        One program serves every horizon and number of windows cut from the same recordings.
+    normal : bool
+        Whether the normal matrix is wanted; it is zero otherwise.
+
+    Returns
+    -------
+    squares : ndarray, shape ()
+        Sum of r'r.
+    normal : ndarray, shape (value, value)
+        Sum of S'S.
+    scores : ndarray, shape (value, window)
+        S'r of each window.
+    """
+    width, order = _width(error), _neighbours(windows)
+    least = STRANDS * width
+    capacity = least * -(-shared_length(len(windows.states)) // least)
+    with float64():
+        batch = compiled_windows(windows, capacity, order)
+        shared = jnp.asarray(raw), jnp.asarray(error.scale), batch
+
+    def add_up(first: int, count: int) -> Sequence[FloatArray]:
+        with float64():
+            span = first, count, int(normal)
+            sums = _sum_over_chunks(error, *shared, span, windows.horizon)
+            return [np.asarray(part) for part in sums]
+
+    length = width * -(-len(order) // least)
+    firsts = range(0, len(order), length)
+    counts = [min(length, len(order) - first) for first in firsts]
+    add_up(0, 0)  # compiles, where that is still to be done, once
+    strands = list(_workers().map(add_up, firsts, counts))
+    squares, products = (np.sum([part[k] for part in strands], axis=0) for k in (0, 1))
+    parts = [part[2][:, :used] for part, used in zip(strands, counts, strict=True)]
+    scores = np.concatenate(parts, axis=1)
+    if windows.horizon > 1:
+        scores = scores[:, np.argsort(order)]
+    return squares, products, scores
+
+
+def _neighbours(windows: Windows) -> IntArray:
+    """Return the order in which windows near each other in the state space follow each other.
+
+    Learned maps with local bases leave most columns of such a chunk at zero, which cost nothing
+    then. Windows of one step are near each other as they come.
+    """
+    if windows.horizon == 1:
+        return np.arange(len(windows.starts))
+    start = windows.states[windows.starts]
+    first = start[:, 0]
+    part = np.floor((first - first.min()) / max(np.ptp(first), 1e-300) * _PARTS)
+    return np.lexsort((start[:, -1], part))
+
+
+def _width(error: PredictionError) -> int:
+    each = 8 * len(error.model.states) * error.layout.size
+    return next((n for n in (CHUNK, CHUNK // 2) if n * each <= _NEAR), CHUNK // 4)
+
+
+@partial(jax.jit, static_argnums=0)
+def _sum_over_chunks(
+    error: PredictionError,
+    raw: JaxArray,
+    scale: JaxArray,
+    windows: Batch,
+    span: tuple[JaxArray, JaxArray, JaxArray],
+    horizon: JaxArray,
+) -> tuple[JaxArray, ...]:
+    """Sum over a span of windows: the first, how many, and whether the normal matrix is wanted."""
+    first, count, wanted = span
+    error = replace(error, scale=scale)
+    values = error.layout.values(raw)
+    size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS
+    width = _width(error)
+    each = jnp.broadcast_to(values[:, None], (size, width))
+
+    def body(
+        chunk: JaxArray, sums: tuple[JaxArray, NormalMatrix, JaxArray]
+    ) -> tuple[JaxArray, NormalMatrix, JaxArray]:
+        batch = windows.part(first + chunk * width, width)
+        correction = estimated_starts(error, each, horizon, batch)
+        joint = window_sums(error, each, correction, horizon, batch, sums[1])
+        squares, scores, normal = eliminated(error, joint, correction, batch.used)
+        here = (jnp.zeros_like(chunk), chunk * width)
+        scores = jax.lax.dynamic_update_slice(sums[2], scores, here)
+        return sums[0] + jnp.sum(squares), normal, scores
+
+    nothing = (
+        jnp.zeros((), values.dtype),
+        NormalMatrix.zero(size, values, wanted),
+        jnp.zeros((size, capacity), values.dtype),
+    )
+    chunks = (count + width - 1) // width
+    squares, normal, scores = jax.lax.fori_loop(0, chunks, body, nothing)
+    return squares, normal.whole, scores
+
+
+@cache
+def _workers() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(min(STRANDS, os.cpu_count() or 1), thread_name_prefix="penode")
