@@ -76,10 +76,15 @@ def held_definite(
     visited = _hessians(parts, currents[:: max(len(currents) // _POINTS, 1)])
     solution = smoothed.solution
     rows, target = np.zeros((0, len(solution))), np.zeros(0)
-    known = _known(_principal(visited, solution[first:])[0])
+    without = np.flatnonzero(~currents.any(axis=0))  # axes whose inductance nothing shows
+    known = _known(_principal(visited, solution[first:])[0][:, len(without) :])
     if not known:  # nothing says how large an inductance is
         return Held(solution, rows, target)
-    floor = _LEAST * known
+    floor, unseen = _LEAST * known, np.zeros_like(solution)
+    for axis in without:
+        size = parts[0].coefficients.size
+        unseen[first : first + size] += known * _of_unit_inductance(parts[0], int(axis))
+    solution = solution + unseen
     for _ in range(_ROUNDS):
         values, directions = _principal(everywhere, solution[first:])
         bad = values[:, 0] < floor / 2
@@ -91,8 +96,10 @@ def held_definite(
         new[:, first:] = np.einsum("pk,pkc->pc", along, everywhere[bad])
         rows = np.concatenate([rows, new / (floor / _CERTAIN)])
         target = np.concatenate([target, np.full(len(new), _CERTAIN)])
-        solution = penalised(equations, penalties, smoothed, (rows, target))
-    reached = float(_principal(everywhere, solution[first:])[0].min())
+        left = target - rows @ unseen
+        solution = penalised(equations, penalties, smoothed, (rows, left)) + unseen
+    # A little below, so that rounding lets no penalty begin where training does.
+    reached = (1 - 1e-5) * float(_principal(everywhere, solution[first:])[0].min())
     return Held(solution, rows, target, min(floor / 2, reached) if reached > 0 else floor / 2)
 
 
@@ -185,10 +192,22 @@ def _hessians(parts: Sequence[CoenergyPart], points: FloatArray) -> FloatArray:
     return np.concatenate([columns(part, points, HESSIAN) for part in parts], axis=2)
 
 
-def _known(inductances: FloatArray) -> float:
-    """Return the least principal inductance (point, 2) that the recordings show; 0 for none.
+def _of_unit_inductance(part: CoenergyPart, axis: int) -> FloatArray:
+    """Return the coefficients of x^2 / 2 along an axis, which is even in both.
 
-    With current in one axis alone all smaller ones may be nothing but noise.
+    Neither recordings without current along it nor penalties on roughness see that coenergy, and
+    rounding alone would decide the inductance.
+    """
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (4 * part.coefficients.size, 2))
+    wanted = points * np.eye(2)[axis]
+    gradient = np.concatenate(columns(part, points).transpose(1, 0, 2))
+    return np.asarray(np.linalg.lstsq(gradient, wanted.T.ravel(), rcond=None)[0])
+
+
+def _known(inductances: FloatArray) -> float:
+    """Return the least principal inductance (point, axis) that the recordings show; 0 for none.
+
+    With hardly any current in one axis all smaller ones may be nothing but noise.
     """
     for least in inductances.T:
         positive = least[least > 0]
