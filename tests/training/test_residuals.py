@@ -51,6 +51,12 @@ def test_gauss_newton_terms(system, solver, horizon, objective_of):
     assert found.finite
 
 
+def test_the_descent_alone_is_that_of_the_terms(system, objective_of):
+    objective, windows = objective_of(system), system.windows(7)
+    terms = objective.gauss_newton(system.raw, windows)
+    np.testing.assert_array_equal(objective.descent(system.raw, windows), terms.descent)
+
+
 def test_whole_chunks_and_a_single_window(systems, objective_of):
     system = systems["linear machine"]
     many = system.windows(2)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from penode.pmsm.balance.smoothing import Roughness, _Normal, smoothed
+from penode.pmsm.balance.smoothing import Roughness, _Normal, lowest, smoothed
 from penode.training.weak_form import WeakRegression
 
 COUNT, SIZE = 400, 12
@@ -88,3 +88,16 @@ def test_two_penalties_have_strengths_of_their_own(rng):
     found = smoothed(every, blocks)
     assert found.prior_variance[0] > 100 * found.prior_variance[1]
     assert np.linalg.norm(found.solution[SIZE:]) < 0.3 * np.linalg.norm(every.solve()[SIZE:])
+
+
+def test_the_search_ends_at_the_lowest_of_a_lattice_and_evaluates_no_place_twice():
+    bottom, seen = np.array([7.3, -11.6]), []
+
+    def bowl(place):
+        seen.append(tuple(place))
+        a, b = place - bottom
+        return a**2 + a * b / 2 + 3 * b**2
+
+    np.testing.assert_array_equal(lowest(bowl, np.array([-12, -12]), (-28, 12)), [7, -12])
+    assert len(seen) == len(set(seen)) < 60
+    np.testing.assert_array_equal(lowest(bowl, np.array([-12, -12]), (-28, 4)), [4, -11])
