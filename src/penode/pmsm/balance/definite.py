@@ -17,7 +17,7 @@ from penode.arrays import FloatArray, JaxArray
 from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.pmsm.balance.smoothing import Roughness, Smoothed, penalised
-from penode.pmsm.machine.coenergy_map import HESSIAN, CoenergyPart, columns
+from penode.pmsm.machine.coenergy_map import HESSIAN, CoenergyPart, columns, quadratic
 from penode.training.weak_form import WeakRegression
 
 #: Points a side of the rectangle, and recorded ones that say how small an inductance may be.
@@ -76,14 +76,14 @@ def held_definite(
     visited = _hessians(parts, currents[:: max(len(currents) // _POINTS, 1)])
     solution = smoothed.solution
     rows, target = np.zeros((0, len(solution))), np.zeros(0)
-    without = np.flatnonzero(~currents.any(axis=0))  # axes whose inductance nothing shows
-    known = _known(_principal(visited, solution[first:])[0][:, len(without) :])
+    without = ~currents.any(axis=0)  # axes whose inductance nothing shows
+    known = _known(_principal(visited, solution[first:])[0][:, without.sum() :])
     if not known:  # nothing says how large an inductance is
         return Held(solution, rows, target)
     floor, unseen = _LEAST * known, np.zeros_like(solution)
-    for axis in without:
+    if without.any():  # neither data nor roughness see it; rounding alone would decide
         size = parts[0].coefficients.size
-        unseen[first : first + size] += known * _of_unit_inductance(parts[0], int(axis))
+        unseen[first : first + size] = quadratic(parts[0], np.asarray(known * without))
     solution = solution + unseen
     for _ in range(_ROUNDS):
         values, directions = _principal(everywhere, solution[first:])
@@ -190,18 +190,6 @@ def _rectangle(currents: FloatArray, count: int) -> FloatArray:
 def _hessians(parts: Sequence[CoenergyPart], points: FloatArray) -> FloatArray:
     """Return W_dd, W_dq and W_qq of each coefficient, shape (point, 3, coefficient)."""
     return np.concatenate([columns(part, points, HESSIAN) for part in parts], axis=2)
-
-
-def _of_unit_inductance(part: CoenergyPart, axis: int) -> FloatArray:
-    """Return the coefficients of x^2 / 2 along an axis, which is even in both.
-
-    Neither recordings without current along it nor penalties on roughness see that coenergy, and
-    rounding alone would decide the inductance.
-    """
-    points = np.random.default_rng(0).uniform(-1.0, 1.0, (4 * part.coefficients.size, 2))
-    wanted = points * np.eye(2)[axis]
-    gradient = np.concatenate(columns(part, points).transpose(1, 0, 2))
-    return np.asarray(np.linalg.lstsq(gradient, wanted.T.ravel(), rcond=None)[0])
 
 
 def _known(inductances: FloatArray) -> float:

@@ -89,10 +89,7 @@ class CoenergySplines(FeatureNetwork):
             Harmonics of the angle, each with amplitudes of zero.
         """
         even = CoenergyPart.zero(MEAN, True)
-        points = np.random.default_rng(0).uniform(-1.0, 1.0, (4 * even.coefficients.size, 2))
-        wanted = 0.3 * points
-        gradient = np.concatenate(columns(even, points).transpose(1, 0, 2))
-        solved = np.linalg.lstsq(gradient, wanted.T.ravel(), rcond=None)[0]
+        solved = quadratic(even, np.array([0.3, 0.3]))
         mean = replace(even, coefficients=solved.reshape(even.coefficients.shape))
         if not orders:
             return cls((mean,))
@@ -180,6 +177,22 @@ def columns(
     for k, (m, n) in enumerate(orders):
         np.einsum("jp,kp->pjk", d[m], q[n], out=every[:, k])
     return every.reshape(len(points), len(orders), -1)
+
+
+def quadratic(part: CoenergyPart, inductances: FloatArray) -> FloatArray:
+    """Return the coefficients, shape (coefficient,), of (L_d x_d^2 + L_q x_q^2) / 2, to rounding.
+
+    Parameters
+    ----------
+    part : CoenergyPart
+        Even in x_q.
+    inductances : ndarray, shape (2,)
+        L_d and L_q, dimensionless.
+    """
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (4 * part.coefficients.size, 2))
+    gradient = np.concatenate(columns(part, points).transpose(1, 0, 2))
+    wanted = points * inductances
+    return np.asarray(np.linalg.lstsq(gradient, wanted.T.ravel(), rcond=None)[0])
 
 
 def roughness(part: CoenergyPart, orders: tuple[int, ...] = (3,)) -> FloatArray:
