@@ -22,6 +22,7 @@ from penode.training.covariance import (
     influence,
     long_enough,
     prior_deviation,
+    sandwich_deviation,
     working_deviation,
 )
 from penode.training.gauss_newton_terms import residual_scale
@@ -235,8 +236,11 @@ class LadderProblem:
     def _finish(self, horizon: int, problem: Problem, solution: Solution) -> HorizonFit:
         jacobian = problem.reported_jacobian(solution.raw)
         of_physical = jacobian[: len(self.objective.layout.physical)]
-        working = working_deviation(solution.terms, jacobian, problem.windows)
-        deviation = self._deviation(problem.windows, working)
+        given, error = (solution.terms, jacobian, problem.windows), self.objective.error
+        deviation = sandwich_deviation(*given)
+        working = deviation.copy() if long_enough(problem.windows) else working_deviation(*given)
+        if horizon * len(error.compared) <= len(error.free):  # all is spent on the starts
+            deviation[:] = np.inf
         few = dominated_by_few_windows(solution.terms, of_physical)
         deviation[: len(few)][few] = working[: len(few)][few] = np.inf
         with float64():
@@ -270,13 +274,6 @@ class LadderProblem:
                 "outcome": rung.solution.outcome,
             }
         )
-
-    def _deviation(self, windows: Windows, working: FloatArray) -> FloatArray:
-        """Return the deviations of reported quantities, infinite where nothing measures them."""
-        error = self.objective.error
-        spent = windows.horizon * len(error.compared) <= len(error.free)  # on their starts
-        unknown = spent or not long_enough(windows)
-        return np.full_like(working, np.inf) if unknown else working.copy()
 
     def _progress(
         self, horizon: int, place: tuple[int, int]

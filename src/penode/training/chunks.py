@@ -39,7 +39,7 @@ def summed(
     windows : Windows
         One program serves every horizon and number of windows cut from the same recordings.
     normal : bool
-        Whether the normal matrix is wanted; it is zero otherwise.
+        Whether the normal matrix is wanted; what is returned in its place means nothing.
 
     Returns
     -------

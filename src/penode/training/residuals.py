@@ -132,7 +132,7 @@ class Objective:
     def _sums(
         self, raw: FloatArray, windows: Windows, normal: bool = True
     ) -> tuple[FloatArray, ...]:
-        """Return summed squares, normal matrix (or zeros) and the windows' scores, of raw."""
+        """Return summed squares, normal matrix (if wanted) and the windows' scores, of raw."""
         squares, products, scores = summed(self.error, raw, windows, normal)
         with float64():
             transposed = csr_array(np.asarray(_transform(self.layout, jnp.asarray(raw))).T)
