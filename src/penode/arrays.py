@@ -11,7 +11,6 @@ from functools import wraps
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
@@ -34,6 +33,15 @@ def float64() -> AbstractContextManager[None]:
     return context(True)
 
 
+def on_device(values: Any) -> JaxArray:
+    """Return numbers as an argument of compiled code.
+
+    `jax.numpy.asarray` would compile a program of its own for every shape.
+    """
+    moved: JaxArray = jax.device_put(np.asarray(values))
+    return moved
+
+
 def shared_length(samples: int) -> int:
     """Return the next power of two, or three quarters of it where that is enough."""
     power = 1 << max(samples - 1, 1).bit_length()
@@ -53,7 +61,17 @@ def with_shared_length(rows: JaxArray | FloatArray, shortest: int = _SHORTEST) -
     """
     length = max(shared_length(rows.shape[1]), shortest)
     missing = [(0, 0), (0, length - rows.shape[1])]
-    return jnp.asarray(np.pad(np.asarray(rows), missing, mode="edge"))
+    return on_device(np.pad(np.asarray(rows), missing, mode="edge"))
+
+
+def in_blocks(rows: FloatArray) -> list[FloatArray]:
+    """Return rows (channel, time) cut into blocks of one length, zeros behind the last sample.
+
+    One compiled program then serves any number of samples, where each of them is by itself.
+    """
+    starts = range(0, max(rows.shape[1], 1), _SHORTEST)
+    parts = [rows[:, first : first + _SHORTEST] for first in starts]
+    return [np.pad(part, [(0, 0), (0, _SHORTEST - part.shape[1])]) for part in parts]
 
 
 _Given = ParamSpec("_Given")

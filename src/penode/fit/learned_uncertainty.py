@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, float64
+from penode.arrays import FloatArray, JaxArray, float64, on_device
 from penode.models.base import Model
 from penode.models.layout import Layout
 
@@ -52,9 +52,9 @@ class LearnedUncertainty:
             return np.full(like.T.shape, np.inf)
         layout: Layout[Model] = Layout(model)
         with float64():
-            at = jnp.asarray(points, dtype=jnp.float64).T
-            slopes = np.asarray(_slopes(model, jnp.asarray(layout.raw(model)), at))
-            agreeing = [_learned_at(model, jnp.asarray(raw), at) for raw in self.agreeing]
+            at = on_device(np.asarray(points, dtype=float).T)
+            slopes = np.asarray(_slopes(model, on_device(layout.raw(model)), at))
+            agreeing = [_learned_at(model, on_device(raw), at) for raw in self.agreeing]
         maps = np.stack([np.asarray(each) for each in agreeing])
         variance = np.einsum("mpi,ij,mpj->pm", slopes, self.covariance, slopes, optimize=True)
         middle = np.tensordot(self.weights, maps, axes=1)

@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, float64
+from penode.arrays import FloatArray, float64, on_device
 from penode.data.experiment import Experiment
 from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import Choice
@@ -85,7 +84,7 @@ class HeldOut:
             with float64():
                 batched = with_batch_axis(model)
                 states, inputs = (
-                    jnp.asarray(experiment.stack(names).T) for names in (model.states, model.inputs)
+                    on_device(experiment.stack(names).T) for names in (model.states, model.inputs)
                 )
                 states = batched.corrected(states)
                 predicted = look_ahead(predictor, batched, states, inputs, steps)

@@ -3,10 +3,9 @@
 import inspect
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import BoolArray, FloatArray, float64
+from penode.arrays import BoolArray, FloatArray, float64, on_device
 from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95
 from penode.models.parameters import with_batch_axis
@@ -145,7 +144,7 @@ def _deviation(fit: Fit, states: FloatArray, values: FloatArray) -> FloatArray:
     """Return the deviation of each component that is an output of ``learned``, else nan."""
     with float64():
         model = with_batch_axis(fit.model)
-        outputs = np.asarray(model.learned(jnp.asarray(states.T)))
+        outputs = np.asarray(model.learned(on_device(states.T)))
     deviation = np.full(values.shape, np.nan)
     if not len(outputs):
         return deviation

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, IntArray, JaxArray, float64, shared_length
+from penode.arrays import FloatArray, IntArray, JaxArray, float64, on_device, shared_length
 from penode.data.windows import Windows
 from penode.native.normal_matrix import NormalMatrix
 from penode.training.free_starts import eliminated, estimated_starts
@@ -55,7 +55,7 @@ def summed(
     capacity = least * -(-shared_length(len(windows.states)) // least)
     with float64():
         batch = compiled_windows(windows, capacity, order)
-        shared = jnp.asarray(raw), jnp.asarray(error.scale), batch
+        shared = on_device(raw), on_device(error.scale), batch
 
     def add_up(first: int, count: int) -> Sequence[FloatArray]:
         with float64():

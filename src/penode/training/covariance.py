@@ -3,10 +3,9 @@
 from functools import cached_property, partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import BoolArray, FloatArray, JaxArray, float64, with_shared_length
+from penode.arrays import BoolArray, FloatArray, JaxArray, float64, on_device, with_shared_length
 from penode.data.windows import Windows
 from penode.models.base import Model
 from penode.models.layout import Layout
@@ -83,12 +82,12 @@ class Reported:
     def jacobian(self, raw: FloatArray) -> FloatArray:
         """Return d(reported)/d(raw), shape (reported, parameter); physical parameters first."""
         with float64():
-            return self._joined(_slopes(self.layout, jnp.asarray(raw), self._padded))
+            return self._joined(_slopes(self.layout, on_device(raw), self._padded))
 
     def values(self, raw: FloatArray) -> FloatArray:
         """Return the reported quantities, shape (reported,), SI units."""
         with float64():
-            return self._joined(_reported(self.layout, jnp.asarray(raw), self._padded))
+            return self._joined(_reported(self.layout, on_device(raw), self._padded))
 
     @cached_property
     def _padded(self) -> JaxArray:

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, IntArray, JaxArray, float64
+from penode.arrays import FloatArray, IntArray, JaxArray, float64, on_device
 from penode.training.plan import DIVERGED, Problem, Progress, Solution, ignore_progress
 from penode.training.prediction_error import Batch, compiled_windows
 from penode.training.residuals import Objective
@@ -87,15 +87,15 @@ class FirstOrder:
         recipe = (problem.objective, self.transformation, problem.windows.horizon)
         with float64():
             windows = compiled_windows(problem.windows, count)
-            state = jax.vmap(self.transformation.init)(jnp.asarray(raws / scale))
+            state = jax.vmap(self.transformation.init)(on_device(raws / scale))
             finite, loss = jnp.ones(len(raws), bool), jnp.zeros(len(raws))
-            at = _Descent(jnp.asarray(raws), state, jnp.asarray(raws), finite, loss)
+            at = _Descent(on_device(raws), state, on_device(raws), finite, loss)
         finished = np.zeros(len(raws), dtype=np.int64)
         for _ in range(self.epochs):
             orders = [random.permutation(count) for random in randoms]
             draws = [_batches(order, min(self.batches, count)) for order in orders]
             with float64():
-                drawn = tuple(jnp.asarray(np.stack(parts)) for parts in zip(*draws, strict=True))
+                drawn = tuple(on_device(np.stack(parts)) for parts in zip(*draws, strict=True))
                 at = _epoch(*recipe, at, windows, (*drawn, scale, problem.moving))
                 running = np.asarray(at.finite)
             finished += running

@@ -71,6 +71,12 @@ def inverse_normal(normal: FloatArray) -> FloatArray:
     return np.asarray((vectors * weights) @ vectors.T / np.outer(scale, scale))
 
 
+def squared(slopes: FloatArray) -> FloatArray:
+    """Return S'S (parameter, parameter) of slopes (residual, parameter), many rows of them zero."""
+    rows = slopes[slopes.any(axis=1)]
+    return np.asarray(rows.T @ rows)
+
+
 def residual_scale(model: Model, visited: FloatArray, loss: Loss) -> FloatArray:
     """Return what residuals are divided by, shape (quantity,), in the loss's domain.
 

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.training.gauss_newton_terms import GaussNewtonTerms, marquardt_scale
+from penode.training.gauss_newton_terms import GaussNewtonTerms, marquardt_scale, squared
 from penode.training.plan import Problem
 
 #: Most rounds in which a step is adapted to the penalties, and most halvings in each.
@@ -89,9 +89,9 @@ class LocalLoss:
         if not step.any():
             return terms.normal, terms.descent
         (before, old), (after, new) = self._penalties, here
-        data = terms.normal - terms.count * _squared(old)
+        data = terms.normal - terms.count * squared(old)
         descent = terms.descent + terms.count * (old.T @ before - new.T @ after)
-        return data + terms.count * _squared(new), descent - data @ step
+        return data + terms.count * squared(new), descent - data @ step
 
     def _decrease(self, step: FloatArray, held: FloatArray | float, after: FloatArray) -> float:
         """Return the decrease of the damped sum of squares, penalties given after the step."""
@@ -100,9 +100,3 @@ class LocalLoss:
         before, old = self._penalties
         straight = before + old @ step
         return float(quadratic + terms.count * (straight @ straight - after @ after))
-
-
-def _squared(slopes: FloatArray) -> FloatArray:
-    """Return S'S of slopes (residual, moving), most rows of which may be zero."""
-    rows = slopes[slopes.any(axis=1)]
-    return np.asarray(rows.T @ rows)

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, IntArray, JaxArray, with_shared_length
+from penode.arrays import FloatArray, IntArray, JaxArray, on_device, with_shared_length
 from penode.data.windows import Windows
 from penode.errors import InputError
 from penode.models.base import Model
@@ -93,9 +93,9 @@ def compiled_windows(windows: Windows, capacity: int, order: IntArray | None = N
     return Batch(
         states=with_shared_length(windows.states.T),
         inputs=with_shared_length(windows.inputs.T),
-        starts=jnp.asarray(windows.starts[order]),
-        recording=jnp.asarray(windows.recording[order]),
-        used=jnp.asarray((np.arange(capacity) < len(windows.starts)).astype(float)),
+        starts=on_device(windows.starts[order]),
+        recording=on_device(windows.recording[order]),
+        used=on_device((np.arange(capacity) < len(windows.starts)).astype(float)),
     )
 
 

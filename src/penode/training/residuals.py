@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.sparse import csr_array
 
-from penode.arrays import FloatArray, JaxArray, float64
+from penode.arrays import FloatArray, JaxArray, float64, on_device
 from penode.data.windows import Windows
 from penode.models.base import Model
 from penode.models.layout import Layout
@@ -17,7 +17,7 @@ from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
 from penode.training.chunks import summed
 from penode.training.free_starts import estimated_starts
-from penode.training.gauss_newton_terms import GaussNewtonTerms
+from penode.training.gauss_newton_terms import GaussNewtonTerms, squared
 from penode.training.loss import DEFAULT_LOSS, Loss
 from penode.training.penalties import GaussianPrior, Penalty
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
@@ -70,7 +70,7 @@ class Objective:
         """
         with float64():
             batch = compiled_windows(windows, len(windows.starts))
-            loss, gradient = self._value_and_grad(jnp.asarray(raw), batch, windows.horizon)
+            loss, gradient = self._value_and_grad(on_device(raw), batch, windows.horizon)
             return float(loss), np.asarray(gradient)
 
     def gauss_newton(self, raw: FloatArray, windows: Windows) -> GaussNewtonTerms:
@@ -86,12 +86,12 @@ class Objective:
         residuals = len(windows.starts) * windows.horizon * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
         with float64():
-            prior = self._prior(jnp.asarray(raw), residuals)
+            prior = self._prior(on_device(raw), residuals)
         squares, normal, scores = self._sums(raw, windows)
         return GaussNewtonTerms(
             loss=float(squares) / residuals + float(penalties @ penalties),
             count=residuals,
-            normal=normal + residuals * slopes.T @ slopes,
+            normal=normal + residuals * squared(slopes),
             descent=scores.sum(axis=1) - residuals * slopes.T @ penalties,
             scores=scores,
             prior=prior,
@@ -115,7 +115,7 @@ class Objective:
     def penalties(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the penalties' residuals at raw (parameter,) and slopes (residual, parameter)."""
         with float64():
-            both = _penalties_at(self.layout, self._arguments, jnp.asarray(raw))
+            both = _penalties_at(self.layout, self._arguments, on_device(raw))
             return np.asarray(both[0]), np.asarray(both[1])
 
     def _prior(self, raw: JaxArray, residuals: int) -> FloatArray | float:
@@ -135,7 +135,7 @@ class Objective:
         """Return summed squares, normal matrix (if wanted) and the windows' scores, of raw."""
         squares, products, scores = summed(self.error, raw, windows, normal)
         with float64():
-            transposed = csr_array(np.asarray(_transform(self.layout, jnp.asarray(raw))).T)
+            transposed = csr_array(np.asarray(_transform(self.layout, on_device(raw))).T)
         return squares, transposed @ (transposed @ products).T, transposed @ scores
 
     @cached_property
@@ -144,9 +144,14 @@ class Objective:
 
     @cached_property
     def _arguments(self) -> tuple[Penalty, ...]:
-        """The penalties with their numbers as arrays, which are arguments of compiled code."""
-        numbers = partial(jax.tree.map, lambda n: np.asarray(n) if isinstance(n, float) else n)
-        return tuple(numbers(penalty) for penalty in self.loss.penalties)
+        """The penalties, whose numbers are arguments of compiled code, moved there once."""
+
+        def moved(number: Any) -> Any:
+            return on_device(number) if isinstance(number, float | np.ndarray) else number
+
+        with float64():
+            arguments: tuple[Penalty, ...] = jax.tree.map(moved, self.loss.penalties)
+        return arguments
 
     def loss_and_gradient_of(
         self, raw: JaxArray, batch: Batch, horizon: int

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
-from penode.arrays import FloatArray, JaxArray, float64, with_shared_length
+from penode.arrays import FloatArray, JaxArray, float64, on_device, with_shared_length
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.models.base import Model
@@ -88,9 +88,9 @@ def compare(
         corrected = batched.corrected(with_shared_length(read))
         measured = np.asarray(corrected)[:, : len(experiment)]
         ahead = look_ahead(predictor, batched, measured, inputs, 1).T
-        start = jnp.asarray(measured[:, : predictor.past].T[::-1].copy())
+        start = on_device(measured[:, : predictor.past].T[::-1].copy())
         if freed:
-            both = jnp.asarray(measured), jnp.asarray(inputs)
+            both = on_device(measured), on_device(inputs)
             start = _estimated_start(predictor, batched, both, (rows, freed))
         samples = inputs.shape[1] - predictor.past
         padded = with_shared_length(inputs)

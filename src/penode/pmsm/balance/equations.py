@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, float64
+from penode.arrays import FloatArray, JaxArray, float64, in_blocks
 from penode.data.experiment import Experiment
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
@@ -82,14 +82,22 @@ def term_columns(
     by_psi : ndarray, shape (time, 2, 2)
         Derivative by the flux linkages, in V over Vs.
     """
-    names = (*VOLTAGES, *channels_of(terms))
+    each = [_columns(experiment, term) for term in terms]
+    known_drop = sum((known for known, _, _ in each), np.zeros((len(experiment), 2)))
+    by_psi = sum((slope for _, _, slope in each), np.zeros((len(experiment), 2, 2)))
+    by_parameter = [slope for _, slope, _ in each]
+    return known_drop, np.concatenate(by_parameter, axis=2), by_psi
+
+
+def _columns(experiment: Experiment, term: Term) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the `term_columns` of one term, whose program serves it beside any others."""
+    names = (*VOLTAGES, *channels_of((term,)))
     rows = [experiment.stack(channels).T for channels in (CURRENTS, names)]
-    blocks = []
     with float64():
-        for first in range(0, len(experiment), _BLOCK):
-            x, u = (_block(channels, first) for channels in rows)
-            parts = _linearised(tuple(terms), x, u, names, experiment.time_step)
-            blocks.append([np.asarray(part) for part in parts])
+        blocks = [
+            [np.asarray(part) for part in _linearised(term, x, u, names, experiment.time_step)]
+            for x, u in zip(*map(in_blocks, rows), strict=True)
+        ]
     known_drop, by_parameter, by_psi = (
         np.concatenate([np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in parts])
         for parts in zip(*blocks, strict=True)
@@ -98,38 +106,26 @@ def term_columns(
     return known_drop[:count], by_parameter[:count], by_psi[:count]
 
 
-#: Samples of a call. Each sample is by itself, and one program serves recordings of any length.
-_BLOCK = 4096
-
-
-def _block(rows: FloatArray, first: int) -> FloatArray:
-    """Return the samples of a call, the last repeated where the recording ends."""
-    part = rows[:, first : first + _BLOCK]
-    return np.pad(part, [(0, 0), (0, _BLOCK - part.shape[1])], mode="edge")
-
-
 @partial(jax.jit, static_argnums=(3, 4))
 def _linearised(
-    terms: tuple[Term, ...], x: JaxArray, u: JaxArray, names: tuple[str, ...], step: float
+    term: Term, x: JaxArray, u: JaxArray, names: tuple[str, ...], step: float
 ) -> tuple[JaxArray, JaxArray, JaxArray]:
     """Return the drop without flux linkage, and its slopes by parameters and by psi, time last."""
-    terms, no_flux = with_batch_axis(terms), jnp.zeros_like(x)
+    (term,), no_flux = with_batch_axis((term,)), jnp.zeros_like(x)
     inputs = Inputs(u, names, (-0.5 * step, 0.5 * step))
-    places = physical_places(terms)
+    fields = [name for _, name in physical_places((term,))]
 
-    def physical(terms: tuple[Term, ...]) -> list[JaxArray]:
-        return [getattr(terms[at], name) for at, name in places]
+    def physical(term: Term) -> list[JaxArray]:
+        return [getattr(term, name) for name in fields]
 
     def drop(values: JaxArray, psi: JaxArray) -> JaxArray:
-        moved = eqx.tree_at(physical, terms, list(values[:, None]))
-        flux = Flux(psi, jnp.zeros((2, 2, 1)), no_flux)
-        return sum((term.drop(x, inputs, flux) for term in moved), no_flux)
+        moved = eqx.tree_at(physical, term, list(values[:, None])) if fields else term
+        return no_flux + moved.drop(x, inputs, Flux(psi, jnp.zeros((2, 2, 1)), no_flux))
 
-    def of_flux(psi: JaxArray) -> JaxArray:
-        return jax.jvp(partial(drop, values), (no_flux,), (psi,))[1]
-
-    values = jnp.concatenate([jnp.zeros(0), *physical(terms)])
-    by_parameter = jnp.moveaxis(jax.jacfwd(drop)(values, no_flux), -1, 1)
-    known_drop = drop(values, no_flux) - jnp.sum(by_parameter * values[:, None], axis=1)
-    by_psi = [of_flux(jnp.zeros_like(x).at[k].set(1.0)) for k in range(len(x))]
-    return known_drop, by_parameter, jnp.stack(by_psi, axis=1)
+    values = jnp.concatenate([jnp.zeros(0), *physical(term)])
+    at_rest, pushed = jax.linearize(drop, values, no_flux)
+    by_parameter = jax.vmap(pushed, (0, None), 1)(jnp.eye(len(values)), no_flux)
+    units = jnp.eye(2)[:, :, None] + no_flux
+    by_psi = jax.vmap(pushed, (None, 0), 1)(jnp.zeros_like(values), units)
+    known_drop = at_rest - jnp.sum(by_parameter * values[:, None], axis=1)
+    return known_drop, by_parameter, by_psi

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from penode.arrays import FloatArray, JaxArray, float64
+from penode.arrays import FloatArray, JaxArray, float64, on_device
 from penode.errors import InputError
 from penode.pmsm.bench.coenergy_fit import SplineFit, fit_splines
 from penode.pmsm.bench.coenergy_table import CoenergyTable, SplineCoenergy
@@ -194,7 +194,7 @@ def _inductance_at(table: CoenergyTable, currents: FloatArray) -> FloatArray:
     """Return the eigenvalues of L at currents (point, 2) over 60 degrees, (point, angle, 2)."""
     angles = np.linspace(0.0, np.pi / 3, 24, endpoint=False) if table.orders else np.zeros(1)
     with float64():
-        inductance = np.asarray(_inductance(table, jnp.asarray(currents), jnp.asarray(angles)))
+        inductance = np.asarray(_inductance(table, on_device(currents), on_device(angles)))
     eigenvalues: FloatArray = np.linalg.eigvalsh(inductance)
     return eigenvalues
 

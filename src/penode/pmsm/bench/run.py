@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, float64
+from penode.arrays import FloatArray, float64, on_device
 from penode.data.experiment import Experiment, Source
 from penode.errors import InputError
 from penode.pmsm.bench.admission import (
@@ -178,9 +178,9 @@ def _rows(wanted: FloatArray, motion: Motion, seed: int) -> Iterator[tuple[Row, 
         count = min(_CHUNK, len(wanted) - start)
         index = start + np.minimum(np.arange(_CHUNK), count - 1)
         draws = Draws(
-            jnp.asarray(dq.standard_normal((_CHUNK, 2))),
-            jnp.asarray(phase.standard_normal((_CHUNK, 3))),
-            jnp.asarray(speed.standard_normal(_CHUNK)),
+            on_device(dq.standard_normal((_CHUNK, 2))),
+            on_device(phase.standard_normal((_CHUNK, 3))),
+            on_device(speed.standard_normal(_CHUNK)),
         )
         yield Row(jnp.asarray(wanted[index]), Motion(*(x[index] for x in motion)), draws), count
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import expm
 
-from penode.arrays import FloatArray, JaxArray, float64
+from penode.arrays import FloatArray, JaxArray, float64, on_device
 from penode.errors import InputError
 from penode.pmsm.bench.coenergy_table import CoenergyTable
 from penode.pmsm.bench.rig import Rig
@@ -40,7 +40,7 @@ def refuse_unstable(name: str, rig: Rig, wanted: FloatArray, fastest: float) -> 
     rows = np.linspace(0, len(wanted) - 1, _POINTS).round().astype(int)
     points = wanted[rows]
     with float64():
-        slopes = np.asarray(_inductances(rig.plant.table, jnp.asarray(points)))
+        slopes = np.asarray(_inductances(rig.plant.table, on_device(points)))
     for point, inductance in zip(points, slopes, strict=True):
         for omega_el in (0.0, fastest):
             pole = loop_pole(rig, inductance, omega_el)

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, Leaf, float64
+from penode.arrays import FloatArray, JaxArray, Leaf, float64, on_device
 from penode.errors import InputError
 from penode.models.learned_map import LearnedMap
 from penode.models.parameters import parameter, with_batch_axis
@@ -62,7 +62,7 @@ class LinearMap:
         # With the identity for weights a map's outputs are its basis functions.
         network = self.network(np.eye(self.terms))
         with float64():
-            basis = np.asarray(_evaluate(network, jnp.asarray(x.T))).T
+            basis = np.asarray(_evaluate(network, on_device(x.T))).T
         nothing = np.zeros_like(basis)
         psi_d, psi_q = np.hstack([basis, nothing]), np.hstack([nothing, basis])
         both = np.stack([psi_d, psi_q], axis=1)

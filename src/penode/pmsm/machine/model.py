@@ -5,10 +5,9 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, float64
+from penode.arrays import FloatArray, JaxArray, float64, in_blocks
 from penode.models.base import Model
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
@@ -102,6 +101,11 @@ def _evaluate(machine: Machine, i_d: Any, i_q: Any) -> tuple[FloatArray, FloatAr
     currents = np.stack(np.broadcast_arrays(np.asarray(i_d, float), np.asarray(i_q, float)))
     shape = currents.shape[1:]
     with float64():
-        flat = jnp.asarray(currents.reshape(2, -1))
-        psi, inductance = _flux_and_inductance(machine, flat)
-        return np.asarray(psi).reshape(2, *shape), np.asarray(inductance).reshape(2, 2, *shape)
+        blocks = [
+            _flux_and_inductance(machine, part) for part in in_blocks(currents.reshape(2, -1))
+        ]
+        psi, inductance = (
+            np.concatenate([np.asarray(part) for part in parts], axis=-1)[..., : currents[0].size]
+            for parts in zip(*blocks, strict=True)
+        )
+    return psi.reshape(2, *shape), inductance.reshape(2, 2, *shape)

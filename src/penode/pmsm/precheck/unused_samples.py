@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, float64
+from penode.arrays import FloatArray, float64, on_device
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.fit.outcome import Objection
@@ -86,7 +86,7 @@ def squared_errors(
 def _error(model: Any, predictor: Predictor, piece: Experiment) -> float:
     """Return the mean squared one-step error of a piece in A^2, huge where a step diverges."""
     with float64():
-        states, inputs = (jnp.asarray(piece.stack(n).T) for n in (model.states, model.inputs))
+        states, inputs = (on_device(piece.stack(n).T) for n in (model.states, model.inputs))
         ahead = look_ahead(predictor, with_batch_axis(model), states, inputs, 1)
         error = float(jnp.mean((ahead - states[:, predictor.past :]) ** 2))
     return error if np.isfinite(error) else 1e150

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from penode.arrays import FloatArray, float64
+from penode.arrays import FloatArray, float64, on_device
 from penode.pmsm.bench.coenergy_table import tabulate
 from penode.pmsm.bench.run import Recording
 
@@ -92,7 +92,7 @@ def _draw_harmonics(axes: Axes, recording: Recording) -> None:
 def _ripple(recording: Recording, point: tuple[float, float], angle: FloatArray) -> FloatArray:
     """Return psi (2, angle) in Vs less its mean over the angle, at one pair of currents in A."""
     with float64():
-        table, current = tabulate(recording.truth.machine), jnp.asarray(point)
-        moments = [table(current, theta).linkage for theta in jnp.asarray(angle)]
+        table, current = tabulate(recording.truth.machine), on_device(point)
+        moments = [table(current, theta).linkage for theta in on_device(angle)]
         linkage = np.asarray(jnp.stack(moments, axis=1))
     return np.asarray(linkage - linkage.mean(axis=1, keepdims=True))
