@@ -61,7 +61,7 @@ def identify(
     experiments : sequence of Experiment
         Recordings to train on, of one time step.
     plan : Plan, optional
-        Stages of training; by default Levenberg-Marquardt up a ladder of horizons to 200.
+        Stages of training; by default Levenberg-Marquardt up a ladder of horizons to 450.
     selector : Selector
         Picks the horizon; Lepski's plateau by default.
     validation : sequence of Experiment

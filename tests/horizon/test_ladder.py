@@ -15,11 +15,11 @@ from penode.training.second_order import LevenbergMarquardt
 # --- plans ------------------------------------------------------------------------------------
 
 
-def test_default_ladder_grows_by_about_one_and_a_half_to_200():
+def test_default_ladder_grows_by_about_one_and_a_half_to_450():
     plan = ladder_plan()
     horizons = [stage.horizon for stage in plan.stages]
     assert tuple(horizons) == HORIZONS
-    assert (horizons[0], horizons[-1]) == (1, 200)
+    assert (horizons[0], horizons[-1]) == (1, 450)
     growth = np.array(horizons[3:]) / horizons[2:-1]
     assert ((growth > 1.4) & (growth < 1.7)).all()
     assert plan.placement == Jittered(0)

@@ -24,7 +24,8 @@ def read(path: Path) -> dict[str, NDArray[Any]]:
     -------
     dict of str to ndarray
         Variables by name; the numeric fields of a struct are named after the field alone where no
-        variable has that name. Vectors have one axis, as their length says.
+        variable has that name. Vectors have one axis, as their length says. Of a machine as SyR-e
+        saves it (``motorModel``) the map of currents and fluxes, its d axis along the magnets.
 
     Raises
     ------
@@ -45,9 +46,21 @@ def read(path: Path) -> dict[str, NDArray[Any]]:
         ) from error
     except (ValueError, TypeError, IndexError, MatReadError, OSError, zlib.error) as error:
         raise InputError(f"{path}: not a MATLAB file; save it from MATLAB with '-v7'.") from error
+    model = variables.get("motorModel")
+    if "FluxMap_dq" in getattr(model, "_fieldnames", []):
+        return _of_syre(model)
     arrays: dict[str, NDArray[Any]] = {}
     for struct in variables.values():
         fields = getattr(struct, "_fieldnames", [])
         arrays |= {field: np.asarray(getattr(struct, field)) for field in fields}
     arrays |= {name: np.asarray(value) for name, value in variables.items() if name[0] != "_"}
     return {name: values for name, values in arrays.items() if values.dtype.kind in "biufc"}
+
+
+def _of_syre(model: Any) -> dict[str, NDArray[Any]]:
+    """Return SyR-e's map; synchronous reluctance axes have d where the inductance is largest."""
+    grid = model.FluxMap_dq
+    i_d, i_q, psi_d, psi_q = (np.asarray(getattr(grid, name)) for name in ("Id", "Iq", "Fd", "Fq"))
+    if getattr(getattr(model, "data", None), "axisType", "PM") == "SR":
+        i_d, i_q, psi_d, psi_q = -i_q, i_d, -psi_q, psi_d
+    return {"i_d": i_d, "i_q": i_q, "psi_d": psi_d, "psi_q": psi_q}
