@@ -102,6 +102,22 @@ def syre(path, known):
     return path / "map.mat"
 
 
+def syre_model(path, known):
+    (i_d, i_q), (psi_d, psi_q) = known.grids, known.mean
+    grid = {"Id": i_d, "Iq": i_q, "Fd": psi_d, "Fq": psi_q}
+    other = {"id": known.i_d, "iq": known.i_q}  # another map of SyR-e's that must not be taken
+    model = {"data": {"axisType": "PM"}, "FluxMap_dq": grid, "MTPA": other}
+    savemat(path / "map.mat", {"motorModel": model, "geo": {"p": 5}})
+    return path / "map.mat"
+
+
+def syre_model_of_reluctance_axes(path, known):
+    (i_d, i_q), (psi_d, psi_q) = known.grids, known.mean
+    grid = {"Id": i_q, "Iq": -i_d, "Fd": psi_q, "Fq": -psi_d}
+    savemat(path / "map.mat", {"motorModel": {"data": {"axisType": "SR"}, "FluxMap_dq": grid}})
+    return path / "map.mat"
+
+
 def simulink_with_angle(path, known):
     names = {"idVec": known.i_d, "iqVec": known.i_q, "fluxD": known.psi_d, "fluxQ": known.psi_q}
     savemat(path / "map.mat", names | {"angleVec": np.degrees(known.theta) / 5})
@@ -143,7 +159,8 @@ def motulator(path, known):
 
 
 WITH_ANGLE = [csv_with_angle, npz_with_angle, simulink_with_angle, motor_cad_polar_with_angle]
-MEAN = [csv_mean, syre, vectors_transposed_in_a_struct, motor_cad, motulator]
+SYRE = [syre, syre_model, syre_model_of_reluctance_axes]
+MEAN = [csv_mean, *SYRE, vectors_transposed_in_a_struct, motor_cad, motulator]
 
 
 # --- round trips -------------------------------------------------------------------------------
