@@ -1,11 +1,11 @@
 """Recognises a flux map among named arrays: which of them are the currents, angles and fluxes.
 
 Names are compared without case, underscores and spaces. Known are penode's own (``i_d, i_q,
-theta_el, psi_d, psi_q``), SyR-e's ``fdfq_idiq`` (``Id, Iq, Fd, Fq``; its ``motorModel`` is turned to
-these names by the reader), vectors and matrices for
-Simulink (``idVec, iqVec, angleVec, fluxD, fluxQ`` and kin), Motor-CAD's saturation map
-(``Id_Peak, Iq_Peak`` or ``Stator_Current_Phase_Peak, Phase_Advance``, and ``Flux_Linkage_D`` or
-``Angular_Flux_Linkage_D``) and motulator's complex ``i_s_dq, psi_s_dq``.
+theta_el, psi_d, psi_q``), SyR-e's ``fdfq_idiq`` (``Id, Iq, Fd, Fq``; its ``motorModel`` comes under
+these names from the reader), vectors and matrices for Simulink (``idVec, iqVec, angleVec, fluxD,
+fluxQ`` and kin), Motor-CAD's saturation map (``Id_Peak, Iq_Peak`` or ``Stator_Current_Phase_Peak,
+Phase_Advance``, and ``Flux_Linkage_D`` or ``Angular_Flux_Linkage_D``) and motulator's complex
+``i_s_dq, psi_s_dq``.
 """
 
 from collections.abc import Mapping
