@@ -76,7 +76,7 @@ def _alive(process: int) -> bool:
 
 
 def to_json(document: Any) -> str:
-    """Return strict JSON: numbers that are not finite become null."""
+    """Return strict JSON: arrays become lists, numbers that are not finite null."""
     return json.dumps(_plain(document), indent=2, allow_nan=False) + "\n"
 
 
@@ -89,6 +89,8 @@ def _plain(value: Any) -> Any:
         return float(value) if np.isfinite(value) else None
     if isinstance(value, np.integer):
         return int(value)
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
     return value
 
 

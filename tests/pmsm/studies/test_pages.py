@@ -9,7 +9,7 @@ import pytest
 
 from penode.errors import InputError
 from penode.pmsm.studies import reproduce as module
-from penode.pmsm.studies.extent import QUICK
+from penode.pmsm.studies.extent import FULL, QUICK
 from penode.pmsm.studies.panels import Claim, Matrix, Panel, Series, StudyResult
 from penode.pmsm.studies.reproduce import STUDIES, chosen_studies, reproduce
 from penode.pmsm.studies.study_figure import COLOURS, study_figure
@@ -41,17 +41,18 @@ def test_every_variant_has_its_colour():
     assert len({COLOURS[variant.name] for variant in AXES}) == len(AXES)
 
 
-def test_everything_is_written_and_told(result, tmp_path, monkeypatch):
+@pytest.mark.parametrize("extent", [QUICK, FULL])
+def test_everything_is_written_and_told(result, extent, tmp_path, monkeypatch):
     monkeypatch.setitem(STUDIES, "small", lambda runs: result)
     said = []
-    written = reproduce(["small"], tmp_path, QUICK, said.append)
+    written = reproduce(["small"], tmp_path, extent, said.append)
     page = written.page.read_text()
     assert "- **Holds.** R is negative.\n  -70 mΩ." in page
     assert "- **Differs.** It stays so." in page
     assert "(figures/studies_small.png)" in page
     assert "| paper | 2 |" in page
     assert "| none | – |" in page
-    assert "--quick" in page
+    assert ("--quick" in page) == (extent is QUICK)
     assert (tmp_path / "figures" / "studies_small.png").read_bytes().startswith(b"\x89PNG")
     document = json.loads((tmp_path / "small.json").read_text())
     assert document["provenance"]["versions"]["penode"]
