@@ -240,7 +240,7 @@ class LadderProblem:
         given, error = (solution.terms, jacobian, problem.windows), self.objective.error
         deviation = sandwich_deviation(*given)
         working = deviation.copy() if long_enough(problem.windows) else working_deviation(*given)
-        if horizon * len(error.compared) <= len(error.free):  # all is spent on the starts
+        if horizon * len(error.compared) <= np.sum(error.stiffness == 0):  # all spent on starts
             deviation[:] = np.inf
         few = dominated_by_few_windows(solution.terms, of_physical)
         deviation[: len(few)][few] = working[: len(few)][few] = np.inf

@@ -43,7 +43,15 @@ class Identity:
 
 @dataclass(frozen=True)
 class Positive:
-    """Values above zero, as exponentials."""
+    """Values above zero, or another least one, as exponentials.
+
+    Attributes
+    ----------
+    least : float
+        In the parameter's SI unit. What is below it is taken for a little above.
+    """
+
+    least: float = 0.0
 
     def size(self, shape: tuple[int, ...]) -> int:
         """Return the number of entries."""
@@ -51,11 +59,13 @@ class Positive:
 
     def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
         """Exponentiate raw (size,), at least to the smallest number above zero."""
-        return jnp.maximum(jnp.exp(raw), np.finfo(raw.dtype).tiny).reshape(shape)
+        above = jnp.maximum(jnp.exp(raw), np.finfo(raw.dtype).tiny)
+        return (self.least + above).reshape(shape)
 
     def inverse(self, value: FloatArray) -> FloatArray:
-        """Take the logarithm of the value."""
-        return np.log(np.ravel(value))
+        """Take the logarithm of what the value is above the least."""
+        above = np.ravel(value) - self.least
+        return np.log(np.maximum(above, 1e-6 * self.least) if self.least else above)
 
 
 @dataclass(frozen=True)

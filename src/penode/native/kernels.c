@@ -247,8 +247,8 @@ typedef struct {
   int64_t count, depth, size;
 } Active;
 
-/* Adds the tile of the product that begins at a row and a column of the active ones to `normal`. */
-static void add_tile(Active a, int64_t row, int64_t column, double *normal) {
+/* Adds `sign` times the tile of the product that begins at a row and a column of the active ones. */
+static void add_tile(Active a, int64_t row, int64_t column, double sign, double *normal) {
   Vector sums[TALL][VECTORS] = {{{0}}};
   double tile[TALL][WIDE];
   const double *left = a.panels + row / WIDE * WIDE * a.depth + row % WIDE;
@@ -272,9 +272,9 @@ static void add_tile(Active a, int64_t row, int64_t column, double *normal) {
   for (int64_t i = 0; i < rows; i++) {
     double *to = normal + a.column[row + i] * a.size;
     if (columns == WIDE && at[WIDE - 1] == at[0] + WIDE - 1)
-      for (int64_t j = 0; j < WIDE; j++) to[at[0] + j] += tile[i][j];
+      for (int64_t j = 0; j < WIDE; j++) to[at[0] + j] += sign * tile[i][j];
     else
-      for (int64_t j = 0; j < columns; j++) to[at[j]] += tile[i][j];
+      for (int64_t j = 0; j < columns; j++) to[at[j]] += sign * tile[i][j];
   }
 }
 
@@ -284,18 +284,18 @@ static int all_zero(const double *x, int64_t count) {
   return 1;
 }
 
-/* normal += sum over outputs and batch of s s' on and below the diagonal; s (output, size, batch).
-   Nothing is added where it is not wanted. */
+/* normal += sign * sum over outputs and batch of s s' on and below the diagonal, the sign -1, 0 or 1;
+   s (output, size, batch). */
 EXPORT XLA_FFI_Error *penode_add_products(XLA_FFI_CallFrame *frame) {
   if (answered(frame)) return NULL;
   XLA_FFI_Buffer *before = argument(frame, 0), *slopes = argument(frame, 2);
-  const int32_t *wanted = argument(frame, 1)->data;
+  int32_t sign = *(const int32_t *)argument(frame, 1)->data;
   double *normal = result(frame, 0)->data;
   const double *from = slopes->data;
   int64_t outputs = slopes->dims[0], size = slopes->dims[1], batch = slopes->dims[2];
   Active a = {NULL, NULL, 0, outputs * batch, size};
   if (normal != before->data) memcpy(normal, before->data, sizeof(double) * size * size);
-  if (*wanted == 0) return NULL;
+  if (sign == 0) return NULL;
   a.panels = calloc(a.depth * (size + WIDE), sizeof(double));
   a.column = malloc(sizeof(int64_t) * (size + 1));
   if (a.panels == NULL || a.column == NULL) {
@@ -313,7 +313,7 @@ EXPORT XLA_FFI_Error *penode_add_products(XLA_FFI_CallFrame *frame) {
   }
   for (int64_t row = 0; row < a.count; row += TALL)
     for (int64_t column = 0; column < a.count && column < row + TALL; column += WIDE)
-      add_tile(a, row, column, normal);
+      add_tile(a, row, column, sign, normal);
   free(a.panels), free(a.column);
   return NULL;
 }

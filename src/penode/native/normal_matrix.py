@@ -31,14 +31,11 @@ class NormalMatrix(NamedTuple):
 
     def plus(self, slopes: JaxArray) -> "NormalMatrix":
         """Add the products of each output's and window's slopes (output, value, batch)."""
-        if self.lower.dtype != np.float64 or not library.available():
-            return self._replace(lower=_plain(*self, slopes))
-        lower = jax.lax.platform_dependent(*self, slopes, cpu=_in_c, default=_plain)
-        return self._replace(lower=lower)
+        return self._replace(lower=_added(self.lower, self.wanted, slopes))
 
-    def minus(self, products: JaxArray) -> "NormalMatrix":
-        """Take a symmetric matrix (value, value) away."""
-        return self._replace(lower=self.lower - products)
+    def minus(self, slopes: JaxArray) -> "NormalMatrix":
+        """Take the products of slopes (output, value, batch) away."""
+        return self._replace(lower=_added(self.lower, -self.wanted, slopes))
 
     @property
     def whole(self) -> JaxArray:
@@ -46,16 +43,24 @@ class NormalMatrix(NamedTuple):
         return jnp.tril(self.lower) + jnp.tril(self.lower, -1).T
 
 
-def _plain(lower: JaxArray, wanted: JaxArray, slopes: JaxArray) -> JaxArray:
-    def added(lower: JaxArray, slopes: JaxArray) -> JaxArray:
-        return lower + jnp.einsum("oib,ojb->ij", slopes, slopes)
+def _added(lower: JaxArray, sign: JaxArray, slopes: JaxArray) -> JaxArray:
+    """Add -1, 0 or 1 times the products of slopes."""
+    if lower.dtype != np.float64 or not library.available():
+        return _plain(lower, sign, slopes)
+    added: JaxArray = jax.lax.platform_dependent(lower, sign, slopes, cpu=_in_c, default=_plain)
+    return added
 
-    sums: JaxArray = jax.lax.cond(wanted != 0, added, lambda lower, _: lower, lower, slopes)
+
+def _plain(lower: JaxArray, sign: JaxArray, slopes: JaxArray) -> JaxArray:
+    def added(lower: JaxArray, slopes: JaxArray) -> JaxArray:
+        return lower + sign * jnp.einsum("oib,ojb->ij", slopes, slopes)
+
+    sums: JaxArray = jax.lax.cond(sign != 0, added, lambda lower, _: lower, lower, slopes)
     return sums
 
 
-def _in_c(lower: JaxArray, wanted: JaxArray, slopes: JaxArray) -> JaxArray:
+def _in_c(lower: JaxArray, sign: JaxArray, slopes: JaxArray) -> JaxArray:
     shape = jax.ShapeDtypeStruct(lower.shape, lower.dtype)
     call = jax.ffi.ffi_call("penode_add_products", shape, input_output_aliases={0: 0})
-    added: JaxArray = call(lower, wanted, slopes)
+    added: JaxArray = call(lower, sign, slopes)
     return added

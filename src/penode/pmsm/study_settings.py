@@ -16,6 +16,7 @@ from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.term_selection import CANDIDATES, is_open, structure_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
+from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.recording.accuracy import DEFAULT_ACCURACY, Accuracy
@@ -27,6 +28,9 @@ from penode.training.second_order import LevenbergMarquardt
 PURPOSES = ("parameters", *LOOK_AHEADS)
 #: Samples between windows of short horizons where recordings hold far more than is used.
 _APART = 5
+#: A window's first sample is measured like all others: its error counts as one of theirs, and is
+#: estimated, instead of being carried to the window's end. In A, as residuals are.
+_STARTS = dict.fromkeys(CURRENTS, 1.0)
 #: First damping for a map that is linear in its coefficients: one step reaches the minimum.
 _NEARLY_LINEAR = 1e-6
 
@@ -105,7 +109,7 @@ class Study:
         Of recordings that are used partly short horizons leave samples between their windows.
         """
         # A map with angle orders is larger and starts closer: fewer rungs, none of them cold.
-        horizons = HORIZONS[:: 2 if self.angle_orders else 1]
+        horizons = (1, *HORIZONS[2::3]) if self.angle_orders else HORIZONS[::2]
         optimiser = LevenbergMarquardt(evaluations=25) if self.angle_orders else None
         if self.flux_map == "coenergy":
             optimiser = LevenbergMarquardt(evaluations=25, damping=_NEARLY_LINEAR)
@@ -115,7 +119,8 @@ class Study:
             below = [h for h in HORIZONS if h < self.horizon]
             plan = ladder_plan([*below[::3], self.horizon], optimiser, self.seed)
         placement = Jittered(self.seed, shortest=_APART if partly else 1)
-        return replace(plan, hold=HOLDS[self.hold or DEFAULT_HOLD], placement=placement)
+        loss = replace(plan.loss, free_starts=_STARTS)
+        return replace(plan, hold=HOLDS[self.hold or DEFAULT_HOLD], placement=placement, loss=loss)
 
     def excerpt(self, experiments: Sequence[Experiment]) -> Excerpt:
         """Return what is used of recordings."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +23,8 @@ CHUNK, _NEAR = 64, 131_072
 #: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
 #: not depend on the number of cores.
 STRANDS = 4
+#: Chunks whose starts are estimated together: without sensitivities there is room in the caches.
+_WIDER = 2
 #: Parts of the first state's range: windows that start in one of them follow each other.
 _PARTS = 10
 
@@ -52,7 +55,7 @@ def summed(
     """
     width, order = _width(error), _neighbours(windows)
     least = STRANDS * width
-    capacity = least * -(-shared_length(len(windows.states)) // least)
+    capacity = least * (1 - -shared_length(len(windows.states)) // least)
     with float64():
         batch = compiled_windows(windows, capacity, order)
         shared = on_device(raw), on_device(error.scale), batch
@@ -95,6 +98,9 @@ def _width(error: PredictionError) -> int:
     return next((n for n in (CHUNK, CHUNK // 2) if n * each <= _NEAR), CHUNK // 4)
 
 
+_Totals: TypeAlias = tuple[JaxArray, NormalMatrix, JaxArray]
+
+
 @partial(jax.jit, static_argnums=0)
 def _sum_over_chunks(
     error: PredictionError,
@@ -112,16 +118,23 @@ def _sum_over_chunks(
     width = _width(error)
     each = jnp.broadcast_to(values[:, None], (size, width))
 
-    def body(
-        chunk: JaxArray, sums: tuple[JaxArray, NormalMatrix, JaxArray]
-    ) -> tuple[JaxArray, NormalMatrix, JaxArray]:
-        batch = windows.part(first + chunk * width, width)
-        correction = estimated_starts(error, each, horizon, batch)
-        joint = window_sums(error, each, correction, horizon, batch, sums[1])
-        squares, scores, normal = eliminated(error, joint, correction, batch.used)
-        here = (jnp.zeros_like(chunk), chunk * width)
-        scores = jax.lax.dynamic_update_slice(sums[2], scores, here)
-        return sums[0] + jnp.sum(squares), normal, scores
+    def block(at: JaxArray, sums: _Totals) -> _Totals:
+        """Add chunks that follow each other, whose starts are estimated together."""
+        batch = windows.part(first + at * _WIDER * width, _WIDER * width)
+        corrections = estimated_starts(error, values[:, None], horizon, batch)
+
+        def chunk(k: JaxArray, sums: _Totals) -> _Totals:
+            number = at * _WIDER + k
+            batch = windows.part(first + number * width, width)
+            correction = jax.lax.dynamic_slice_in_dim(corrections, k * width, width, axis=1)
+            joint = window_sums(error, each, correction, horizon, batch, sums[1])
+            squares, scores, normal = eliminated(error, joint, correction, batch.used)
+            here = (jnp.zeros_like(number), number * width)
+            scores = jax.lax.dynamic_update_slice(sums[2], scores, here)
+            return sums[0] + jnp.sum(squares), normal, scores
+
+        left = jnp.minimum(chunks - at * _WIDER, _WIDER)
+        return jax.lax.fori_loop(0, left, chunk, sums)
 
     nothing = (
         jnp.zeros((), values.dtype),
@@ -129,7 +142,8 @@ def _sum_over_chunks(
         jnp.zeros((size, capacity), values.dtype),
     )
     chunks = (count + width - 1) // width
-    squares, normal, scores = jax.lax.fori_loop(0, chunks, body, nothing)
+    blocks = (chunks + _WIDER - 1) // _WIDER
+    squares, normal, scores = jax.lax.fori_loop(0, blocks, block, nothing)
     return squares, normal.whole, scores
 
 

@@ -17,7 +17,8 @@ from penode.training.prediction_error import Batch, PredictionError
 from penode.training.sensitivities import Sums, window_sums
 
 _MOST_PASSES = 30
-#: A window has converged when its next step can lower its squares by no more than this fraction.
+#: A window has converged when its next step but one, if steps go on shrinking as they did, lowers
+#: its squares by no more than this fraction. The next one is made.
 _TOLERANCE = 1e-14
 
 
@@ -28,6 +29,7 @@ class _Search(NamedTuple):
     curvature: JaxArray
     damping: JaxArray
     trial: JaxArray
+    gain: JaxArray
     passes: JaxArray
     converged: JaxArray
 
@@ -37,9 +39,10 @@ def estimated_starts(
 ) -> JaxArray:
     """Return the corrections (free, batch) that minimise each window's squares, SI units.
 
-    Levenberg-Marquardt on every window at once, from the measured start or the first guess.
+    Levenberg-Marquardt on every window at once, from the measured start or the first guess, at
+    parameters (value, 1) that all windows share.
     """
-    free, width = len(error.free), values.shape[1]
+    free, width = len(error.free), len(batch.starts)
     zero = jnp.zeros((free, width), values.dtype)
     if not free:
         return zero
@@ -49,8 +52,8 @@ def estimated_starts(
         nothing = NormalMatrix.zero(0, values)
         sums = window_sums(error, values, correction, horizon, batch, nothing)
         squares = sums.squares + jnp.sum(stiffness * correction**2, axis=0)
-        curvature = sums.own + (np.eye(free)[..., None] * stiffness)
-        return squares, sums.scores - stiffness * correction, curvature
+        curvature = sums.mixed.own + (np.eye(free)[..., None] * stiffness)
+        return squares, sums.scores.own - stiffness * correction, curvature
 
     def body(at: _Search) -> _Search:
         squares, slope, curvature = evaluate(at.trial)
@@ -60,11 +63,16 @@ def estimated_starts(
         curvature = jnp.where(better, curvature, at.curvature)
         damping = jnp.where(better, at.damping / 10, jnp.maximum(at.damping, 1e-6) * 10)
         squares = jnp.minimum(jnp.where(better, squares, jnp.inf), at.squares)
-        step = _solve(curvature, slope[:, None], damping)[:, 0]
-        gain = jnp.sum(step * slope, axis=0)
-        converged = (gain <= _TOLERANCE * squares) | ~(damping < 1e12)
-        trial = best + jnp.where(converged, 0.0, step)
-        return _Search(best, squares, slope, curvature, damping, trial, at.passes + 1, converged)
+        factor = _factor(curvature, damping)
+        halfway = _forward(factor, slope[:, None])
+        gain, step = jnp.sum(halfway**2, axis=(0, 1)), _backward(factor, halfway)[:, 0]
+        stuck = ~(damping < 1e12)
+        trial = best + jnp.where(stuck, 0.0, step)
+        last = better & (gain**2 <= _TOLERANCE * squares * at.gain)
+        converged = stuck | last | (gain <= _TOLERANCE * squares)
+        return _Search(
+            best, squares, slope, curvature, damping, trial, gain, at.passes + 1, converged
+        )
 
     def unfinished(at: _Search) -> JaxArray:
         return (at.passes < _MOST_PASSES) & ~jnp.all(at.converged)
@@ -78,10 +86,12 @@ def estimated_starts(
         blank,
         jnp.full(width, 1e-6, values.dtype),
         zero,
+        jnp.zeros(width, values.dtype),
         jnp.zeros((), int),
         never < 0,
     )
-    return jax.lax.while_loop(unfinished, body, start).best
+    found = jax.lax.while_loop(unfinished, body, start)
+    return jnp.where(found.converged, found.trial, found.best)
 
 
 def eliminated(
@@ -89,31 +99,54 @@ def eliminated(
 ) -> tuple[JaxArray, JaxArray, NormalMatrix]:
     """Return squares (batch,), scores (value, batch) and normal matrix without the starts.
 
-    The corrections' own squares are included.
+    The corrections' own squares are included, and what is left of them to the minimum is taken off.
     """
     free = len(error.free)
     if not free:
-        return sums.squares, sums.scores, sums.normal
-    lead = len(sums.normal.lower)
+        return sums.squares, sums.scores.shared, sums.normal
     stiffness = jnp.asarray(error.stiffness)[:, None]
     squares = sums.squares + used * jnp.sum(stiffness * correction**2, axis=0)
-    slope = sums.scores[lead:] - used * stiffness * correction
-    curvature = sums.own[:, lead:] + np.eye(free)[..., None] * stiffness
+    slope = sums.scores.own - used * stiffness * correction
+    curvature = sums.mixed.own + np.eye(free)[..., None] * stiffness
     curvature = jnp.where(used > 0, curvature, np.eye(free)[..., None])
-    mixed = sums.own[:, :lead]
-    removed = _solve(curvature, jnp.concatenate([mixed, slope[:, None]], axis=1), 0.0 * used)
-    scores = sums.scores[:lead] - jnp.sum(mixed * removed[:, -1:], axis=0)
-    normal = sums.normal.minus(jnp.einsum("fib,fjb->ij", mixed, removed[:, :-1]))
-    return squares, scores, normal
+    factor = _factor(curvature, 0.0 * used)
+    shared, own = _forward(factor, sums.mixed.shared), _forward(factor, slope[:, None])[:, 0]
+    scores = sums.scores.shared - jnp.sum(shared * own[:, None], axis=0)
+    return squares - jnp.sum(own**2, axis=0), scores, sums.normal.minus(shared)
 
 
-def _solve(curvature: JaxArray, right: JaxArray, damping: JaxArray) -> JaxArray:
-    """Solve (curvature + damping diagonal) x = right for every window, shape (free, k, batch)."""
+def _factor(curvature: JaxArray, damping: JaxArray) -> list[list[JaxArray]]:
+    """Return Cholesky's lower factor of curvature + damping diagonal, its entries (batch,)."""
     free = len(curvature)
     diagonal = jnp.einsum("iib->ib", curvature)
     floor = 1e-30 + 1e-13 * jnp.max(diagonal, axis=0)
-    damped = curvature + np.eye(free)[..., None] * (damping * diagonal + floor)
-    if free == 1:
-        return right / damped[:, 0][:, None]
-    solution = jnp.linalg.solve(jnp.moveaxis(damped, -1, 0), jnp.moveaxis(right, -1, 0))
-    return jnp.moveaxis(solution, 0, -1)
+    factor: list[list[JaxArray]] = []
+    for i in range(free):
+        row: list[JaxArray] = []
+        for j in range(i):
+            row.append((curvature[i, j] - _dot(row, factor[j])) / factor[j][j])
+        left = diagonal[i] * (1.0 + damping) + floor - _dot(row, row)
+        factor.append([*row, jnp.sqrt(jnp.maximum(left, floor))])
+    return factor
+
+
+def _forward(factor: list[list[JaxArray]], right: JaxArray) -> JaxArray:
+    """Solve L y = right for every window, shape (free, k, batch)."""
+    rows: list[JaxArray] = []
+    for i, row in enumerate(factor):
+        rows.append((right[i] - _dot(row[:i], rows)) / row[i])
+    return jnp.stack(rows)
+
+
+def _backward(factor: list[list[JaxArray]], right: JaxArray) -> JaxArray:
+    """Solve L' x = right for every window, shape (free, k, batch)."""
+    rows: list[JaxArray] = []
+    for i in reversed(range(len(factor))):
+        column = [factor[k][i] for k in range(len(factor) - 1, i, -1)]
+        rows.append((right[i] - _dot(column, rows)) / factor[i][i])
+    return jnp.stack(rows[::-1])
+
+
+def _dot(left: list[JaxArray], right: list[JaxArray]) -> JaxArray | float:
+    """Return the sum of products of as many as there are on the left."""
+    return sum((a * b for a, b in zip(left, right, strict=False)), 0.0)

@@ -210,10 +210,8 @@ class Objective:
 
     def _correction(self, values: JaxArray, horizon: int, batch: Batch) -> JaxArray:
         """Return the windows' starts at their minimum, where they do not move the gradient."""
-        each = jnp.broadcast_to(values, (len(values), len(batch.starts)))
-        return jax.lax.stop_gradient(
-            estimated_starts(self.error, each, jnp.asarray(horizon), batch)
-        )
+        starts = estimated_starts(self.error, values, jnp.asarray(horizon), batch)
+        return jax.lax.stop_gradient(starts)
 
 
 def _penalties(layout: Layout[Model], penalties: tuple[Penalty, ...], raw: JaxArray) -> JaxArray:

@@ -4,6 +4,7 @@ One vector-Jacobian product a state and output gives the recursion of S exactly 
 columns of S are the parameters' values and, behind them, the corrections of free starts.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -18,6 +19,23 @@ from penode.predictors.rollout import rollout
 from penode.training.prediction_error import Batch, PredictionError
 
 
+class Columns(NamedTuple):
+    """Slopes by the parameters' values and by the corrections of free starts, kept apart.
+
+    Attributes
+    ----------
+    shared : array, shape (..., value, batch)
+    own : array, shape (..., free, batch)
+    """
+
+    shared: JaxArray
+    own: JaxArray
+
+    def each(self, function: Callable[..., JaxArray], *others: "Columns") -> "Columns":
+        """Apply a function to both parts, with those of others beside them."""
+        return Columns(*map(function, self, *others))
+
+
 class Sums(NamedTuple):
     """Sums over the steps of each window; r is the residual, S = -dr/d(column).
 
@@ -25,17 +43,17 @@ class Sums(NamedTuple):
     ----------
     squares : array, shape (batch,)
         r'r.
-    scores : array, shape (column, batch)
+    scores : Columns of shape (column, batch)
         S'r.
-    own : array, shape (free, column, batch)
+    mixed : Columns of shape (free, column, batch)
         Rows of S'S that belong to the window's own columns, those of its start.
     normal : NormalMatrix
         S'S of the shared columns, summed over windows too.
     """
 
     squares: JaxArray
-    scores: JaxArray
-    own: JaxArray
+    scores: Columns
+    mixed: Columns
     normal: NormalMatrix
 
 
@@ -52,8 +70,8 @@ def window_sums(
     Parameters
     ----------
     error : PredictionError
-    values : array, shape (value, batch)
-        Parameters, one column a window.
+    values : array, shape (value, batch or 1)
+        Parameters, one column a window; a single column where none of them is a column of S.
     correction : array, shape (free, batch)
         Of the windows' starts, SI units.
     horizon : scalar array
@@ -69,22 +87,26 @@ def window_sums(
     prefilter = error.loss.prefilter
 
     def visit(k: JaxArray, history: JaxArray, pull_back: Any, carry: Any) -> Any:
-        sensitivity, (before, slopes_before), sums = carry
+        sensitivity, (before, shared_before, own_before), sums = carry
         sensitivity = recursion.ahead(history, pull_back, sensitivity)
-        residual, slopes = recursion.residual(k + 1, history[0], sensitivity[0])
+        newest = sensitivity.each(lambda part: part[0])
+        residual, slopes = recursion.residual(k + 1, history[0], newest)
         filtered, before = prefilter.advance(before, residual * batch.used)
-        slopes, slopes_before = prefilter.advance(slopes_before, slopes * batch.used)
-        return sensitivity, (before, slopes_before), _added(sums, filtered, slopes)
+        shared, shared_before = prefilter.advance(shared_before, slopes.shared * batch.used)
+        own, own_before = prefilter.advance(own_before, slopes.own * batch.used)
+        memory = before, shared_before, own_before
+        return sensitivity, memory, _added(sums, filtered, Columns(shared, own))
 
-    columns, width = first.shape[2], values.shape[1]
+    width, free = len(batch.starts), len(error.free)
+    lead = len(normal.lower)
     shape = (prefilter.order, len(error.compared))
 
     def zeros(*shape: int) -> JaxArray:
-        return jnp.zeros(shape, values.dtype)
+        return jnp.zeros((*shape, width), values.dtype)
 
-    memory = (zeros(*shape, width), zeros(*shape, columns, width))
-    own = zeros(len(error.free), columns, width)
-    sums = Sums(zeros(width), zeros(columns, width), own, normal)
+    memory = zeros(*shape), zeros(*shape, lead), zeros(*shape, free)
+    scores, mixed = (Columns(zeros(*axes, lead), zeros(*axes, free)) for axes in ((), (free,)))
+    sums = Sums(zeros(), scores, mixed, normal)
     last: Sums = rollout(recursion.step, start, horizon, visit, (first, memory, sums))[2]
     return last
 
@@ -101,7 +123,7 @@ class _Recursion:
     horizon : scalar array
     batch : Batch
     shared : int
-        Leading columns that are parameters; behind them are the free starts.
+        Columns that are parameters; none where only the free starts are columns.
     """
 
     error: PredictionError
@@ -110,35 +132,39 @@ class _Recursion:
     batch: Batch
     shared: int
 
-    def start(self, correction: JaxArray) -> tuple[JaxArray, JaxArray]:
-        """Return x_0 (past, state, batch) and S_0 (past, state, column, batch).
+    def start(self, correction: JaxArray) -> tuple[JaxArray, Columns]:
+        """Return x_0 (past, state, batch) and S_0 of shape (past, state, column, batch).
 
         S_0 is dx_0/dtheta, and one where a column is the correction of that state.
         """
         error, batch = self.error, self.batch
         start, pull_back = jax.vjp(lambda p: error.start(p, correction, batch), self.parts)
         rows = (pull_back(_unit(start, at))[0] for at in np.ndindex(*start.shape[:2]))
-        first = jnp.stack([_joined(row)[: self.shared] for row in rows])
-        own = jnp.zeros((len(first), len(error.free), first.shape[-1]), first.dtype)
-        own = own.at[error.free, np.arange(len(error.free))].set(1.0)
-        first = jnp.concatenate([first, own], axis=1)
-        return start, first.reshape(*start.shape[:2], -1, start.shape[-1])
+        width, free = len(batch.starts), len(error.free)
+        wide = (self.shared, width)
+        shared = jnp.stack([jnp.broadcast_to(_joined(row)[: self.shared], wide) for row in rows])
+        own = jnp.zeros((*start.shape[:2], free, width), start.dtype)
+        own = own.at[0, error.free, np.arange(free)].set(1.0)
+        return start, Columns(shared.reshape(*start.shape[:2], *wide), own)
 
     def step(self, k: JaxArray, history: JaxArray) -> tuple[JaxArray, Any]:
         """Return x_(k+1) = g(x_k, ..., theta) in front of its past, and g's pull-back."""
         error, batch = self.error, self.batch
         return jax.vjp(lambda p, h: error.step(p, h, k, batch), self.parts, history)
 
-    def ahead(self, history: JaxArray, pull_back: Any, sensitivity: JaxArray) -> JaxArray:
+    def ahead(self, history: JaxArray, pull_back: Any, sensitivity: Columns) -> Columns:
         """Return S_(k+1) = (dg/dx) S_k + dg/dtheta in front of its past."""
         units = jnp.stack([_unit(history, (0, i)) for i in range(history.shape[1])])
         direct, before = jax.vmap(pull_back)(units)
-        ahead = jax.vmap(self._row, in_axes=(0, 0, None))(direct, before, sensitivity)[None]
-        return jnp.concatenate([ahead, sensitivity[:-1]]) if len(sensitivity) > 1 else ahead
+        row = jax.vmap(self._row, in_axes=(0, 0, None))(direct, before, sensitivity)
+        ahead = row.each(lambda part: part[None])
+        if len(sensitivity.own) == 1:
+            return ahead
+        return ahead.each(lambda new, old: jnp.concatenate([new, old[:-1]]), sensitivity)
 
     def residual(
-        self, step: JaxArray, predicted: JaxArray, sensitivity: JaxArray
-    ) -> tuple[JaxArray, JaxArray]:
+        self, step: JaxArray, predicted: JaxArray, sensitivity: Columns
+    ) -> tuple[JaxArray, Columns]:
         """Return r (output, batch) and -dr/d(column) = -(dr/dx) S - dr/dtheta."""
         error, batch = self.error, self.batch
         residual, pull_back = jax.vjp(
@@ -147,35 +173,30 @@ class _Recursion:
         products = [pull_back(_unit(residual, (i,))) for i in range(len(residual))]
         if not error.plain:
             rows = [self._row(direct, before, sensitivity) for direct, before in products]
-            return residual, -jnp.stack(rows)
+            return residual, Columns(*(-jnp.stack(part) for part in zip(*rows, strict=True)))
         # -dr/dx is the weight: a product with its zeros would cost a fifth.
         weight = error.weight(step, self.horizon)[error.compared][:, None, None]
         direct = jnp.stack([_joined(own)[: self.shared] for own, _ in products])
-        return residual, _less(weight * sensitivity[error.compared], direct)
+        shared, own = sensitivity.each(lambda part: weight * part[error.compared])
+        return residual, Columns(shared - direct, own)
 
-    def _row(self, direct: Parts, before: JaxArray, sensitivity: JaxArray) -> JaxArray:
-        """Return one row of the chain rule, (df/dx) S + df/dtheta, shape (column, batch)."""
-        own = _joined(direct)[: self.shared]
-        carried = jnp.sum(before[..., None, :] * sensitivity, axis=tuple(range(before.ndim - 1)))
-        return carried.at[: self.shared].add(own) if len(self.error.free) else carried + own
+    def _row(self, direct: Parts, before: JaxArray, sensitivity: Columns) -> Columns:
+        """Return one row of the chain rule, (df/dx) S + df/dtheta, of shape (column, batch)."""
+        axes = tuple(range(before.ndim - 1))
+        carried = sensitivity.each(lambda part: jnp.sum(before[..., None, :] * part, axis=axes))
+        return Columns(carried.shared + _joined(direct)[: self.shared], carried.own)
 
 
-def _added(sums: Sums, residual: JaxArray, slopes: JaxArray) -> Sums:
-    """Add one step's filtered residual (output, batch) and slopes (output, column, batch)."""
-    lead = len(sums.normal.lower)
-    shared, own = slopes[:, :lead], slopes[:, lead:]
-    return Sums(
-        sums.squares + jnp.sum(residual**2, axis=0),
-        sums.scores + jnp.sum(slopes * residual[:, None], axis=0),
-        sums.own + jnp.sum(own[:, :, None] * slopes[:, None], axis=0),
-        sums.normal.plus(shared),
+def _added(sums: Sums, residual: JaxArray, slopes: Columns) -> Sums:
+    """Add one step's filtered residual (output, batch) and slopes of (output, column, batch)."""
+    scores = sums.scores.each(
+        lambda sum, part: sum + jnp.sum(part * residual[:, None], axis=0), slopes
     )
-
-
-def _less(slopes: JaxArray, direct: JaxArray) -> JaxArray:
-    """Take the shared columns' direct slopes (output, value, batch) off all columns' slopes."""
-    lead = direct.shape[1]
-    return slopes - direct if slopes.shape[1] == lead else slopes.at[:, :lead].add(-direct)
+    mixed = sums.mixed.each(
+        lambda sum, part: sum + jnp.sum(slopes.own[:, :, None] * part[:, None], axis=0), slopes
+    )
+    squares = sums.squares + jnp.sum(residual**2, axis=0)
+    return Sums(squares, scores, mixed, sums.normal.plus(slopes.shared))
 
 
 def _joined(parts: Parts) -> JaxArray:

@@ -23,6 +23,8 @@ from penode.pmsm.machine.terms import ANGLE, SPEED, Channel, Term
 
 #: Guess of i_0 over the largest current.
 _GUESS = 0.01
+#: Least i_0 in A: a sharper knee cannot be told from this one, and i_0 would go on towards zero.
+_SHARPEST = 1e-4
 #: Half the width of the narrowest mean; the closed form divides by it.
 _NARROW = 0.02
 
@@ -123,7 +125,7 @@ class DeadTime(PhaseSigns):
 
     dead_time_voltage: Leaf = physical("V", default=0.0, meaning="dead-time voltage of a phase")
     dead_time_current: Leaf = parameter(
-        unit="A", group="physical", transform=Positive(), default=None
+        unit="A", group="physical", transform=Positive(_SHARPEST), default=None
     )
     dead_time_softness: Leaf = parameter(group="physical", default=None)
 
@@ -149,7 +151,7 @@ class PhaseDeadTime(PhaseSigns):
     dead_time_voltage_b: Leaf = physical("V", default=0.0, meaning="dead-time voltage, phase b")
     dead_time_voltage_c: Leaf = physical("V", default=0.0, meaning="dead-time voltage, phase c")
     dead_time_current: Leaf = parameter(
-        unit="A", group="physical", transform=Positive(), default=None
+        unit="A", group="physical", transform=Positive(_SHARPEST), default=None
     )
     dead_time_softness: Leaf = parameter(group="physical", default=None)
 
