@@ -14,7 +14,7 @@ import numpy as np
 from penode.arrays import JaxArray
 from penode.native.normal_matrix import NormalMatrix
 from penode.training.prediction_error import Batch, PredictionError
-from penode.training.sensitivities import Sums, window_sums
+from penode.training.sensitivities import Sums, along, window_sums
 
 _MOST_PASSES = 30
 #: A window has converged when its next step but one, if steps go on shrinking as they did, lowers
@@ -111,7 +111,7 @@ def eliminated(
     curvature = jnp.where(used > 0, curvature, np.eye(free)[..., None])
     factor = _factor(curvature, 0.0 * used)
     shared, own = _forward(factor, sums.mixed.shared), _forward(factor, slope[:, None])[:, 0]
-    scores = sums.scores.shared - jnp.sum(shared * own[:, None], axis=0)
+    scores = sums.scores.shared - along(own, shared)
     return squares - jnp.sum(own**2, axis=0), scores, sums.normal.minus(shared)
 
 

@@ -189,14 +189,23 @@ class _Recursion:
 
 def _added(sums: Sums, residual: JaxArray, slopes: Columns) -> Sums:
     """Add one step's filtered residual (output, batch) and slopes of (output, column, batch)."""
-    scores = sums.scores.each(
-        lambda sum, part: sum + jnp.sum(part * residual[:, None], axis=0), slopes
-    )
+    scores = sums.scores.each(lambda sum, part: sum + along(residual, part), slopes)
+    own = slopes.own.swapaxes(0, 1)
     mixed = sums.mixed.each(
-        lambda sum, part: sum + jnp.sum(slopes.own[:, :, None] * part[:, None], axis=0), slopes
+        lambda sum, part: sum + jnp.stack([along(one, part) for one in own]) if len(own) else sum,
+        slopes,
     )
     squares = sums.squares + jnp.sum(residual**2, axis=0)
     return Sums(squares, scores, mixed, sums.normal.plus(slopes.shared))
+
+
+def along(weights: JaxArray, slopes: JaxArray) -> JaxArray:
+    """Return the sum over outputs of weights (output, batch) times slopes (output, column, batch).
+
+    Written out: a reduction over so few would first write all products down.
+    """
+    products = [w * part for w, part in zip(weights, slopes, strict=True)]
+    return sum(products[1:], products[0])
 
 
 def _joined(parts: Parts) -> JaxArray:
