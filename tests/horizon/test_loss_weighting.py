@@ -13,6 +13,7 @@ from penode.data.windows import cut
 from penode.horizon.loss_weighting import linearised, loss_weighting, weight_matrix
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.tableaus import AB2
+from penode.training.loss import Loss
 from penode.training.residuals import Objective
 from penode.validation.comparison import Comparison
 from penode.validation.free_run import compare
@@ -66,20 +67,29 @@ def multistep_case(systems, rng, horizon):
 
 
 @pytest.mark.parametrize("horizon", [1, 7, 23])
-@pytest.mark.parametrize("make", [machine_case, multistep_case])
-def test_the_loss_is_the_weighted_spectrum_of_one_step_errors(systems, rng, make, horizon):
+@pytest.mark.parametrize(
+    ("make", "free"),
+    [
+        (machine_case, {}),
+        (machine_case, {"i_d": 0.5, "i_q": 0.5}),
+        (machine_case, {"i_q": 0.2}),
+        (multistep_case, {}),
+    ],
+)
+def test_the_loss_is_the_weighted_spectrum_of_one_step_errors(systems, rng, make, free, horizon):
     model, predictor, run = make(systems, rng, horizon)
     scale = np.full(len(model.states), 0.5)
     every = cut(
         [run], model.states, model.inputs, horizon, past=predictor.past, placement=Jittered(0, 1)
     )
-    objective = Objective(predictor, model, scale)
+    objective = Objective(predictor, model, scale, Loss(free_starts=free))
     terms = objective.gauss_newton(objective.layout.raw(model), every)
     comparison = compare(predictor, model, run)
     residual = ((comparison.measured - comparison.one_step) / scale)[predictor.past :]
     spectrum = np.fft.fft(residual, axis=0)
     matrices = linearised(predictor, model, run, scale)
-    weight = weight_matrix(matrices, len(scale), horizon, len(residual))
+    starts = objective.error.start_stiffness
+    weight = weight_matrix(matrices, len(scale), horizon, len(residual), starts)
     summed = np.einsum("fi,fij,fj->", spectrum.conj(), weight, spectrum) * horizon / len(residual)
     assert summed.real == pytest.approx(terms.loss * terms.count, rel=1e-8)
     assert abs(summed.imag) < 1e-9 * summed.real

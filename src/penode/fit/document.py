@@ -22,7 +22,7 @@ _NUISANCE = "nuisance."
 
 def document_of(fit: "Fit") -> tuple[dict[str, Any], dict[str, FloatArray]]:
     """Return a fit as JSON values, and its arrays by name."""
-    arrays = {"excited": fit.excited, "transitions": fit.transitions}
+    arrays = {"excited": fit.excited, "transitions": fit.transitions, "starts": fit.starts}
     arrays |= {f"{_NUISANCE}{name}": values for name, values in fit.nuisances.items()}
     document = {
         **fit.result(),
@@ -69,6 +69,7 @@ def parts_of(
         "comparisons": tuple(_restore(Comparison, c, arrays) for c in document["comparisons"]),
         "spectrum": _restore(Spectrum, document["spectrum"], arrays),
         "transitions": arrays.get("transitions", np.empty((0, 0, 0))),
+        "starts": arrays.get("starts", np.empty(0)),
         "learned_uncertainty": _restore(
             LearnedUncertainty, document.get("learned_uncertainty", {}), arrays
         ),

@@ -56,7 +56,10 @@ class Fit:
     transitions : ndarray, shape (sample, past * state, past * state)
         One-step matrices of scaled errors along the recording of the spectrum
         (`penode.horizon.loss_weighting.linearised`); empty where the k-step error is more than a
-        filtered one-step error, as with starts that windows estimate.
+        filtered one-step error.
+    starts : ndarray, shape (state,)
+        By how much the squares of a window grow with the square of a correction of its start, of
+        scaled states; infinite where starts are as measured. Empty says so of all.
     learned_uncertainty : LearnedUncertainty
         What `learned_deviation` is computed from.
     correlations : Correlations
@@ -76,6 +79,7 @@ class Fit:
     comparisons: tuple[Comparison, ...]
     spectrum: Spectrum
     transitions: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    starts: FloatArray = field(default_factory=lambda: np.empty(0))
     learned_uncertainty: LearnedUncertainty = field(default_factory=LearnedUncertainty)
     correlations: Correlations = field(default_factory=Correlations)
     nuisances: Mapping[str, FloatArray] = field(default_factory=dict)

@@ -101,6 +101,7 @@ class Assembly:
             comparisons=comparisons,
             spectrum=residual_spectrum(comparisons[shown]),
             transitions=self._transitions(own[shown], experiments[shown]),
+            starts=self._starts,
             learned_uncertainty=self._uncertainty(chosen),
             correlations=residual_correlations(comparisons[shown], whole[shown], model.inputs),
             nuisances=self._nuisances(),
@@ -149,6 +150,11 @@ class Assembly:
         if not objective.error.is_filtered_one_step:
             return np.empty((0, 0, 0))
         return linearised(objective.predictor, model, recording, objective.scale)
+
+    @property
+    def _starts(self) -> FloatArray:
+        error = self.problem.objective.error
+        return error.start_stiffness if error.is_filtered_one_step else np.empty(0)
 
     @cached_property
     def _shifts(self) -> FloatArray:

@@ -4,6 +4,8 @@ The k-step error is a filtered one-step error, eps_(t+k|t) = sum_j Phi(t+k, t+j+
 section 3). With Phi frozen to powers of one matrix A it is F_k e with
 F_k = sum_(j<k) A^j q^-j = (1 - (A q^-1)^k) (1 - A q^-1)^-1, and the loss at horizon H weighs the
 spectrum E of the one-step residual by W_H = (1/H) sum_(k<=H) F_k* F_k: it adds up E* W_H E.
+Where a window estimates its start, it takes B* M^-1 B / H off, with B = sum_k A^k' q^k F_k / q and
+M = sum_k A^k' A^k plus what a correction costs.
 """
 
 from collections.abc import Sequence
@@ -14,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import ComplexArray, FloatArray, JaxArray, float64
+from penode.arrays import BoolArray, ComplexArray, FloatArray, JaxArray, float64
 from penode.data.experiment import Experiment
 from penode.models.base import Model
 from penode.models.parameters import with_batch_axis
@@ -43,8 +45,8 @@ class LossWeighting:
     horizons : tuple of int
         Steps.
     weight : ndarray, shape (horizon, frequency, signal)
-        W_H; 1 at H = 1. For a complex signal that of a vector rotating with the frequency's sign;
-        where A is no rotation, what f and -f have in common is left out.
+        W_H; 1 at H = 1 with starts as measured. For a complex signal that of a vector rotating
+        with the frequency's sign; where A is no rotation, what f and -f have in common is left out.
     lines : tuple of Line
         Strongest first.
     """
@@ -121,7 +123,13 @@ def _pushed(
     return pushed
 
 
-def weight_matrix(transitions: FloatArray, states: int, horizon: int, samples: int) -> ComplexArray:
+def weight_matrix(
+    transitions: FloatArray,
+    states: int,
+    horizon: int,
+    samples: int,
+    starts: FloatArray | None = None,
+) -> ComplexArray:
     """Return W_H = (1/H) sum_(k<=H) F_k* F_k, the mean over frozen one-step matrices.
 
     Exact for a linear model: the squared k-step errors over all starts and k = 1..H, of a
@@ -137,6 +145,8 @@ def weight_matrix(transitions: FloatArray, states: int, horizon: int, samples: i
         H in steps.
     samples : int
         Length of the residual; sets the frequencies.
+    starts : ndarray, shape (state,), optional
+        What corrections of starts cost (`Fit.starts`); without it starts are as measured.
 
     Returns
     -------
@@ -145,26 +155,64 @@ def weight_matrix(transitions: FloatArray, states: int, horizon: int, samples: i
         grow without bound.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        return _from_transitions(transitions, states, horizon, samples)
+        return _from_transitions(transitions, states, horizon, samples, starts)
 
 
 def _from_transitions(
-    transitions: FloatArray, states: int, horizon: int, samples: int
+    transitions: FloatArray,
+    states: int,
+    horizon: int,
+    samples: int,
+    starts: FloatArray | None,
 ) -> ComplexArray:
     power = np.broadcast_to(np.eye(transitions.shape[-1]), transitions.shape)
     impulse = np.empty((horizon, len(transitions), states, states))
     for j in range(horizon):
         impulse[j] = power[:, :states, :states]
         power = power @ transitions
+    cost = np.full(states, np.inf) if starts is None or not len(starts) else starts
+    free = np.isfinite(cost)
+    response, inverse = _of_starts(impulse, power, cost[free], free)
     lags = np.zeros((samples, states, states))
     for lag in range(horizon):  # W_H is a trigonometric polynomial of degree H - 1
         counted = np.arange(horizon - lag, 0, -1.0) / (horizon * len(transitions))
         terms = (counted, impulse[: horizon - lag], impulse[lag:])
         product = np.einsum("i,isba,isbc->ac", *terms, optimize=True)
+        if free.any():
+            taken = (response[lag:], inverse, response[: horizon - lag])
+            product -= np.einsum("isba,sbd,isdc->ac", *taken, optimize=True) / (
+                horizon * len(transitions)
+            )
         lags[lag % samples] += product
         if lag:
             lags[-lag % samples] += product.T
     return np.asarray(np.fft.fft(lags, axis=0))
+
+
+def _of_starts(
+    impulse: FloatArray, last: FloatArray, cost: FloatArray, free: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return C_m of B = sum_m C_m q^m, (step, sample, free, state), and M^-1.
+
+    C_m = (A')^(m+1) sum_(n < H - m) A^n' A^n, rows of the states whose starts are free.
+
+    Parameters
+    ----------
+    impulse : ndarray, shape (step, sample, state, state)
+        A^0 to A^(H-1).
+    last : ndarray, shape (sample, state, state)
+        A^H.
+    cost : ndarray, shape (free,)
+    free : ndarray of bool, shape (state,)
+    """
+    horizon = len(impulse)
+    if not free.any():
+        return impulse[:, :, free], impulse[0][:, free][:, :, free]
+    squares = np.cumsum(np.einsum("isba,isbc->isac", impulse, impulse), axis=0)
+    ahead = np.concatenate([impulse[1:], last[None, :, : len(free), : len(free)]])
+    response = np.einsum("isba,isbc->isac", ahead, squares[horizon - 1 - np.arange(horizon)])
+    whole = np.einsum("isba,isbc->sac", ahead, ahead)
+    return response[:, :, free], np.linalg.inv(whole[:, free][:, :, free] + np.diag(cost))
 
 
 def loss_weighting(
@@ -172,6 +220,7 @@ def loss_weighting(
     transitions: FloatArray,
     horizons: Sequence[int],
     base: float | None = None,
+    starts: FloatArray | None = None,
 ) -> LossWeighting:
     """Return a recording's residual spectrum, its lines, and its weight at each horizon.
 
@@ -185,6 +234,8 @@ def loss_weighting(
         Steps.
     base : float, optional
         Frequency in Hz whose multiples are the lines' orders; its sign is kept.
+    starts : ndarray, shape (state,), optional
+        As of `weight_matrix`.
     """
     residual = comparison.one_step_residual
     samples, states = residual.shape
@@ -193,7 +244,7 @@ def loss_weighting(
     power = power_spectrum(signal)
     frequency = np.fft.fftfreq(samples, comparison.time_step).astype(np.float64)
     weight = np.stack(
-        [_seen(weight_matrix(transitions, states, h, samples), paired) for h in horizons]
+        [_seen(weight_matrix(transitions, states, h, samples, starts), paired) for h in horizons]
     )
     order = np.argsort(frequency) if paired else np.arange(samples // 2 + 1)
     if not paired:  # both signs say the same

@@ -79,7 +79,8 @@ def weighting_of(fit: Fit, base: float | None = None) -> LossWeighting | None:
     longest = max((rung.horizon for rung in fit.horizon.ladder), default=1)
     horizons = sorted({1, fit.horizon.selected, longest})
     shown = (one for one in fit.comparisons if one.name == fit.spectrum.recording)
-    return loss_weighting(next(shown, fit.comparisons[0]), fit.transitions, horizons, base)
+    comparison = next(shown, fit.comparisons[0])
+    return loss_weighting(comparison, fit.transitions, horizons, base, fit.starts)
 
 
 def weighting_section(

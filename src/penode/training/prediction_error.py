@@ -236,10 +236,20 @@ class PredictionError:
 
     @property
     def is_filtered_one_step(self) -> bool:
-        """Whether the loss sums k-step errors as they are: filtered one-step errors, all alike."""
+        """Whether the loss sums k-step errors as they are: filtered one-step errors, all alike.
+
+        Starts may be estimated, of states that are measured.
+        """
         loss = self.loss
         as_it_is = loss.weight is every_step and loss.prefilter == NO_FILTER
-        return self.plain and as_it_is and not len(self.free)
+        return self.plain and as_it_is and not self.model.unmeasured
+
+    @property
+    def start_stiffness(self) -> FloatArray:
+        """What corrections of starts cost, in squares of scaled states, (state,); inf if held."""
+        cost = np.full(len(self.model.states), np.inf)
+        cost[self.free] = self.stiffness * np.asarray(self.scale)[self.free] ** 2
+        return cost
 
     def weight(self, step: JaxArray, horizon: JaxArray) -> JaxArray:
         """Return what multiplies the error of each quantity, shape (quantity,)."""
