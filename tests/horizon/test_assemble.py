@@ -108,10 +108,18 @@ def test_one_step_matrices_are_kept_where_k_step_errors_are_filtered_one_step_er
     assert kept.shape == (64, 2, 2)
     assert np.abs(np.linalg.eigvals(kept)).max() < 1.0
     problem, rungs = climbed
-    for loss in (Loss(free_starts={"i_d": 1.0}), Loss(weight=last_step), Loss(domain=equation)):
-        objective = Objective(problem.objective.predictor, problem.model, np.ones(2), loss)
-        other = replace(problem, objective=objective)
-        assert not fit_of((other, rungs)).transitions.size
+
+    def of(loss):
+        objective = Objective(problem.objective.predictor, problem.model, np.full(2, 3.0), loss)
+        return fit_of((replace(problem, objective=objective), rungs))
+
+    for loss in (Loss(weight=last_step), Loss(domain=equation)):
+        assert not of(loss).transitions.size
+        assert not of(loss).starts.size
+    free = of(Loss(free_starts={"i_d": 2.0}))
+    assert free.transitions.shape == kept.shape
+    np.testing.assert_allclose(free.starts, [9 / 4, np.inf])
+    assert np.isinf(of(Loss()).starts).all()
 
 
 def test_the_ladder_is_told_rung_by_rung(climbed):

@@ -48,7 +48,7 @@ class Positive:
     Attributes
     ----------
     least : float
-        In the parameter's SI unit. What is below it is taken for a little above.
+        In the parameter's SI unit. A step beyond it stays there, where nothing depends on it.
     """
 
     least: float = 0.0
@@ -59,13 +59,12 @@ class Positive:
 
     def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
         """Exponentiate raw (size,), at least to the smallest number above zero."""
-        above = jnp.maximum(jnp.exp(raw), np.finfo(raw.dtype).tiny)
-        return (self.least + above).reshape(shape)
+        least = max(self.least, np.finfo(raw.dtype).tiny)
+        return jnp.maximum(jnp.exp(raw), least).reshape(shape)
 
     def inverse(self, value: FloatArray) -> FloatArray:
-        """Take the logarithm of what the value is above the least."""
-        above = np.ravel(value) - self.least
-        return np.log(np.maximum(above, 1e-6 * self.least) if self.least else above)
+        """Take the logarithm of the value."""
+        return np.log(np.maximum(np.ravel(value), self.least))
 
 
 @dataclass(frozen=True)

@@ -67,14 +67,14 @@ class Problem:
         return residuals, slopes[:, self.moving]
 
     def _ridge(self, normal: FloatArray) -> FloatArray:
-        """Return what keeps a parameter that nothing depends on from drifting away.
+        """Return what keeps a learned parameter that nothing depends on from drifting away.
 
-        Its column is rounding noise, and a step along it would be noise divided by noise. Physical
-        parameters that are reported are left as they are.
+        Its column is rounding noise, and a step along it would be noise divided by noise.
         """
-        others = ~self.objective.layout.physical_members
-        largest = np.max(np.diag(normal), where=others, initial=0.0)
-        return np.diag(_ROUNDING * largest * others)
+        layout = self.objective.layout
+        learned = ~layout.members(("physical",) if layout.physical else ())
+        largest = np.max(np.diag(normal), where=learned, initial=0.0)
+        return np.diag(_ROUNDING * largest * learned)
 
     def reported_jacobian(self, raw: FloatArray) -> FloatArray:
         """Return d(reported)/d(moving raw), shape (reported, moving)."""
