@@ -23,6 +23,7 @@ def plan_of(horizon, seed=0):
     return Plan((Stage(1, optimiser), Stage(horizon, optimiser)))
 
 
+@pytest.mark.slow
 def test_a_sweep_is_its_fits_one_by_one(systems):
     system = systems["linear machine"]
     runs = system.recorded_again(noise=0.05)

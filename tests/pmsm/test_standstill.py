@@ -158,6 +158,7 @@ def test_a_slow_locus_at_standstill_shows_the_resistance():
     assert solved.resistance == pytest.approx(R, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_reluctance_machine_whose_voltage_acts_two_samples_late():
     """All is left to the data; what the balance leaves of a saturated map looks like dead time."""
     drive = Drive(current_noise=0.01, bandwidth=400.0, inverter=Inverter(delay=2))

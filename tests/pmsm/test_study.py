@@ -46,6 +46,7 @@ def test_free_run_on_unseen_speed_stays_close(fit):
     assert unseen.free_run_rmse < ripple
 
 
+@pytest.mark.slow
 def test_unconstrained_map_at_one_speed_is_called_unanswerable(slow_run):
     study = Study(flux_map="mlp", horizon=1, candidates=(), angle_orders=())
     fit = identify([slow_run], study=study)

@@ -152,6 +152,7 @@ def test_resistance_is_right_without_the_samples_at_the_limit(circle):
     assert fit.horizon.reason.endswith(f"{left} of 15000 samples were left out.")
 
 
+@pytest.mark.slow
 def test_without_the_dc_link_it_is_refused_by_name(circle):
     _, command = circle
     blind = {name: values for name, values in command.channels.items() if name != "u_dc"}

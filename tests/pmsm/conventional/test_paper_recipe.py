@@ -56,6 +56,7 @@ def test_the_start_knows_the_map_roughly_and_nothing_of_the_resistance(run):
     assert not np.array_equal(first[0], first[2])
 
 
+@pytest.mark.slow
 def test_the_recipe_trains(run):
     losses = []
 

@@ -246,6 +246,7 @@ def test_the_angle_of_hall_sensors_is_refused_by_name(drawn, unit):
     assert [b.name for b in check_conventions(beside).broken] == ["stepped angle"]
 
 
+@pytest.mark.slow
 def test_the_verdict_on_hall_sensors_is_that_name(unseen_run):
     objections = [b for one in check_all([hall(unseen_run)], AS_RECORDED) for b in one.broken]
     assert [b.name for b in objections] == ["stepped angle"]

@@ -77,6 +77,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="No server that forks.")
 def test_fifty_kills_at_random_moments_change_nothing(tmp_path):
     script = tmp_path / "kills.py"
