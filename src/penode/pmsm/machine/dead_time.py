@@ -23,8 +23,9 @@ from penode.pmsm.machine.terms import ANGLE, SPEED, Channel, Term
 
 #: Guess of i_0 over the largest current.
 _GUESS = 0.01
-#: Least i_0 in A: a sharper knee cannot be told from this one, and i_0 would go on towards zero.
-_SHARPEST = 1e-4
+#: Least i_0 in A. A sharper knee cannot be told from this one: i_0 would go on towards zero, where
+#: single samples at a kink decide what an imperfection of the recording moves.
+_SHARPEST = 0.02
 #: Half the width of the narrowest mean; the closed form divides by it.
 _NARROW = 0.02
 
