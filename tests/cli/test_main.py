@@ -56,6 +56,7 @@ def test_demo_leaves_every_file(demo):
     assert rungs == [rung["horizon"] for rung in ladder]
 
 
+@pytest.mark.slow
 def test_identify_fixed_horizon_and_parquet(demo, penode, tmp_path):
     recordings = demo[0] / "recordings"
     parquet = tmp_path / "run.parquet"

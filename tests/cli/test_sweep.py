@@ -89,6 +89,7 @@ def test_a_line_a_row_and_every_fit(whole):
     ]
 
 
+@pytest.mark.slow
 def test_a_cluster_makes_the_same_table_and_does_nothing_twice(whole, fleet, penode, tmp_path):
     """To the last bit, of one process where the other table is of two."""
     with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:

@@ -1,6 +1,6 @@
 """The ladder: which rungs, in which order, from where, and who is told."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -9,7 +9,9 @@ from penode import Contiguous, InputError, Jittered, Plan, Stage, ladder_plan
 from penode.horizon.ladder import HORIZONS, LadderProblem, fitting_plan
 from penode.training.coarse_to_fine import CoarseToFine
 from penode.training.covariance import Reported
+from penode.training.loss import Loss
 from penode.training.plan import CONVERGED, DIVERGED, Solution
+from penode.training.residuals import Objective
 from penode.training.second_order import LevenbergMarquardt
 
 # --- plans ------------------------------------------------------------------------------------
@@ -122,6 +124,21 @@ def test_a_rung_carries_its_values_deviations_and_influences(systems, problem):
     size = np.abs(expected).max(axis=1, keepdims=True)
     np.testing.assert_allclose(rung.influence / size, expected / size, rtol=0, atol=1e-9)
     assert rung.deviation.shape == (4,)
+
+
+@pytest.mark.parametrize(("deviation", "known"), [(1.0, True), (np.inf, False)])
+def test_one_step_shows_nothing_where_its_start_is_free_at_no_cost(
+    systems, problem, deviation, known
+):
+    system, old = systems["linear machine"], problem.objective
+    loss = Loss(free_starts=dict.fromkeys(("i_d", "i_q"), deviation))
+    objective = Objective(old.predictor, system.model, old.scale, loss)
+    (rung,) = (
+        replace(problem, objective=objective)
+        .climb(Plan((Stage(1, Scripted([0.0])),)), system.raw)
+        .fits
+    )
+    assert np.isfinite(rung.deviation).all() == known
 
 
 def test_groups_of_a_stage_move_and_the_rest_stays(systems, problem):

@@ -121,6 +121,22 @@ def test_the_normal_matrix_is_a_sum_of_products(size, batch, zeros, rng):
     np.testing.assert_array_equal(total, total.T)
 
 
+@pytest.mark.parametrize("wanted", [0, 1])
+def test_products_that_are_taken_away_leave_what_was_before(wanted, rng):
+    slopes = rng.normal(size=(2, 37, 8))
+    other = rng.normal(size=(1, 37, 8))
+
+    @jax.jit
+    def left(slopes, other):
+        matrix = NormalMatrix.zero(37, slopes, wanted).plus(slopes)
+        return matrix.plus(other).minus(slopes).whole
+
+    with float64():
+        found = np.asarray(left(jnp.asarray(slopes), jnp.asarray(other)))
+    expected = wanted * np.einsum("oib,ojb->ij", other, other)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
 def test_the_normal_matrix_stays_where_no_products_are_wanted(rng):
     start, slopes = np.eye(5), rng.normal(size=(2, 5, 8))
     np.testing.assert_array_equal(grown(start, slopes, wanted=0), start)

@@ -42,6 +42,7 @@ def compiled():
     monitoring.unregister_event_duration_listener(listen)
 
 
+@pytest.mark.slow
 def test_a_second_recording_compiles_nothing(compiled):
     """Another length, speed and noise; the first fit shows that compilations are counted."""
     study = Study(horizon=2, candidates=(), angle_orders=())

@@ -34,6 +34,14 @@ def test_resistance_is_right_and_inside_its_interval(fit):
     assert fit.horizon.verdict == "fixed"
 
 
+def test_the_default_ladder_spans_a_factor_of_450_and_estimates_the_starts(slow_run):
+    study = Study(angle_orders=(6,))
+    long = replace(slow_run, channels={n: np.tile(v, 2) for n, v in slow_run.channels.items()})
+    plan = study.plan([long])
+    assert [stage.horizon for stage in plan.stages] == [1, 3, 12, 40, 135, 450]
+    assert plan.loss.free_starts == {"i_d": 1.0, "i_q": 1.0}
+
+
 def test_the_weak_forms_own_bias_counts_where_it_is_compared(slow_run):
     start = study_module._start([slow_run], Study(candidates=(), angle_orders=()), ())
     value, deviation = start.anchor["R"]

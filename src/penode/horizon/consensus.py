@@ -1,7 +1,7 @@
 """Consensus: what the horizons of a plateau say together.
 
-Windows of another horizon start from other measured samples, and leave other errors behind. So the
-horizons of a plateau err in part independently of each other, and their mean is surer than any.
+Windows of another horizon start elsewhere, and leave other errors behind. So the horizons of a
+plateau err in part independently of each other, and their mean may be surer than any.
 """
 
 from collections.abc import Mapping, Sequence

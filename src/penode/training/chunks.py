@@ -1,5 +1,6 @@
 """Gauss-Newton sums over all windows: chunk by chunk, which caches hold, and side by side."""
 
+import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -55,7 +56,8 @@ def summed(
     """
     width, order = _width(error), _neighbours(windows)
     least = STRANDS * width
-    capacity = least * (1 - -shared_length(len(windows.states)) // least)
+    # One more than hold all windows: the last starts are estimated in a block that reaches beyond.
+    capacity = least * (math.ceil(shared_length(len(windows.states)) / least) + 1)
     with float64():
         batch = compiled_windows(windows, capacity, order)
         shared = on_device(raw), on_device(error.scale), batch

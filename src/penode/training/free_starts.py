@@ -124,8 +124,8 @@ def _factor(curvature: JaxArray, damping: JaxArray) -> list[list[JaxArray]]:
     for i in range(free):
         row: list[JaxArray] = []
         for j in range(i):
-            row.append((curvature[i, j] - _dot(row, factor[j])) / factor[j][j])
-        left = diagonal[i] * (1.0 + damping) + floor - _dot(row, row)
+            row.append((curvature[i, j] - along(row, factor[j])) / factor[j][j])
+        left = diagonal[i] * (1.0 + damping) + floor - along(row, row)
         factor.append([*row, jnp.sqrt(jnp.maximum(left, floor))])
     return factor
 
@@ -134,7 +134,7 @@ def _forward(factor: list[list[JaxArray]], right: JaxArray) -> JaxArray:
     """Solve L y = right for every window, shape (free, k, batch)."""
     rows: list[JaxArray] = []
     for i, row in enumerate(factor):
-        rows.append((right[i] - _dot(row[:i], rows)) / row[i])
+        rows.append((right[i] - along(row[:i], rows)) / row[i])
     return jnp.stack(rows)
 
 
@@ -143,10 +143,5 @@ def _backward(factor: list[list[JaxArray]], right: JaxArray) -> JaxArray:
     rows: list[JaxArray] = []
     for i in reversed(range(len(factor))):
         column = [factor[k][i] for k in range(len(factor) - 1, i, -1)]
-        rows.append((right[i] - _dot(column, rows)) / factor[i][i])
+        rows.append((right[i] - along(column, rows)) / factor[i][i])
     return jnp.stack(rows[::-1])
-
-
-def _dot(left: list[JaxArray], right: list[JaxArray]) -> JaxArray | float:
-    """Return the sum of products of as many as there are on the left."""
-    return sum((a * b for a, b in zip(left, right, strict=False)), 0.0)

@@ -4,7 +4,7 @@ One vector-Jacobian product a state and output gives the recursion of S exactly 
 columns of S are the parameters' values and, behind them, the corrections of free starts.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -199,13 +199,13 @@ def _added(sums: Sums, residual: JaxArray, slopes: Columns) -> Sums:
     return Sums(squares, scores, mixed, sums.normal.plus(slopes.shared))
 
 
-def along(weights: JaxArray, slopes: JaxArray) -> JaxArray:
-    """Return the sum over outputs of weights (output, batch) times slopes (output, column, batch).
+def along(weights: Iterable[JaxArray], parts: Iterable[JaxArray]) -> JaxArray | float:
+    """Return the sum of weights (batch,) times parts (..., batch), of as many as there are weights.
 
     Written out: a reduction over so few would first write all products down.
     """
-    products = [w * part for w, part in zip(weights, slopes, strict=True)]
-    return sum(products[1:], products[0])
+    products = [weight * part for weight, part in zip(weights, parts, strict=False)]
+    return sum(products[1:], products[0]) if products else 0.0
 
 
 def _joined(parts: Parts) -> JaxArray:

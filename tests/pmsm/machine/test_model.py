@@ -70,3 +70,12 @@ def test_maps_keep_the_shape_of_the_currents():
     assert maps["flux_map"](*grid).shape == (2, 3, 4)
     assert maps["differential_inductance"](10.0, np.arange(5.0)).shape == (2, 2, 5)
     np.testing.assert_allclose(maps["flux_map"](100.0, -50.0), [0.08, -0.025], rtol=1e-12)
+    assert maps["flux_map"](np.zeros(0), 1.0).shape == (2, 0)
+
+
+def test_maps_take_any_number_of_points_each_by_itself():
+    maps = linear_machine(3e-4, 5e-4, 0.05, 0.01).maps()
+    i_d, i_q = np.linspace(-200, 50, 9000).reshape(2, 3, 1500), 80.0
+    psi = maps["flux_map"](i_d, i_q)
+    np.testing.assert_allclose(psi[0], 0.05 + 3e-4 * i_d, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(psi[1], np.full(i_d.shape, 0.04), rtol=1e-12)

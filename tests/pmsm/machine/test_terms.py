@@ -146,6 +146,17 @@ def test_both_faces_of_a_term_agree(name):
     assert np.abs(known).max() < 1e-12 * scale  # linear in what is solved for
 
 
+def test_terms_together_drop_what_each_of_them_drops():
+    terms = tuple(drawn(ALL[name]) for name in ("dead_time", "resistance", "rotation"))
+    run, psi = recording(terms), RANDOM.normal(size=(2, COUNT))
+    known, by_parameter, by_psi = term_columns(run, terms)
+    values = np.array([*physical_values(terms).values()])
+    found = known + by_parameter @ values + np.squeeze(by_psi @ psi.T[..., None])
+    half = 0.5 * run.time_step
+    expected = sum(dropped(term, run, psi, (-half, half)).T for term in terms)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("name", ALL)
 def test_the_machine_loses_what_the_term_drops(name):
     """L di/dt = u - drops: the whole equation, with and without the term."""

@@ -114,7 +114,8 @@ class DeadTime(PhaseSigns):
     dead_time_voltage : array, shape ()
         dU in V.
     dead_time_current : array, shape (), or None
-        i_0 in A, the width of the knee; a hundredth of the largest recorded current where None.
+        i_0 in A, the width of the knee, 0.02 A at least; a hundredth of the largest recorded
+        current where None.
         It moves in training but is not reported: a phase current crosses zero within a fraction of
         a sample, which says little of it.
     dead_time_softness : array, shape (), or None
