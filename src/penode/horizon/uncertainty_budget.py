@@ -27,7 +27,7 @@ _REMEDIES = {
 
 #: Standard deviations of an imperfection by which its slope is taken: over a window errors grow,
 #: and one of 0.5 % in every voltage is no small one.
-_SMALL = 1e-6
+_SMALL = 1e-5
 
 
 @dataclass(frozen=True)

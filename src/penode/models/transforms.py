@@ -43,15 +43,7 @@ class Identity:
 
 @dataclass(frozen=True)
 class Positive:
-    """Values above zero, or another least one, as exponentials.
-
-    Attributes
-    ----------
-    least : float
-        In the parameter's SI unit. A step beyond it stays there, where nothing depends on it.
-    """
-
-    least: float = 0.0
+    """Values above zero, as exponentials."""
 
     def size(self, shape: tuple[int, ...]) -> int:
         """Return the number of entries."""
@@ -59,12 +51,11 @@ class Positive:
 
     def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
         """Exponentiate raw (size,), at least to the smallest number above zero."""
-        least = max(self.least, np.finfo(raw.dtype).tiny)
-        return jnp.maximum(jnp.exp(raw), least).reshape(shape)
+        return jnp.maximum(jnp.exp(raw), np.finfo(raw.dtype).tiny).reshape(shape)
 
     def inverse(self, value: FloatArray) -> FloatArray:
         """Take the logarithm of the value."""
-        return np.log(np.maximum(np.ravel(value), self.least))
+        return np.log(np.ravel(value))
 
 
 @dataclass(frozen=True)

@@ -15,17 +15,14 @@ import numpy as np
 from penode.arrays import FloatArray, IntArray, JaxArray, float64, on_device, shared_length
 from penode.data.windows import Windows
 from penode.native.normal_matrix import NormalMatrix
-from penode.training.free_starts import eliminated, estimated_starts
+from penode.training.free_starts import sums_without_starts
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
-from penode.training.sensitivities import window_sums
 
 #: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
 CHUNK, _NEAR = 64, 131_072
 #: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
 #: not depend on the number of cores.
 STRANDS = 4
-#: Chunks whose starts are estimated together: without sensitivities there is room in the caches.
-_WIDER = 2
 #: Parts of the first state's range: windows that start in one of them follow each other.
 _PARTS = 10
 
@@ -56,8 +53,7 @@ def summed(
     """
     width, order = _width(error), _neighbours(windows)
     least = STRANDS * width
-    # One more than hold all windows: the last starts are estimated in a block that reaches beyond.
-    capacity = least * (math.ceil(shared_length(len(windows.states)) / least) + 1)
+    capacity = least * math.ceil(shared_length(len(windows.states)) / least)
     with float64():
         batch = compiled_windows(windows, capacity, order)
         shared = on_device(raw), on_device(error.scale), batch
@@ -118,25 +114,15 @@ def _sum_over_chunks(
     values = error.layout.values(raw)
     size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS
     width = _width(error)
-    each = jnp.broadcast_to(values[:, None], (size, width))
 
-    def block(at: JaxArray, sums: _Totals) -> _Totals:
-        """Add chunks that follow each other, whose starts are estimated together."""
-        batch = windows.part(first + at * _WIDER * width, _WIDER * width)
-        corrections = estimated_starts(error, values[:, None], horizon, batch)
-
-        def chunk(k: JaxArray, sums: _Totals) -> _Totals:
-            number = at * _WIDER + k
-            batch = windows.part(first + number * width, width)
-            correction = jax.lax.dynamic_slice_in_dim(corrections, k * width, width, axis=1)
-            joint = window_sums(error, each, correction, horizon, batch, sums[1])
-            squares, scores, normal = eliminated(error, joint, correction, batch.used)
-            here = (jnp.zeros_like(number), number * width)
-            scores = jax.lax.dynamic_update_slice(sums[2], scores, here)
-            return sums[0] + jnp.sum(squares), normal, scores
-
-        left = jnp.minimum(chunks - at * _WIDER, _WIDER)
-        return jax.lax.fori_loop(0, left, chunk, sums)
+    def chunk(number: JaxArray, sums: _Totals) -> _Totals:
+        batch = windows.part(first + number * width, width)
+        squares, scores, normal = sums_without_starts(
+            error, values[:, None], horizon, batch, sums[1]
+        )
+        here = (jnp.zeros_like(number), number * width)
+        scores = jax.lax.dynamic_update_slice(sums[2], scores, here)
+        return sums[0] + jnp.sum(squares), normal, scores
 
     nothing = (
         jnp.zeros((), values.dtype),
@@ -144,8 +130,7 @@ def _sum_over_chunks(
         jnp.zeros((size, capacity), values.dtype),
     )
     chunks = (count + width - 1) // width
-    blocks = (chunks + _WIDER - 1) // _WIDER
-    squares, normal, scores = jax.lax.fori_loop(0, blocks, block, nothing)
+    squares, normal, scores = jax.lax.fori_loop(0, chunks, chunk, nothing)
     return squares, normal.whole, scores
 
 

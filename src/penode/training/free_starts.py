@@ -16,10 +16,14 @@ from penode.native.normal_matrix import NormalMatrix
 from penode.training.prediction_error import Batch, PredictionError
 from penode.training.sensitivities import Sums, along, window_sums
 
+#: Passes over the windows that look for their starts, where the first step is not enough.
 _MOST_PASSES = 30
-#: A window has converged when its next step but one, if steps go on shrinking as they did, lowers
-#: its squares by no more than this fraction. The next one is made.
+#: A window's start is settled when its next step but one, if steps go on shrinking as they did,
+#: lowers its squares by no more than this fraction. The next one is made.
 _TOLERANCE = 1e-14
+#: The first step is enough where what is taken off beside it is this exact, as a fraction of a
+#: window's squares: Newton's step with Gauss's curvature is off by the ratio of two of its steps.
+_ACCEPTED = 1e-6
 
 
 class _Search(NamedTuple):
@@ -31,7 +35,69 @@ class _Search(NamedTuple):
     trial: JaxArray
     gain: JaxArray
     passes: JaxArray
-    converged: JaxArray
+    settled: JaxArray
+
+
+class _Terms(NamedTuple):
+    attempts: JaxArray
+    settled: JaxArray
+    squares: JaxArray
+    scores: JaxArray
+    normal: NormalMatrix
+
+
+def sums_without_starts(
+    error: PredictionError,
+    values: JaxArray,
+    horizon: JaxArray,
+    batch: Batch,
+    normal: NormalMatrix,
+) -> tuple[JaxArray, JaxArray, NormalMatrix]:
+    """Return squares (batch,), scores (value, batch) and normal matrix, the starts eliminated.
+
+    The pass that sums them shows as well what is left of each start's way to its minimum, and takes
+    it off. Mostly one step before it is enough; where it is not, the starts are looked for first.
+
+    Parameters
+    ----------
+    error : PredictionError
+    values : array, shape (value, 1)
+    horizon : scalar array
+    batch : Batch
+    normal : NormalMatrix
+        What S'S is added to.
+    """
+    width = len(batch.starts)
+    each = jnp.broadcast_to(values, (len(values), width))
+    free = len(error.free)
+    if not free:
+        nothing = jnp.zeros((0, width), values.dtype)
+        sums = window_sums(error, each, nothing, horizon, batch, normal)
+        return sums.squares, sums.scores.shared, sums.normal
+
+    def attempt(before: _Terms) -> _Terms:
+        most = jnp.where(before.attempts == 0, 1, _MOST_PASSES)
+        correction, gain = _searched(error, values, horizon, batch, most)
+        sums = window_sums(error, each, correction, horizon, batch, normal)
+        squares, slope, curvature = _with_stiffness(error, sums, correction, batch.used)
+        factor = _factor(curvature, 0.0 * gain)
+        shared, own = _forward(factor, sums.mixed.shared), _forward(factor, slope[:, None])[:, 0]
+        left = jnp.sum(own**2, axis=0)
+        return _Terms(
+            before.attempts + 1,
+            jnp.all(left**1.5 <= _ACCEPTED * squares * gain**0.5),
+            squares - left,
+            sums.scores.shared - along(own, shared),
+            sums.normal.minus(shared),
+        )
+
+    def unsettled(at: _Terms) -> JaxArray:
+        return (at.attempts == 0) | ((at.attempts == 1) & ~at.settled)
+
+    zero = jnp.zeros(width, values.dtype)
+    start = _Terms(jnp.zeros((), int), jnp.zeros((), bool), zero, 0.0 * each, normal)
+    found = jax.lax.while_loop(unsettled, attempt, start)
+    return found.squares, found.scores, found.normal
 
 
 def estimated_starts(
@@ -42,21 +108,22 @@ def estimated_starts(
     Levenberg-Marquardt on every window at once, from the measured start or the first guess, at
     parameters (value, 1) that all windows share.
     """
+    if not len(error.free):
+        return jnp.zeros((0, len(batch.starts)), values.dtype)
+    return _searched(error, values, horizon, batch, jnp.asarray(_MOST_PASSES))[0]
+
+
+def _searched(
+    error: PredictionError, values: JaxArray, horizon: JaxArray, batch: Batch, most: JaxArray
+) -> tuple[JaxArray, JaxArray]:
+    """Return corrections after so many passes at most, and what the last step promised."""
     free, width = len(error.free), len(batch.starts)
     zero = jnp.zeros((free, width), values.dtype)
-    if not free:
-        return zero
-    stiffness = jnp.asarray(error.stiffness)[:, None]
-
-    def evaluate(correction: JaxArray) -> tuple[JaxArray, JaxArray, JaxArray]:
-        nothing = NormalMatrix.zero(0, values)
-        sums = window_sums(error, values, correction, horizon, batch, nothing)
-        squares = sums.squares + jnp.sum(stiffness * correction**2, axis=0)
-        curvature = sums.mixed.own + (np.eye(free)[..., None] * stiffness)
-        return squares, sums.scores.own - stiffness * correction, curvature
 
     def body(at: _Search) -> _Search:
-        squares, slope, curvature = evaluate(at.trial)
+        nothing = NormalMatrix.zero(0, values)
+        sums = window_sums(error, values, at.trial, horizon, batch, nothing)
+        squares, slope, curvature = _with_stiffness(error, sums, at.trial, batch.used)
         better = squares <= at.squares
         best = jnp.where(better, at.trial, at.best)
         slope = jnp.where(better, slope, at.slope)
@@ -68,14 +135,14 @@ def estimated_starts(
         gain, step = jnp.sum(halfway**2, axis=(0, 1)), _backward(factor, halfway)[:, 0]
         stuck = ~(damping < 1e12)
         trial = best + jnp.where(stuck, 0.0, step)
-        last = better & (gain**2 <= _TOLERANCE * squares * at.gain)
-        converged = stuck | last | (gain <= _TOLERANCE * squares)
+        settled = stuck | (better & _shrinking(gain, at.gain, squares))
+        settled |= gain <= _TOLERANCE * squares
         return _Search(
-            best, squares, slope, curvature, damping, trial, gain, at.passes + 1, converged
+            best, squares, slope, curvature, damping, trial, gain, at.passes + 1, settled
         )
 
     def unfinished(at: _Search) -> JaxArray:
-        return (at.passes < _MOST_PASSES) & ~jnp.all(at.converged)
+        return (at.passes < most) & ~jnp.all(at.settled)
 
     blank = jnp.ones((free, free, width), values.dtype)
     never = jnp.full(width, jnp.inf, values.dtype)
@@ -91,28 +158,24 @@ def estimated_starts(
         never < 0,
     )
     found = jax.lax.while_loop(unfinished, body, start)
-    return jnp.where(found.converged, found.trial, found.best)
+    arrived = found.settled | (found.passes == 1)
+    return jnp.where(arrived, found.trial, found.best), found.gain
 
 
-def eliminated(
+def _with_stiffness(
     error: PredictionError, sums: Sums, correction: JaxArray, used: JaxArray
-) -> tuple[JaxArray, JaxArray, NormalMatrix]:
-    """Return squares (batch,), scores (value, batch) and normal matrix without the starts.
-
-    The corrections' own squares are included, and what is left of them to the minimum is taken off.
-    """
-    free = len(error.free)
-    if not free:
-        return sums.squares, sums.scores.shared, sums.normal
+) -> tuple[JaxArray, JaxArray, JaxArray]:
+    """Return squares, slope and curvature by the corrections, their own squares included."""
     stiffness = jnp.asarray(error.stiffness)[:, None]
+    unit = np.eye(len(error.free))[..., None]
     squares = sums.squares + used * jnp.sum(stiffness * correction**2, axis=0)
     slope = sums.scores.own - used * stiffness * correction
-    curvature = sums.mixed.own + np.eye(free)[..., None] * stiffness
-    curvature = jnp.where(used > 0, curvature, np.eye(free)[..., None])
-    factor = _factor(curvature, 0.0 * used)
-    shared, own = _forward(factor, sums.mixed.shared), _forward(factor, slope[:, None])[:, 0]
-    scores = sums.scores.shared - along(own, shared)
-    return squares - jnp.sum(own**2, axis=0), scores, sums.normal.minus(shared)
+    return squares, slope, jnp.where(used > 0, sums.mixed.own + unit * stiffness, unit)
+
+
+def _shrinking(gain: JaxArray, before: JaxArray, squares: JaxArray) -> JaxArray:
+    """Whether the step after the next, were gains to go on shrinking so, would change nothing."""
+    return gain**2 <= _TOLERANCE * squares * before
 
 
 def _factor(curvature: JaxArray, damping: JaxArray) -> list[list[JaxArray]]:

@@ -1,6 +1,7 @@
 """Harmonics of the angle in the map and the inverter's dead time, against equations written out."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -150,6 +151,26 @@ def test_dead_time_is_the_smooth_sign_of_each_phase_current():
     found = signs(CURRENTS, THETA, 7.0)
     expected = space_vector(np.tanh(phase_currents(CURRENTS, THETA) / 7.0), THETA)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
+
+
+def test_a_knee_below_the_narrowest_makes_no_difference():
+    """0.003 times 170 A is 0.51 A; the nearest power of two is the narrowest."""
+    term = DeadTime(1.0, 0.1).prepared(170.0)
+    assert (float(term.dead_time_current), term.narrowest) == (0.1, 0.5)
+    u = np.stack([0 * THETA, THETA])
+
+    def lost(term):
+        inputs = Inputs(jnp.asarray(u), ("omega_el", "theta_el"), (0.0, 0.0))
+        return term.drop(jnp.asarray(CURRENTS / 40), inputs, None)
+
+    with float64():
+        narrow, wide = (with_batch_axis(replace(term, dead_time_current=w)) for w in (0.1, 0.6))
+        found, slope = jax.jvp(lost, (narrow,), (jax.tree.map(jnp.ones_like, narrow),))
+        at_wide = lost(wide)
+    same = partial(np.testing.assert_allclose, rtol=0, atol=1e-14)
+    same(found, signs(CURRENTS / 40, THETA, 0.5))
+    same(at_wide, signs(CURRENTS / 40, THETA, 0.6))
+    same(slope, found)  # that by the voltage, of 1 V, alone
 
 
 def test_dead_time_at_known_phase_currents():

@@ -23,9 +23,9 @@ from penode.pmsm.machine.terms import ANGLE, SPEED, Channel, Term
 
 #: Guess of i_0 over the largest current.
 _GUESS = 0.01
-#: Least i_0 in A. A sharper knee cannot be told from this one: i_0 would go on towards zero, where
-#: single samples at a kink decide what an imperfection of the recording moves.
-_SHARPEST = 0.02
+#: Narrowest knee over the largest current. A sharper one cannot be told from it: i_0 would go on
+#: towards zero, where single samples at a kink decide where a window starts and what is best.
+_SHARPEST = 0.003
 #: Half the width of the narrowest mean; the closed form divides by it.
 _NARROW = 0.02
 
@@ -71,6 +71,7 @@ class PhaseSigns(Term):
 
     dead_time_current: eqx.AbstractVar[Leaf]
     dead_time_softness: eqx.AbstractVar[Leaf]
+    narrowest: eqx.AbstractVar[float]
 
     def lost(self, voltages: JaxArray, x: JaxArray, u: Inputs) -> JaxArray:
         """Return the voltage that the phases lose, in dq.
@@ -85,9 +86,10 @@ class PhaseSigns(Term):
         cosine, sine = jnp.cos(u[ANGLE.name]), jnp.sin(u[ANGLE.name])
         alpha = cosine * x[0] - sine * x[1]
         beta = sine * x[0] + cosine * x[1]
-        phases = _phases(alpha, beta) / self.dead_time_current
+        width = jnp.maximum(self.dead_time_current, self.narrowest)
+        phases = _phases(alpha, beta) / width
         middle, half = u.part_for("dead time")
-        rates = u[SPEED.name] * (_phases(-beta, alpha) / self.dead_time_current)
+        rates = u[SPEED.name] * (_phases(-beta, alpha) / width)
         swept = (phases + middle * rates, half * rates) if half else (phases, None)
         signs = _mean(jnp.tanh, _area_of_tanh, *swept)
         if self.dead_time_softness is not None:
@@ -100,10 +102,14 @@ class PhaseSigns(Term):
         )
 
     def prepared(self, largest_current: float) -> Self:
-        """Return the term with i_0 at a hundredth of the largest current where it is not set."""
-        if self.dead_time_current is not None:
-            return self
-        return replace(self, dead_time_current=_GUESS * largest_current)
+        """Return the term with its narrowest knee, and i_0 where it is not set.
+
+        The narrowest is a power of two in A, so that one program serves many recordings.
+        """
+        narrowest = 2.0 ** round(np.log2(_SHARPEST * max(largest_current, 1e-9)))
+        width = self.dead_time_current
+        guess = _GUESS * largest_current if width is None else width
+        return replace(self, dead_time_current=guess, narrowest=narrowest)
 
 
 class DeadTime(PhaseSigns):
@@ -114,22 +120,24 @@ class DeadTime(PhaseSigns):
     dead_time_voltage : array, shape ()
         dU in V.
     dead_time_current : array, shape (), or None
-        i_0 in A, the width of the knee, 0.02 A at least; a hundredth of the largest recorded
-        current where None.
+        i_0 in A, the width of the knee; a hundredth of the largest recorded current where None.
         It moves in training but is not reported: a phase current crosses zero within a fraction of
         a sample, which says little of it.
     dead_time_softness : array, shape (), or None
         s of the knee (1 - s) tanh(i/i_0) + s 2/pi arctan(i/i_0): 1 has long tails. It moves in
         training, so that what is not known of it is in the interval of R. None is sharp, tanh.
+    narrowest : float
+        Least width in A that makes a difference.
     """
 
     title: ClassVar[str] = "Dead time"
 
     dead_time_voltage: Leaf = physical("V", default=0.0, meaning="dead-time voltage of a phase")
     dead_time_current: Leaf = parameter(
-        unit="A", group="physical", transform=Positive(_SHARPEST), default=None
+        unit="A", group="physical", transform=Positive(), default=None
     )
     dead_time_softness: Leaf = parameter(group="physical", default=None)
+    narrowest: float = eqx.field(static=True, default=0.0)
 
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
         """Return dU times the smooth signs of the phase currents, in dq; see `Term.drop`."""
@@ -143,7 +151,7 @@ class PhaseDeadTime(PhaseSigns):
     ----------
     dead_time_voltage_a, dead_time_voltage_b, dead_time_voltage_c : array, shape ()
         dU of each phase in V.
-    dead_time_current, dead_time_softness : array, shape (), or None
+    dead_time_current, dead_time_softness, narrowest
         As in `DeadTime`, the same in every phase.
     """
 
@@ -153,9 +161,10 @@ class PhaseDeadTime(PhaseSigns):
     dead_time_voltage_b: Leaf = physical("V", default=0.0, meaning="dead-time voltage, phase b")
     dead_time_voltage_c: Leaf = physical("V", default=0.0, meaning="dead-time voltage, phase c")
     dead_time_current: Leaf = parameter(
-        unit="A", group="physical", transform=Positive(_SHARPEST), default=None
+        unit="A", group="physical", transform=Positive(), default=None
     )
     dead_time_softness: Leaf = parameter(group="physical", default=None)
+    narrowest: float = eqx.field(static=True, default=0.0)
 
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
         """Return each phase's dU times its current's smooth sign, in dq; see `Term.drop`."""
