@@ -14,7 +14,7 @@ INK, BLUE, RED = "#222831", "#1768ac", "#c8553d"
 def draw_ladders(axes, run) -> object:
     """Draw R over the ladder for both maps; return the default fit."""
     for kind, colour, label in (
-        ("mlp", RED, "unconstrained network (the paper's)"),
+        ("mlp", RED, "unconstrained network"),
         ("coenergy", BLUE, "reciprocal map (default)"),
     ):
         fit = identify([run], study=Study(flux_map=kind))

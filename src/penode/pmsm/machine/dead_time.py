@@ -6,6 +6,7 @@ its zero less. Jeong and Park, IEEE Trans. Ind. Electron. 38 (1991) 108, doi:10.
 the devices drop in proportion to the current cannot be distinguished from R.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar, Self
@@ -86,7 +87,7 @@ class PhaseSigns(Term):
         cosine, sine = jnp.cos(u[ANGLE.name]), jnp.sin(u[ANGLE.name])
         alpha = cosine * x[0] - sine * x[1]
         beta = sine * x[0] + cosine * x[1]
-        width = jnp.maximum(self.dead_time_current, self.narrowest)
+        width = jnp.hypot(self.dead_time_current, self.narrowest)
         phases = _phases(alpha, beta) / width
         middle, half = u.part_for("dead time")
         rates = u[SPEED.name] * (_phases(-beta, alpha) / width)
@@ -106,7 +107,7 @@ class PhaseSigns(Term):
 
         The narrowest is a power of two in A, so that one program serves many recordings.
         """
-        narrowest = 2.0 ** round(np.log2(_SHARPEST * max(largest_current, 1e-9)))
+        narrowest = 2.0 ** math.floor(math.log2(_SHARPEST * max(largest_current, 1e-9)))
         width = self.dead_time_current
         guess = _GUESS * largest_current if width is None else width
         return replace(self, dead_time_current=guess, narrowest=narrowest)
@@ -127,7 +128,7 @@ class DeadTime(PhaseSigns):
         s of the knee (1 - s) tanh(i/i_0) + s 2/pi arctan(i/i_0): 1 has long tails. It moves in
         training, so that what is not known of it is in the interval of R. None is sharp, tanh.
     narrowest : float
-        Least width in A that makes a difference.
+        Width in A that adds to i_0 in squares.
     """
 
     title: ClassVar[str] = "Dead time"
