@@ -178,6 +178,7 @@ def test_a_reluctance_machine_whose_voltage_acts_two_samples_late():
     np.testing.assert_allclose(psi, 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_injected_sines_with_dead_time_that_sets_in_softly():
     """Taken for sharp, or left out, the dead time of 2.4 V would be read as resistance."""
     inverter = Inverter(dead_time=DeadTime(0.6e-6, current_scale=20.0))
