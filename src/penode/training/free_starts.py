@@ -17,7 +17,7 @@ from penode.training.prediction_error import Batch, PredictionError
 from penode.training.sensitivities import Sums, along, window_sums
 
 #: Passes over the windows that look for their starts, where the first step is not enough.
-_MOST_PASSES = 30
+_MOST_PASSES = 10
 #: A window's start is settled when its next step but one, if steps go on shrinking as they did,
 #: lowers its squares by no more than this fraction. The next one is made.
 _TOLERANCE = 1e-14
