@@ -88,7 +88,8 @@ def dead_time_in_numpy(term, run, psi):
         voltages = np.array([[getattr(term, f"dead_time_voltage_{phase}")] for phase in "abc"])
     else:
         voltages = term.dead_time_voltage
-    scaled, softness = phases / term.dead_time_current, term.dead_time_softness
+    width, softness = np.hypot(term.dead_time_current, term.narrowest), term.dead_time_softness
+    scaled = phases / width
     softness = 0.0 if softness is None else softness
     signs = voltages * ((1 - softness) * np.tanh(scaled) + softness * 2 / np.pi * np.arctan(scaled))
     return 2 / 3 * np.stack([(signs * np.cos(angles)).sum(0), -(signs * np.sin(angles)).sum(0)])

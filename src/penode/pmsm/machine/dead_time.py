@@ -114,7 +114,7 @@ class PhaseSigns(Term):
 
 
 class DeadTime(PhaseSigns):
-    """dU knee(i/i_0) in every phase: what an inverter's dead time and thresholds take.
+    """dU knee(i / sqrt(i_0^2 + narrowest^2)) in every phase: what dead time and thresholds take.
 
     Attributes
     ----------
