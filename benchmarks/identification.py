@@ -31,7 +31,7 @@ def timed(run: Experiment, study: Study) -> tuple[float, Fit]:
 def main() -> None:
     """Print time and error of the default identification, first cold and then compiled."""
     run = simulate(TRACTION_300A, Lissajous(240.0, 14.0, 15.0), speed_rpm=1500.0, duration=2.0)
-    print("Default identification, 2 s at 10 kHz, whole ladder to H = 200")
+    print("Default identification, 2 s at 10 kHz, whole ladder to H = 450")
     cold = {name: timed(run, study)[0] for name, study in STUDIES.items()}
     warm: dict[str, list[float]] = {name: [] for name in STUDIES}
     for _ in range(ROUNDS):

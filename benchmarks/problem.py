@@ -17,6 +17,7 @@ from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.model import Machine
 from penode.predictors.base import DEFAULT_SOLVER, Predictor
 from penode.predictors.solver import Solver
+from penode.training.loss import DEFAULT_LOSS, Loss
 from penode.training.residuals import Objective
 
 REPEATS = 5
@@ -41,9 +42,11 @@ class Problem:
         return cut([self.run], machine.states, machine.inputs, horizon, placement=Contiguous())
 
 
-def problem_of(run: Experiment, machine: Machine, solver: Solver = DEFAULT_SOLVER) -> Problem:
+def problem_of(
+    run: Experiment, machine: Machine, solver: Solver = DEFAULT_SOLVER, loss: Loss = DEFAULT_LOSS
+) -> Problem:
     """Return the problem of a recording and a machine."""
-    objective = Objective(Predictor(run.time_step, solver), machine, np.ones(2))
+    objective = Objective(Predictor(run.time_step, solver), machine, np.ones(2), loss)
     return Problem(run, machine, objective, objective.layout.raw(machine))
 
 

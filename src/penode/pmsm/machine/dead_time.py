@@ -24,8 +24,9 @@ from penode.pmsm.machine.terms import ANGLE, SPEED, Channel, Term
 
 #: Guess of i_0 over the largest current.
 _GUESS = 0.01
-#: Narrowest knee over the largest current. A sharper one cannot be told from it: i_0 would go on
-#: towards zero, where single samples at a kink decide where a window starts and what is best.
+#: Narrowest knee over the largest current, before it is rounded down. A sharper one cannot be told
+#: from it: i_0 would go on towards zero, where single samples at a kink decide where a window
+#: starts and what is best.
 _SHARPEST = 0.003
 #: Half the width of the narrowest mean; the closed form divides by it.
 _NARROW = 0.02
