@@ -8,6 +8,7 @@ from penode.data.stretches import SHORTEST, by_recording, with_reason
 from penode.errors import InputError
 from penode.pmsm.balance.voltage_limit import below_limit
 from penode.pmsm.recording.channels import drive_recording
+from penode.pmsm.recording.spikes import without_spikes
 
 
 def usable_stretches(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
@@ -21,11 +22,12 @@ def usable_stretches(experiments: Sequence[Experiment]) -> tuple[Experiment, ...
     Returns
     -------
     tuple of Experiment
-        Whole recordings, without the samples at the voltage limit where that shows (`below_limit`).
+        Whole recordings, without spikes (`without_spikes`), and without the samples at the voltage
+        limit where that shows (`below_limit`).
         Of stretches those in which currents and voltages move, or all where there are none. They
         say what was left out.
     """
-    recordings = map(_excited, by_recording(experiments))
+    recordings = (_excited(without_spikes(each)) for each in by_recording(experiments))
     return tuple(e for stretches in recordings for e in _excited(below_limit(stretches)))
 
 

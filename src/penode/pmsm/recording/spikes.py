@@ -1,0 +1,118 @@
+"""Spikes: lone samples that no current can take, left out of a recording.
+
+An inductance keeps a current from moving there and back within two samples, so a sample far outside
+the two beside it is an error of the sensor or the link. One of them is enough to spoil a result.
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.data.experiment import Experiment
+from penode.data.gathered import PIECE, released
+from penode.data.stretches import SHORTEST, listed, runs_of
+from penode.pmsm.recording.channels import electrical
+
+#: Most spikes of a channel: where there are more of a kind, they belong to the drive.
+_MOST = 20
+#: How far a spike lies outside its neighbours, over the same of any sample but the `_MOST` first.
+_APART = 20.0
+#: The same over the range that the other samples of currents, and of voltages, cover. A controller
+#: may ask for a lone peak of voltage when its reference steps.
+_BEYOND = {"i": 0.2, "u": 100.0}
+
+#: Which stretch, and which of its samples.
+_Place: TypeAlias = tuple[int, int]
+
+
+def without_spikes(stretches: Sequence[Experiment]) -> Sequence[Experiment]:
+    """Return a recording without the spikes of its currents and voltages.
+
+    Parameters
+    ----------
+    stretches : sequence of Experiment
+        Of one recording, as a study file maps it; itself where it is whole.
+
+    Returns
+    -------
+    sequence of Experiment
+        As they came where there are none, or nothing long enough is left. Else what lies between
+        them, with a sentence on where they are.
+    """
+    found = {where: name for kind in _BEYOND for where, name in _spikes(stretches, kind).items()}
+    if not found:
+        return stretches
+    usable = [np.ones(len(e), dtype=np.bool_) for e in stretches]
+    for stretch, sample in found:
+        usable[stretch][sample] = False
+    spans = [(e, *span) for e, own in zip(stretches, usable, strict=True) for span in runs_of(own)]
+    if not spans:
+        return stretches
+    sentence = _sentence(stretches, found, sum(last - first for _, first, last in spans))
+    return [e.between(first, last, sentence) for e, first, last in spans]
+
+
+def _spikes(stretches: Sequence[Experiment], kind: str) -> dict[_Place, str]:
+    """Return where currents or voltages have spikes, and in which channel."""
+    names = [name for name in electrical(stretches) if name.startswith(kind)]
+    peaks = {name: _peaks([e.channels[name] for e in stretches]) for name in names}
+    lone = {
+        (where, name): height
+        for name, tops in peaks.items()
+        for height, where in tops[:_MOST]
+        if height > _APART * (tops[_MOST][0] if len(tops) > _MOST else 0.0)
+    }
+    if not lone:
+        return {}
+    others = ({where for where, of in lone if of == name} for name in names)
+    reach = max(
+        _range([e.channels[n] for e in stretches], o) for n, o in zip(names, others, strict=False)
+    )
+    return {where: name for (where, name), height in lone.items() if height > _BEYOND[kind] * reach}
+
+
+def _sentence(stretches: Sequence[Experiment], found: dict[_Place, str], used: int) -> str:
+    rows = sorted(stretches[k].place.row + sample + 1 for k, sample in found)
+    single = len(rows) == 1
+    also = sum(map(len, stretches)) - used - len(rows)
+    beside = f", with {also} beside that are fewer than {SHORTEST} in a row" if also else ""
+    return (
+        f"{stretches[0].place.recording}: {', '.join(sorted(set(found.values())))} "
+        f"jump{'s' if len(set(found.values())) == 1 else ''} there and back within two samples, "
+        f"which no winding does, at {listed(rows)}. "
+        f"{'This sample is' if single else 'These samples are'} left out{beside}."
+    )
+
+
+def _peaks(parts: Sequence[FloatArray]) -> list[tuple[float, _Place]]:
+    """Return how far samples lie outside the two beside them, and which: the largest first."""
+    tops: list[tuple[float, _Place]] = []
+    for number, values in enumerate(parts):
+        for first, piece in _overlapping(values):
+            before, at, after = piece[:-2], piece[1:-1], piece[2:]
+            above, below = at - np.maximum(before, after), np.minimum(before, after) - at
+            height = np.maximum(above, below)
+            largest = np.argpartition(-height, min(_MOST, len(height) - 1))[: _MOST + 1]
+            tops += [(float(height[k]), (number, first + int(k) + 1)) for k in largest]
+        tops = sorted(tops, key=lambda top: (-top[0], top[1]))[: _MOST + 1]
+    return [top for top in tops if top[0] > 0.0]
+
+
+def _range(parts: Sequence[FloatArray], lone: Collection[_Place]) -> float:
+    """Return the range that a channel covers without its lone peaks."""
+    low, high = np.inf, -np.inf
+    for number, values in enumerate(parts):
+        for first, piece in _overlapping(values):
+            inside = [at - first for k, at in lone if k == number and 0 <= at - first < len(piece)]
+            rest = np.delete(piece, inside)
+            low, high = min(low, float(rest.min())), max(high, float(rest.max()))
+    return high - low
+
+
+def _overlapping(values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
+    """Yield pieces that share two samples with the next, and where each begins."""
+    for first in range(0, len(values) - 2, PIECE - 2):
+        yield first, np.asarray(values[first : first + PIECE])
+        released(values)
