@@ -1,11 +1,14 @@
-"""Expected forecast against what really happens to a ladder that is pulled."""
+"""The forecast of the bias against what really happens to a ladder."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from penode import Experiment, ladder_plan
-from penode.horizon.ladder import LadderProblem
+from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.horizon.spectral import Spectral
+from penode.training.loss import DEFAULT_LOSS, Loss
 
 HORIZONS = (1, 4, 8, 16, 32, 64, 128)
 PERIOD, SAMPLES = 16.0, 4000
@@ -26,9 +29,15 @@ def recording(system, disturbance, noise):
     return Experiment("run.csv", system.time_step, channels)
 
 
-def climb(system, run):
-    problem = LadderProblem.of(system.model, [run], ladder_plan(HORIZONS), lambda event: None)
-    return problem.climb(ladder_plan(HORIZONS), system.raw).fits
+def climb(system, run, loss=DEFAULT_LOSS):
+    plan = replace(ladder_plan(HORIZONS), loss=loss)
+    return LadderProblem.of(system.model, [run], plan, ignore_events).climb(plan, system.raw).fits
+
+
+def errors(system, rungs):
+    truth = system.raw.copy()
+    truth[:2] = np.exp(truth[:2])
+    return np.stack([rung.values[: len(truth)] - truth for rung in rungs])
 
 
 @pytest.fixture(scope="module")
@@ -44,20 +53,18 @@ def rippled(machine):
     return run, climb(machine, run)
 
 
-def test_lines_pull_as_foretold(machine, rippled):
+def test_lines_bias_as_forecast(machine, rippled):
     run, rungs = rippled
     forecast = Spectral([run]).forecast(rungs)
-    truth = machine.raw.copy()
-    truth[:2] = np.exp(truth[:2])
-    happened = np.stack([rung.values[: len(truth)] - truth for rung in rungs])
+    happened = errors(machine, rungs)
     largest = np.abs(happened).max(axis=0)
     assert forecast.horizons == HORIZONS
     assert (np.abs(forecast.lines).max(axis=0) > 0.5 * largest).all()
-    # The pull is quadratic too: a tenth of the inductance at the most.
+    # The bias has a quadratic part too: a tenth of the inductance at the most.
     np.testing.assert_array_less(np.abs(forecast.lines - happened).max(axis=0), 0.35 * largest)
 
 
-def test_noise_on_the_starts_forecast_as_foretold(machine):
+def test_noise_on_the_starts_biases_as_forecast(machine):
     run = recording(machine, np.zeros((SAMPLES, 2)), 0.6)
     rungs = climb(machine, run)
     forecast = Spectral([run], seed=1).forecast(rungs)
@@ -69,7 +76,19 @@ def test_noise_on_the_starts_forecast_as_foretold(machine):
     assert abs(forecast.starts[-1, at]) < 0.2 * abs(forecast.starts[0, at])
 
 
-def test_a_horizon_without_pull_is_chosen(machine, rippled):
+def test_estimated_starts_take_up_what_the_loss_says(machine, rippled):
+    run, _ = rippled
+    loss = Loss(free_starts=dict.fromkeys(machine.model.states, 1.0))
+    rungs = climb(machine, run, loss)
+    happened = errors(machine, rungs)
+    largest = np.abs(happened).max(axis=0)
+    asked, as_measured = (Spectral([run], loss=one).forecast(rungs) for one in (loss, DEFAULT_LOSS))
+    apart, wrong = (np.abs(f.lines - happened).max(axis=0) for f in (asked, as_measured))
+    np.testing.assert_array_less(apart, 0.3 * largest)
+    np.testing.assert_array_less(0.4 * largest, wrong)
+
+
+def test_a_horizon_that_lines_do_not_bias_is_chosen(machine, rippled):
     run, rungs = rippled
     choice = Spectral([run]).select(rungs)
     assert choice.index in choice.agreeing

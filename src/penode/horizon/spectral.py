@@ -27,7 +27,7 @@ from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
 from penode.training.covariance import Reported
 from penode.training.gauss_newton_terms import residual_scale
-from penode.training.loss import DEFAULT_LOSS
+from penode.training.loss import DEFAULT_LOSS, Loss
 from penode.training.residuals import Objective
 from penode.validation.free_run import compare
 from penode.validation.residual_lines import find_lines, power_spectrum
@@ -69,7 +69,7 @@ class BiasForecast:
 class Spectral:
     """The shortest horizon whose expected error, from lines, noise and starts, is as small as any.
 
-    For models whose every state is measured, trained with the default loss.
+    For models whose every state is measured, trained on errors as they are.
 
     Attributes
     ----------
@@ -77,10 +77,14 @@ class Spectral:
         The recordings trained on.
     seed : int
         Of the noise put on the states.
+    loss : Loss
+        What the rungs were trained with, such as a plan's; estimated starts follow a disturbance,
+        and leave less of it to the parameters.
     """
 
     experiments: Sequence[Experiment]
     seed: int = 0
+    loss: Loss = DEFAULT_LOSS
 
     def select(self, rungs: Sequence[HorizonFit]) -> Choice:
         """Return the choice among rungs, shortest horizon first."""
@@ -116,13 +120,14 @@ class Spectral:
         chance = np.stack([rung.working[:physical] for rung in rungs])
         truth = rungs[int(np.argmin(self._worst(rungs)))]
         lines, noise = self._disturbances(truth)
-        biases = partial(_Reference.of(truth).biases, rungs)
+        biases = partial(_Reference.of(truth, self.loss).biases, rungs)
         quiet = _simulated(truth, [np.zeros_like(part) for part in lines])
         both = [biases(_on_sensors(quiet, [sign * part for part in noise])) for sign in (1, -1)]
+        prior = biases(quiet)  # what penalties alone would do
         return BiasForecast(
             horizons=tuple(rung.horizon for rung in rungs),
-            lines=biases(_simulated(truth, lines)),
-            starts=np.mean(both, axis=0),
+            lines=biases(_simulated(truth, lines)) - prior,
+            starts=np.mean(both, axis=0) - prior,
             chance=chance,
         )
 
@@ -133,11 +138,12 @@ class Spectral:
         """
         longest, horizons = rungs[-1], [rung.horizon for rung in rungs]
         predictor, model, states = longest.predictor, longest.model, longest.windows.states
-        scale = residual_scale(model, states, DEFAULT_LOSS)
+        error = _Reference.of(longest, self.loss).objective.error
         lines = np.zeros(len(rungs))
         for experiment in self.experiments:
-            matrices = linearised(predictor, model, experiment, scale)
-            view = loss_weighting(compare(predictor, model, experiment), matrices, horizons)
+            matrices = linearised(predictor, model, experiment, np.asarray(error.scale))
+            seen = compare(predictor, model, experiment)
+            view = loss_weighting(seen, matrices, horizons, starts=error.start_stiffness)
             lines += sum((view.fractions(line) for line in view.lines), lines * 0)
         reported = Reported(Layout(model), states[:1])
         worst = []
@@ -224,10 +230,10 @@ class _Reference:
     slopes: FloatArray
 
     @classmethod
-    def of(cls, truth: HorizonFit) -> "_Reference":
+    def of(cls, truth: HorizonFit, loss: Loss) -> "_Reference":
         states = truth.windows.states
-        scale = residual_scale(truth.model, states, DEFAULT_LOSS)
-        objective = Objective(truth.predictor, truth.model, scale)
+        scale = residual_scale(truth.model, states, loss)
+        objective = Objective(truth.predictor, truth.model, scale, loss)
         raw = objective.layout.raw(truth.model)
         slopes = Reported(objective.layout, states[:1]).jacobian(raw)
         return cls(objective, raw, slopes[: len(objective.layout.physical)])
