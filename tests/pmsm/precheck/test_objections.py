@@ -8,7 +8,7 @@ import pytest
 from penode import Experiment
 from penode.fit.fit import Estimate, HorizonChoice, HorizonSummary
 from penode.fit.outcome import Objection, horizon_of
-from penode.horizon.objections import CHECKS, objections, with_objections
+from penode.horizon.objections import CHECKS, few_samples_decide, objections, with_objections
 from penode.pmsm.balance.calibration import Calibration
 from penode.pmsm.conventions.check import check_all
 from penode.pmsm.machine.frames import abc_from_dq
@@ -121,6 +121,14 @@ def test_errors_at_the_largest_voltages(fit, run):
     linked = replace(run, channels={**run.channels, "u_dc": np.full(len(run), 600.0)})
     (found,) = objections(compared, [linked], (voltage_limit,))
     assert found.repair.startswith("Record the voltage behind the limiter")
+
+
+def test_one_spike_at_a_large_voltage_is_no_limiter(fit, run):
+    voltage = np.hypot(run.channels["u_d"], run.channels["u_q"])
+    one_step = fit.comparisons[0].one_step.copy()
+    one_step[1 + np.argmax(voltage)] += 1e4
+    assert names(comparing(fit, one_step=one_step), run, (few_samples_decide,)) == ["outliers"]
+    assert names(comparing(fit, one_step=one_step), run, (voltage_limit,)) == []
 
 
 def test_per_unit(fit, run):

@@ -55,7 +55,7 @@ def test_a_spike_is_left_out_wherever_it_lies_and_named(at, size, sign, channel,
     assert (len(before), after.place.row) == (at, at + 1)
     assert len(before) + len(after) == COUNT - 1
     said = (
-        f"run.csv: {channel} jumps there and back within two samples, which no winding does, at "
+        f"run.csv: {channel} jumps there and back within two samples, which no drive does, at "
         f"data row {at + 1}. This sample is left out."
     )
     assert reasons_of([before, after]) == (said,)
@@ -66,7 +66,7 @@ def test_several_spikes_are_one_sentence_with_what_is_too_short_between_them():
     kept = without_spikes([with_samples(run, "i_q", {2000: 1e4})])
     assert [len(e) for e in kept] == [1000, 899, 999]
     assert reasons_of(kept) == (
-        "run.csv: i_d, i_q jump there and back within two samples, which no winding does, at data "
+        "run.csv: i_d, i_q jump there and back within two samples, which no drive does, at data "
         "rows 1001, 1101, 2001. These samples are left out, with 99 beside that are fewer than 200 "
         "in a row.",
     )
@@ -124,7 +124,7 @@ def test_a_recording_with_a_spike_is_identified_as_without():
     study = Study(candidates=(), angle_orders=())
     fit, whole = identify([hit], study=study), identify([run], study=study)
     assert fit.horizon.verdict == "plateau"
-    assert fit.horizon.reason.endswith("1 of 10000 samples were left out.")
+    assert fit.horizon.reason.endswith("1 of 10000 samples was left out.")
     gap = fit.parameters["R"].value - whole.parameters["R"].value
     assert abs(gap) < 0.3 * whole.parameters["R"].std
 

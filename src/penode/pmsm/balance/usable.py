@@ -60,7 +60,8 @@ def left_out(given: Sequence[Experiment], usable: Sequence[Experiment]) -> str:
         What `usable_stretches` was given and returned.
     """
     whole, used = (sum(map(len, experiments)) for experiments in (given, usable))
-    return f"{whole - used} of {whole} samples were left out." if used < whole else ""
+    lost = whole - used
+    return f"{lost} of {whole} samples {'was' if lost == 1 else 'were'} left out." if lost else ""
 
 
 def _excited(stretches: Sequence[Experiment]) -> Sequence[Experiment]:

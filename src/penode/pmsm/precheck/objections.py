@@ -15,6 +15,8 @@ from penode.pmsm.recording.stationary_frame import LINK
 #: Fraction of the samples with the largest voltages, and how much larger their errors may be.
 _TOP, _LARGER = 0.1, 3.0
 _LINK_TOO = "Record u_dc beside, with which the samples at the limit are left out. "
+#: Quantile of the squared errors that none of them counts above: one spike is no limiter.
+_MOST = 0.999
 #: A and V below which both currents and voltages look like fractions of a base.
 _PER_UNIT = 2.5
 
@@ -67,6 +69,7 @@ def voltage_limit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objec
     for comparison, experiment in trained_on(fit, experiments):
         voltage = np.hypot(*experiment.stack(("u_d", "u_q")).T)[:-1]
         squares = np.sum(comparison.one_step_residual**2, axis=1)
+        squares = np.minimum(squares, np.quantile(squares, _MOST))
         above = voltage > np.quantile(voltage, 1 - _TOP)
         if not above.any():
             continue

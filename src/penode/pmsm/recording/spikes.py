@@ -1,7 +1,8 @@
-"""Spikes: lone samples that no current can take, left out of a recording.
+"""Spikes: lone samples that no drive can make, left out of a recording.
 
-An inductance keeps a current from moving there and back within two samples, so a sample far outside
-the two beside it is an error of the sensor or the link. One of them is enough to spoil a result.
+An inductance keeps a current from moving there and back within two samples, and an inertia a speed,
+so a sample far outside the two beside it is an error of the sensor or the link. One of them is
+enough to spoil a result.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -13,22 +14,22 @@ from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.data.gathered import PIECE, released
 from penode.data.stretches import SHORTEST, listed, runs_of
-from penode.pmsm.recording.channels import electrical
+from penode.pmsm.recording.stationary_frame import LINK
 
 #: Most spikes of a channel: where there are more of a kind, they belong to the drive.
 _MOST = 20
 #: How far a spike lies outside its neighbours, over the same of any sample but the `_MOST` first.
 _APART = 20.0
-#: The same over the range that the other samples of currents, and of voltages, cover. A controller
-#: may ask for a lone peak of voltage when its reference steps.
-_BEYOND = {"i": 0.2, "u": 100.0}
+#: The same over the range that the other samples cover, zero included, of currents, speeds and
+#: voltages. A controller may ask for a lone peak of voltage when its reference steps.
+_BEYOND = {"i": 0.2, "omega": 1.0, "u": 100.0}
 
 #: Which stretch, and which of its samples.
 _Place: TypeAlias = tuple[int, int]
 
 
 def without_spikes(stretches: Sequence[Experiment]) -> Sequence[Experiment]:
-    """Return a recording without the spikes of its currents and voltages.
+    """Return a recording without the spikes of its currents, speed and voltages.
 
     Parameters
     ----------
@@ -55,8 +56,8 @@ def without_spikes(stretches: Sequence[Experiment]) -> Sequence[Experiment]:
 
 
 def _spikes(stretches: Sequence[Experiment], kind: str) -> dict[_Place, str]:
-    """Return where currents or voltages have spikes, and in which channel."""
-    names = [name for name in electrical(stretches) if name.startswith(kind)]
+    """Return where channels of a kind have spikes, and which of them."""
+    names = [n for n in stretches[0].channels if n.split("_")[0] == kind and n != LINK]
     peaks = {name: _peaks([e.channels[name] for e in stretches]) for name in names}
     lone = {
         (where, name): height
@@ -81,7 +82,7 @@ def _sentence(stretches: Sequence[Experiment], found: dict[_Place, str], used: i
     return (
         f"{stretches[0].place.recording}: {', '.join(sorted(set(found.values())))} "
         f"jump{'s' if len(set(found.values())) == 1 else ''} there and back within two samples, "
-        f"which no winding does, at {listed(rows)}. "
+        f"which no drive does, at {listed(rows)}. "
         f"{'This sample is' if single else 'These samples are'} left out{beside}."
     )
 
@@ -101,8 +102,8 @@ def _peaks(parts: Sequence[FloatArray]) -> list[tuple[float, _Place]]:
 
 
 def _range(parts: Sequence[FloatArray], lone: Collection[_Place]) -> float:
-    """Return the range that a channel covers without its lone peaks."""
-    low, high = np.inf, -np.inf
+    """Return the range that zero and a channel without its lone peaks cover."""
+    low, high = 0.0, 0.0
     for number, values in enumerate(parts):
         for first, piece in _overlapping(values):
             inside = [at - first for k, at in lone if k == number and 0 <= at - first < len(piece)]
