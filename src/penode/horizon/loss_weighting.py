@@ -173,20 +173,23 @@ def _from_transitions(
     cost = np.full(states, np.inf) if starts is None or not len(starts) else starts
     free = np.isfinite(cost)
     response, inverse = _of_starts(impulse, power, cost[free], free)
+    later = np.arange(horizon, 0, -1.0)[:, None, None, None] * impulse
+    products = _correlated(impulse, later)
+    if free.any():
+        products -= _correlated(inverse @ response, response).swapaxes(1, 2)
     lags = np.zeros((samples, states, states))
-    for lag in range(horizon):  # W_H is a trigonometric polynomial of degree H - 1
-        counted = np.arange(horizon - lag, 0, -1.0) / (horizon * len(transitions))
-        terms = (counted, impulse[: horizon - lag], impulse[lag:])
-        product = np.einsum("i,isba,isbc->ac", *terms, optimize=True)
-        if free.any():
-            taken = (response[lag:], inverse, response[: horizon - lag])
-            product -= np.einsum("isba,sbd,isdc->ac", *taken, optimize=True) / (
-                horizon * len(transitions)
-            )
-        lags[lag % samples] += product
-        if lag:
-            lags[-lag % samples] += product.T
-    return np.asarray(np.fft.fft(lags, axis=0))
+    # W_H is a trigonometric polynomial of degree H - 1; few samples fold it.
+    np.add.at(lags, np.arange(horizon) % samples, products)
+    np.add.at(lags, -np.arange(1, horizon) % samples, products[1:].swapaxes(1, 2))
+    return np.asarray(np.fft.fft(lags / (horizon * len(transitions)), axis=0))
+
+
+def _correlated(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return sum_i first_i' second_(i+m) over all samples, (step m, column, column)."""
+    length = 2 * len(first)
+    forward, ahead = (np.fft.rfft(part, length, axis=0) for part in (first, second))
+    products = np.einsum("fsba,fsbc->fac", forward.conj(), ahead, optimize=True)
+    return np.asarray(np.fft.irfft(products, length, axis=0)[: len(first)])
 
 
 def _of_starts(

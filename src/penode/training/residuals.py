@@ -1,6 +1,7 @@
 """THE objective: one residual, from which loss, gradient, Gauss-Newton terms and scores derive."""
 
-from functools import cached_property, partial
+from collections.abc import Callable
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import equinox as eqx
@@ -114,9 +115,20 @@ class Objective:
 
     def penalties(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the penalties' residuals at raw (parameter,) and slopes (residual, parameter)."""
-        with float64():
-            both = _penalties_at(self.layout, self._arguments, on_device(raw))
-            return np.asarray(both[0]), np.asarray(both[1])
+        return self._remembered_penalties(raw.tobytes())
+
+    @cached_property
+    def _remembered_penalties(self) -> Callable[[bytes], tuple[FloatArray, FloatArray]]:
+        """The penalties at raw parameters, of which an optimiser asks several times."""
+
+        @lru_cache(maxsize=4)
+        def at(raw: bytes) -> tuple[FloatArray, FloatArray]:
+            with float64():
+                here = on_device(np.frombuffer(raw))
+                both = _penalties_at(self.layout, self._arguments, here)
+                return np.asarray(both[0]), np.asarray(both[1])
+
+        return at
 
     def _prior(self, raw: JaxArray, residuals: int) -> FloatArray | float:
         """Return what Gaussian priors add to the covariance of the scores."""
