@@ -43,7 +43,7 @@ def loss_of(fit: Fit) -> float:
 
 
 def best_known(drawn: Drawn, fit: Fit, study: Study) -> Fit:
-    """Return the fit of least loss at the selected horizon, of the same loss on the same windows."""
+    """Return the fit of least loss at the selected horizon: the same loss, the same windows."""
     horizon = fit.horizon.selected
     stages = (Stage(horizon, _TO_THE_END),)
     warm = stages if horizon == 1 else (Stage(1, LevenbergMarquardt(evaluations=60)), *stages)

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from penode.training.gauss_newton_terms import GaussNewtonTerms
 from penode.training.plan import DIVERGED, Problem
-from penode.training.second_order import LevenbergMarquardt, _reach
+from penode.training.second_order import LevenbergMarquardt, _after, _reach
 
 #: ln L_d, ln L_q, R, psi: 30 to 100 % off.
 OFF = np.array([0.3, -0.4, 0.2, -0.03])
@@ -245,3 +245,10 @@ def test_a_rejected_step_is_restrained_at_once():
 
     solution = LevenbergMarquardt(3, damping=1e-9).minimise(Walled(), np.zeros(2))
     assert solution.terms.loss < 4.0  # 4.25 at the start
+
+
+@pytest.mark.parametrize(
+    ("gain", "factor"), [(1e-9, 2.0), (0.5, 1.0), (1.0, 1 / 3), (1e3, 1 / 3), (1e200, 1 / 3)]
+)
+def test_damping_follows_the_gain_and_a_promise_of_nothing_does_no_harm(gain, factor):
+    assert _after(gain) == pytest.approx(factor, abs=1e-6)

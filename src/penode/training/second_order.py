@@ -129,4 +129,4 @@ def _reach(reach: float, gain: float) -> float:
 
 def _after(gain: float) -> float:
     """Return what multiplies the damping after a step of some gain: 1/3 to 2, 1 for one half."""
-    return max(1 / 3, 1 - (2 * gain - 1) ** 3)
+    return max(1 / 3, 1 - (2 * min(gain, 1.0) - 1) ** 3)

@@ -33,7 +33,8 @@ def test_the_current_predictor_takes_one_euler_step_with_dead_time(dead_time_run
         ("i_d", "i_q", "u_d", "u_q", "omega_el", "theta_el")
     )[:-1].T
     (term,) = (one for one in fit.model.terms if isinstance(one, DeadTime))
-    scale = np.hypot(float(term.dead_time_current), term.narrowest)
+    scale = float(term.dead_time_current)
+    scale = np.hypot(scale / np.hypot(1.0, scale / (128 * term.narrowest)), term.narrowest)
     shapes = [
         dead_time_shape(i, t, scale) for i, t in zip(np.stack([i_d, i_q], 1), theta, strict=True)
     ]

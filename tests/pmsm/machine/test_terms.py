@@ -88,7 +88,9 @@ def dead_time_in_numpy(term, run, psi):
         voltages = np.array([[getattr(term, f"dead_time_voltage_{phase}")] for phase in "abc"])
     else:
         voltages = term.dead_time_voltage
-    width, softness = np.hypot(term.dead_time_current, term.narrowest), term.dead_time_softness
+    width, softness = term.dead_time_current, term.dead_time_softness
+    if term.narrowest:  # never narrower, and never 128 times as wide
+        width = np.hypot(width / np.hypot(1.0, width / (128 * term.narrowest)), term.narrowest)
     scaled = phases / width
     softness = 0.0 if softness is None else softness
     signs = voltages * ((1 - softness) * np.tanh(scaled) + softness * 2 / np.pi * np.arctan(scaled))

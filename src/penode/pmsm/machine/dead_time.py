@@ -28,6 +28,9 @@ _GUESS = 0.01
 #: from it: i_0 would go on towards zero, where single samples at a kink decide where a window
 #: starts and what is best.
 _SHARPEST = 0.003
+#: Widest knee over the narrowest, a fifth to two fifths of the largest current. A wider one is a
+#: straight line at every current: a resistance, and no dead time.
+_WIDEST = 128.0
 #: Half the width of the narrowest mean; the closed form divides by it.
 _NARROW = 0.02
 
@@ -88,7 +91,10 @@ class PhaseSigns(Term):
         cosine, sine = jnp.cos(u[ANGLE.name]), jnp.sin(u[ANGLE.name])
         alpha = cosine * x[0] - sine * x[1]
         beta = sine * x[0] + cosine * x[1]
-        width = jnp.hypot(self.dead_time_current, self.narrowest)
+        width = self.dead_time_current
+        if self.narrowest:
+            bent = width / jnp.hypot(1.0, width / (_WIDEST * self.narrowest))
+            width = jnp.hypot(bent, self.narrowest)
         phases = _phases(alpha, beta) / width
         middle, half = u.part_for("dead time")
         rates = u[SPEED.name] * (_phases(-beta, alpha) / width)
@@ -115,21 +121,22 @@ class PhaseSigns(Term):
 
 
 class DeadTime(PhaseSigns):
-    """dU knee(i / sqrt(i_0^2 + narrowest^2)) in every phase: what dead time and thresholds take.
+    """dU knee(i / width) in every phase: what dead time and thresholds take.
 
     Attributes
     ----------
     dead_time_voltage : array, shape ()
         dU in V.
     dead_time_current : array, shape (), or None
-        i_0 in A, the width of the knee; a hundredth of the largest recorded current where None.
-        It moves in training but is not reported: a phase current crosses zero within a fraction of
-        a sample, which says little of it.
+        i_0 in A, the width of the knee between its limits; a hundredth of the largest recorded
+        current where None. It moves in training but is not reported: a phase current crosses zero
+        within a fraction of a sample, which says little of it.
     dead_time_softness : array, shape (), or None
         s of the knee (1 - s) tanh(i/i_0) + s 2/pi arctan(i/i_0): 1 has long tails. It moves in
         training, so that what is not known of it is in the interval of R. None is sharp, tanh.
     narrowest : float
-        Width in A that adds to i_0 in squares.
+        Width in A that adds to i_0 in squares; 128 times as wide a knee is the widest. 0 for no
+        limits.
     """
 
     title: ClassVar[str] = "Dead time"
