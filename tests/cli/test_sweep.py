@@ -152,6 +152,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="No list of processes.")
 def test_ctrl_c_while_workers_start_is_one_sentence(recording, tmp_path):
     """As a terminal sends it: to the processes that import as well."""

@@ -60,6 +60,7 @@ def test_recordings_too_short_to_tell_give_infinity(tank):
     assert np.isinf(told.deviation(tank, POINTS)).all()
 
 
+@pytest.mark.slow
 def test_stated_deviations_are_those_of_repeated_experiments(tank):
     """Sixty recordings with noise on every step, H = 3; their errors in deviations have size 1."""
     step, count, random = 0.05, 2000, np.random.default_rng(11)

@@ -116,6 +116,7 @@ def test_an_interrupted_writing_leaves_the_result_of_before_whole(
     assert {p: p.read_bytes() for p in tmp_path.rglob("*.*")} == before
 
 
+@pytest.mark.slow
 def test_a_stuck_current_is_warned_of(slow_run):
     held = slow_run.channels["i_d"].copy()
     held[3000:3400] = held[3000]
