@@ -19,7 +19,7 @@ from penode.data.stretches import (
     listed,
     reasons_of,
     recording_numbers,
-    runs_of,
+    spans_of,
 )
 from penode.data.table import Table
 from penode.data.windows import Contiguous, cut
@@ -171,11 +171,10 @@ def test_stretches_belong_together_and_whole_recordings_stand_alone():
 
 
 def test_runs_are_those_that_are_long_enough():
-    assert runs_of(without(1000, (0, 1), (250, 252), (400, 401), (700, 1000))) == [
-        (1, 250),
-        (401, 700),
-    ]
-    assert runs_of(np.zeros(500, dtype=bool)) == []
+    one, other = (Experiment("run", STEP, {"x": np.zeros(n)}) for n in (1000, 500))
+    usable = without(1000, (0, 1), (250, 252), (400, 401), (700, 1000)), np.zeros(500, dtype=bool)
+    assert spans_of([one, other], usable) == [(one, 1, 250), (one, 401, 700)]
+    assert spans_of([other, one], [usable[1], ~np.zeros(1000, dtype=bool)]) == [(one, 0, 1000)]
 
 
 def test_places_are_listed_up_to_three():

@@ -88,6 +88,20 @@ def test_estimated_starts_take_up_what_the_loss_says(machine, rippled):
     np.testing.assert_array_less(0.4 * largest, wrong)
 
 
+class TowardsALargerResistance:
+    def residuals(self, layout, values):
+        return 0.3 * (values[2:3] - 1.0)
+
+
+def test_what_a_penalty_does_alone_is_no_bias_of_the_lines(rippled):
+    run, rungs = rippled
+    penalised = Loss(penalties=(TowardsALargerResistance(),))
+    found, plain = (Spectral([run], loss=one).forecast(rungs) for one in (penalised, DEFAULT_LOSS))
+    at = 2  # R
+    largest = np.abs(plain.lines[:, at]).max()
+    np.testing.assert_allclose(found.lines[:, at], plain.lines[:, at], rtol=0, atol=0.2 * largest)
+
+
 def test_a_horizon_that_lines_do_not_bias_is_chosen(machine, rippled):
     run, rungs = rippled
     choice = Spectral([run]).select(rungs)

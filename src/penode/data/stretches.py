@@ -89,15 +89,23 @@ def with_reason(experiment: Experiment, reason: str) -> Experiment:
     return replace(experiment, stretch=replace(whole, reasons=(*whole.reasons, reason)))
 
 
-def runs_of(usable: BoolArray) -> list[tuple[int, int]]:
-    """Return the runs of usable samples that are worth a stretch: first, and last plus one.
+def spans_of(
+    stretches: Sequence[Experiment], usable: Sequence[BoolArray]
+) -> list[tuple[Experiment, int, int]]:
+    """Return the runs of usable samples that are worth a stretch: of which, first, last plus one.
 
     Parameters
     ----------
-    usable : ndarray of bool, shape (time,)
+    stretches : sequence of Experiment
+    usable : sequence of ndarray of bool, each of shape (time,)
+        Of each stretch.
     """
-    edges = np.flatnonzero(np.diff(usable.astype(np.int8), prepend=0, append=0))
-    return [(a, b) for a, b in edges.reshape(-1, 2).tolist() if b - a >= SHORTEST]
+    spans = []
+    for stretch, own in zip(stretches, usable, strict=True):
+        edges = np.flatnonzero(np.diff(own.astype(np.int8), prepend=0, append=0))
+        runs = edges.reshape(-1, 2).tolist()
+        spans += [(stretch, a, b) for a, b in runs if b - a >= SHORTEST]
+    return spans
 
 
 def listed(places: Sequence[int], word: str = "data row") -> str:

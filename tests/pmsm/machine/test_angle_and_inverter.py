@@ -157,13 +157,14 @@ def test_a_knee_is_never_sharper_than_the_narrowest_nor_a_straight_line():
     term = DeadTime(1.0, 0.1).prepared(170.0)
     assert (float(term.dead_time_current), term.narrowest) == (0.1, 0.5)
     rows, currents = np.stack([0 * THETA, THETA]), CURRENTS / 40
-    for width, effective in ((1e-9, 0.5), (0.5, 0.5**0.5), (48.0, 38.4033), (1e9, 64.002)):
+    half = 0.5 / np.hypot(1.0, 1.0 / 128.0)
+    for width, bent in ((1e-9, 0.0), (0.5, half), (48.0, 38.4), (1e12, 64.0)):
         with float64():
             inputs = Inputs(jnp.asarray(rows), ("omega_el", "theta_el"), (0.0, 0.0))
             knee = with_batch_axis(replace(term, dead_time_current=width))
             found = knee.drop(jnp.asarray(currents), inputs, None)
-        expected = signs(currents, THETA, effective)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)
+        expected = signs(currents, THETA, np.hypot(bent, 0.5))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
 
 
 def test_dead_time_at_known_phase_currents():

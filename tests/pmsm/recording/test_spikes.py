@@ -83,6 +83,9 @@ def test_a_spike_of_a_voltage_is_one_that_no_link_could_have_made():
     run = recording()
     assert len(without_spikes([with_samples(run, "u_d", {1500: 1e5})])) == 2
     assert len(without_spikes([with_samples(run, "u_d", {1500: 400.0})])) == 1
+    linked = replace(run, channels={**run.channels, "u_dc": np.full(COUNT, 600.0)})
+    assert len(without_spikes([with_samples(linked, "u_d", {1500: 1e4})])) == 2
+    assert len(without_spikes([with_samples(linked, "u_dc", {1500: 1e6})])) == 1
 
 
 pulses = dict.fromkeys(range(100, COUNT, 60), 80.0)

@@ -15,7 +15,7 @@ from penode.arrays import BoolArray, FloatArray
 from penode.data.excerpt import excerpt
 from penode.data.experiment import Experiment
 from penode.data.gathered import PIECE
-from penode.data.stretches import SHORTEST, runs_of
+from penode.data.stretches import SHORTEST, spans_of
 from penode.pmsm.balance.trial_balance import residual_of
 from penode.pmsm.machine.space_vectors import VOLTAGES, vector_of, with_vector
 from penode.pmsm.recording.channels import electrical, in_dq
@@ -53,7 +53,7 @@ def below_limit(stretches: Sequence[Experiment]) -> Sequence[Experiment]:
     if share is None:
         return stretches
     usable = [_is_below(e, _SURE * min(share, _AT_EVERY_ANGLE)) for e in stretches]
-    spans = [(e, *span) for e, own in zip(stretches, usable, strict=True) for span in runs_of(own)]
+    spans = spans_of(stretches, usable)
     if not spans:
         return stretches
     samples, beyond = sum(map(len, usable)), sum(int(np.sum(~own)) for own in usable)

@@ -13,7 +13,7 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.data.gathered import PIECE, released
-from penode.data.stretches import SHORTEST, listed, runs_of
+from penode.data.stretches import SHORTEST, listed, spans_of
 from penode.pmsm.recording.stationary_frame import LINK
 
 #: Most spikes of a channel: where there are more of a kind, they belong to the drive.
@@ -48,7 +48,7 @@ def without_spikes(stretches: Sequence[Experiment]) -> Sequence[Experiment]:
     usable = [np.ones(len(e), dtype=np.bool_) for e in stretches]
     for stretch, sample in found:
         usable[stretch][sample] = False
-    spans = [(e, *span) for e, own in zip(stretches, usable, strict=True) for span in runs_of(own)]
+    spans = spans_of(stretches, usable)
     if not spans:
         return stretches
     sentence = _sentence(stretches, found, sum(last - first for _, first, last in spans))
@@ -67,23 +67,21 @@ def _spikes(stretches: Sequence[Experiment], kind: str) -> dict[_Place, str]:
     }
     if not lone:
         return {}
-    others = ({where for where, of in lone if of == name} for name in names)
-    reach = max(
-        _range([e.channels[n] for e in stretches], o) for n, o in zip(names, others, strict=False)
-    )
+    out = {name: [where for where, of in lone if of == name] for name in names}
+    reach = max(_range([e.channels[name] for e in stretches], out[name]) for name in names)
     return {where: name for (where, name), height in lone.items() if height > _BEYOND[kind] * reach}
 
 
 def _sentence(stretches: Sequence[Experiment], found: dict[_Place, str], used: int) -> str:
     rows = sorted(stretches[k].place.row + sample + 1 for k, sample in found)
-    single = len(rows) == 1
-    also = sum(map(len, stretches)) - used - len(rows)
-    beside = f", with {also} beside that are fewer than {SHORTEST} in a row" if also else ""
+    names = sorted(set(found.values()))
+    left = sum(map(len, stretches)) - used - len(rows)
+    beside = f", with {left} beside that are fewer than {SHORTEST} in a row" if left else ""
     return (
-        f"{stretches[0].place.recording}: {', '.join(sorted(set(found.values())))} "
-        f"jump{'s' if len(set(found.values())) == 1 else ''} there and back within two samples, "
-        f"which no drive does, at {listed(rows)}. "
-        f"{'This sample is' if single else 'These samples are'} left out{beside}."
+        f"{stretches[0].place.recording}: {', '.join(names)} "
+        f"{'jumps' if len(names) == 1 else 'jump'} there and back within two samples, which no "
+        f"drive does, at {listed(rows)}. "
+        f"{'This sample is' if len(rows) == 1 else 'These samples are'} left out{beside}."
     )
 
 
