@@ -7,8 +7,10 @@ import pytest
 
 from penode import Experiment, ladder_plan
 from penode.horizon.ladder import LadderProblem, ignore_events
+from penode.horizon.loss_weighting import linearised, loss_weighting
 from penode.horizon.spectral import Spectral
 from penode.training.loss import DEFAULT_LOSS, Loss
+from penode.validation.free_run import compare
 
 HORIZONS = (1, 4, 8, 16, 32, 64, 128)
 PERIOD, SAMPLES = 16.0, 4000
@@ -86,6 +88,22 @@ def test_estimated_starts_take_up_what_the_loss_says(machine, rippled):
     apart, wrong = (np.abs(f.lines - happened).max(axis=0) for f in (asked, as_measured))
     np.testing.assert_array_less(apart, 0.3 * largest)
     np.testing.assert_array_less(0.4 * largest, wrong)
+
+
+def test_the_truth_is_chosen_by_how_the_loss_weighs_lines(machine, rippled):
+    run, rungs = rippled
+    freed = Loss(free_starts=dict.fromkeys(machine.model.states, 1.0))
+    worst = [Spectral([run], loss=one)._worst(rungs) for one in (freed, DEFAULT_LOSS)]
+    last = rungs[-1]
+    matrices = linearised(last.predictor, last.model, run, np.ones(2))
+    seen = compare(last.predictor, last.model, run)
+    fractions = [
+        sum(view.fractions(line) for line in view.lines)
+        for starts in (np.ones(2), None)
+        for view in [loss_weighting(seen, matrices, HORIZONS, starts=starts)]
+    ]
+    np.testing.assert_allclose(worst[0] - worst[1], np.log(fractions[0] / fractions[1]), atol=1e-9)
+    assert np.abs(worst[0] - worst[1]).max() > 1e-4
 
 
 class TowardsALargerResistance:

@@ -88,6 +88,20 @@ def test_a_spike_of_a_voltage_is_one_that_no_link_could_have_made():
     assert len(without_spikes([with_samples(linked, "u_dc", {1500: 1e6})])) == 1
 
 
+@pytest.mark.parametrize("still", [False, True])
+def test_a_spike_of_the_speed_is_one_that_no_inertia_allows(still):
+    speed = np.full(COUNT, 300.0) if still else 300.0 + 0.3 * np.sin(TIME / 9.0)
+    run = recording(omega_el=speed)
+    assert len(without_spikes([with_samples(run, "omega_el", {1500: -700.0})])) == 2
+    assert len(without_spikes([with_samples(run, "omega_el", {1500: 200.0})])) == 1
+
+
+@pytest.mark.parametrize("at", range(295, 306))
+def test_no_spike_is_lost_between_pieces(at, monkeypatch):
+    monkeypatch.setattr(spikes, "PIECE", 102)
+    assert len(without_spikes([with_samples(recording(), "i_q", {at: 500.0})])) == 2
+
+
 pulses = dict.fromkeys(range(100, COUNT, 60), 80.0)
 steps = np.where(TIME // 300 % 2, 100.0, -100.0)
 answers = dict.fromkeys(range(300, COUNT, 300), 500.0)
