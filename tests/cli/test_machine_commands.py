@@ -222,3 +222,44 @@ def test_a_fit_without_answer_is_exported_with_a_warning(machine_fit, penode, tm
     assert done.returncode == 0
     assert "no plateau" in done.stderr
     assert "RESISTANCE" not in out.read_text()
+
+
+WANTED = {
+    "report": (),
+    "export": ("--to", "csv", "--out", "map.csv"),
+    "loci": ("--i-max", 240, "--out", "loci.png"),
+}
+
+
+@pytest.mark.parametrize("command", [*WANTED, "compare", "compare with"])
+def test_a_recording_where_a_result_is_wanted_is_refused_with_what_to_type(
+    command, result, penode, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run.csv").write_text("t,i_d,i_q\n0,1,2\n")
+    (tmp_path / "run.parquet").write_bytes(b"PAR1")
+    given = {
+        "compare": ("compare", "run.csv", result, "--out", "difference.png"),
+        "compare with": ("compare", result, "run.parquet", "--out", "difference.png"),
+    }
+    done = penode(*given.get(command, (command, "run.csv", *WANTED.get(command, ()))))
+    assert done.returncode == 2
+    file = "run.parquet" if command == "compare with" else "run.csv"
+    sentence = " ".join(done.stderr.split())
+    assert f"{file}: this is a file where the folder of a result was wanted" in sentence
+    assert f"`penode identify {file} --out run`, then give run." in sentence
+
+
+@pytest.mark.parametrize("name", ["result.json", "flux_map.csv", "fit/fit.json"])
+def test_a_file_of_a_result_is_refused_with_its_folder(name, result, penode):
+    done = penode("report", result / name)
+    assert done.returncode == 2
+    assert f"give the folder, {result}." in " ".join(done.stderr.split())
+    assert "penode identify" not in done.stderr
+
+
+def test_a_recording_where_a_map_is_wanted_is_refused(result, penode, tmp_path):
+    (tmp_path / "run.csv").write_text("t,i_d,i_q\n0,1,2\n")
+    done = penode("compare", result, tmp_path / "run.csv", "--out", tmp_path / "difference.png")
+    assert done.returncode == 2
+    assert "A recording has none yet: identify it" in " ".join(done.stderr.split())

@@ -86,16 +86,18 @@ def digests(files: Mapping[str, bytes]) -> dict[str, str]:
 
 
 def require_one_result(folder: Path) -> None:
-    """Refuse a folder with files of several results.
+    """Refuse a file, and a folder with files of several results.
 
     Files that a process which died had committed are moved to their places first.
 
     Raises
     ------
     InputError
-        If a file is not the one that ``result.json`` was written with; without that file, or one
-        of an earlier version in it, nothing is examined.
+        If this is a file, or a file in it is not the one that ``result.json`` was written with;
+        without that one, or one of an earlier version in it, nothing is examined.
     """
+    if folder.is_file():
+        raise _not_a_folder(folder)
     if (folder / _COMMITTED).is_dir():
         with suppress(InputError, OSError), claimed(folder):
             pass
@@ -118,6 +120,20 @@ def require_one_result(folder: Path) -> None:
                 f"{path}: not the file that {RESULT} beside it was written with; put back the one "
                 "that was, or run the identification again."
             )
+
+
+def _not_a_folder(file: Path) -> InputError:
+    """Return the refusal of a file, which is most often a recording or a part of a result."""
+    folder = file.parent.parent if file.parent.name == "fit" else file.parent
+    if (folder / RESULT).is_file():
+        repair = f"give the folder, {folder}."
+    else:
+        out = file.name.split(".")[0]
+        repair = (
+            f"if it is a recording, identify it first: `penode identify {file} --out {out}`, then "
+            f"give {out}."
+        )
+    return InputError(f"{file}: this is a file where the folder of a result was wanted; {repair}")
 
 
 def _move_committed(folder: Path) -> None:

@@ -215,7 +215,8 @@ def _read_columns(path: Path) -> dict[str, FloatArray]:
     if missing:
         raise InputError(
             f"{path}: columns {', '.join(frame.columns)} came without {', '.join(missing)}; name "
-            f"them {', '.join(_COLUMNS)}, in A and Vs."
+            f"those of a map {', '.join(_COLUMNS)}, in A and Vs. A recording has none yet: "
+            "identify it, and give the folder."
         )
     if "supported" not in frame.columns:
         frame = frame.with_columns(supported=pl.lit(1.0))
