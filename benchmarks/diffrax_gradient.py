@@ -17,6 +17,7 @@ import numpy as np
 from benchmarks.problem import Problem, check, median_time, paper_problem
 from penode.arrays import FloatArray, float64
 from penode.data.windows import Windows
+from penode.models.inputs import Inputs
 
 HORIZONS = (1, 50, 100, 200)
 #: Of a sample; the times of diffrax's steps are whole numbers up to rounding only.
@@ -49,7 +50,8 @@ def by_diffrax(problem: Problem, windows: Windows) -> Callable[[], tuple[float, 
         start, raw = jnp.asarray(windows.states[windows.starts].T), jnp.asarray(problem.raw)
 
     def field(sample, x, machine):
-        return windows.time_step * machine.derivative(x, inputs[(sample + HAIR).astype(int)])
+        u = Inputs(inputs[(sample + HAIR).astype(int)], machine.inputs)
+        return windows.time_step * machine.derivative(x, u)
 
     @jax.jit
     @jax.value_and_grad
