@@ -17,7 +17,10 @@ def reproduce_command(
     study: Annotated[str, typer.Argument(help="all, or the name of one study.")],
     out: Annotated[Path, typer.Option(help="Folder for results and runs; made if absent.")],
     quick: Annotated[
-        bool, typer.Option("--quick", help="A small part of everything, in a few minutes.")
+        bool,
+        typer.Option(
+            "--quick", help="A small part of everything, in a few minutes, to see that it runs."
+        ),
     ] = False,
 ) -> None:
     """Rebuild the paper's experiments on the simulated bench, ours beside them.
@@ -43,10 +46,7 @@ def reproduce_command(
             "Stopped; finished trainings are kept: the same command goes on."
         ) from error
     for result in written.results:
-        held = sum(claim.holds for claim in result.claims)
-        _output.print(
-            f"{result.name:26s} {held} of {len(result.claims)} statements hold", highlight=False
-        )
+        _output.print(f"{result.name:26s} {result.outcome}", soft_wrap=True, highlight=False)
     _output.print(f"page  {written.page}", soft_wrap=True, highlight=False)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from penode.errors import InputError
-from penode.pmsm.studies import reproduce as module
 from penode.pmsm.studies.extent import FULL, QUICK
 from penode.pmsm.studies.panels import Claim, Matrix, Panel, Series, StudyResult
 from penode.pmsm.studies.reproduce import STUDIES, chosen_studies, reproduce
@@ -42,13 +41,10 @@ def test_every_variant_has_its_colour():
 
 
 @pytest.mark.parametrize("extent", [QUICK, FULL])
-def test_everything_is_written_and_told(result, extent, tmp_path, monkeypatch):
+def test_everything_is_written(result, extent, tmp_path, monkeypatch):
     monkeypatch.setitem(STUDIES, "small", lambda runs: result)
-    said = []
-    written = reproduce(["small"], tmp_path, extent, said.append)
+    written = reproduce(["small"], tmp_path, extent, lambda text: None)
     page = written.page.read_text()
-    assert "- **Holds.** R is negative.\n  -70 mΩ." in page
-    assert "- **Differs.** It stays so." in page
     assert "(figures/studies_small.png)" in page
     assert "| paper | 2 |" in page
     assert "| none | – |" in page
@@ -60,13 +56,30 @@ def test_everything_is_written_and_told(result, extent, tmp_path, monkeypatch):
     assert document["rows"][0]["R_mohm"] == 2.0
     table = list(csv.DictReader((tmp_path / "small.csv").open()))
     assert [row["R_mohm"] for row in table] == ["2", ""]
-    assert said == ["small: 1 of 2 hold"]
 
 
 def test_the_page_lists_what_holds(result, tmp_path, monkeypatch):
-    monkeypatch.setitem(module.STUDIES, "small", lambda runs: result)
-    page = reproduce(["small"], tmp_path, QUICK, lambda text: None).page.read_text()
+    monkeypatch.setitem(STUDIES, "small", lambda runs: result)
+    said = []
+    page = reproduce(["small"], tmp_path, FULL, said.append).page.read_text()
+    assert said == ["small: 1 of 2 statements hold"]
     assert "| [A small study](#a-small-study) | 1 | 1 |" in page
+    assert "- **Holds.** R is negative.\n  -70 mΩ." in page
+    assert "- **Differs.** It stays so." in page
+
+
+def test_a_quick_run_judges_nothing(result, tmp_path, monkeypatch):
+    monkeypatch.setitem(STUDIES, "small", lambda runs: result)
+    said = []
+    page = reproduce(["small"], tmp_path, QUICK, said.append).page.read_text()
+    sentence = "quick numbers prove nothing, and its statements are not judged"
+    assert said == [f"small: ran; {sentence}"]
+    assert "| [A small study](#a-small-study) | not judged | not judged |" in page
+    assert "- **Not judged.** R is negative.\n- **Not judged.** It stays so." in page
+    assert "prove nothing" in page
+    assert not any(word in page for word in ("Holds", "Differs", "-70 mΩ", "2 mΩ"))
+    document = json.loads((tmp_path / "small.json").read_text())
+    assert [claim["holds"] for claim in document["claims"]] == [None, None]
 
 
 def test_unknown_studies_are_refused():

@@ -54,9 +54,10 @@ def test_a_small_study_from_the_command_to_the_page(small, tmp_path):
     command = ["reproduce", "small", "--out", str(tmp_path), "--quick"]
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
-    assert "1 of 1 statements hold" in done.output
+    assert "statements hold" not in done.output
+    assert "quick numbers prove nothing, and its statements are not judged" in done.output
     page = (tmp_path / "results.md").read_text()
-    assert "- **Holds.** Three degrees are better than one." in page
+    assert "- **Not judged.** Three degrees are better than one." in page
     rows = json.loads((tmp_path / "small.json").read_text())["rows"]
     assert [r["method"] for r in rows] == ["degree1", "degree3"]
     assert abs(rows[1]["R_mohm"] - 10.0) < 0.5

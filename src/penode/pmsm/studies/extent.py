@@ -51,6 +51,11 @@ class Extent:
     ours: Study
 
     @property
+    def judges(self) -> bool:
+        """Whether results of this size say anything: those of the quick extent do not."""
+        return self.name != "quick"
+
+    @property
     def longest(self) -> int:
         """The longest horizon."""
         return self.horizons[-1]

@@ -1,7 +1,7 @@
 """What a study shows, as data: panels of series, and matrices of numbers."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 
 @dataclass(frozen=True)
@@ -85,14 +85,14 @@ class Claim:
     ----------
     text : str
         The statement.
-    holds : bool
-        Whether it holds here.
+    holds : bool or None
+        Whether it holds here; None where a quick run does not judge it.
     evidence : str
         The numbers, as a sentence.
     """
 
     text: str
-    holds: bool
+    holds: bool | None
     evidence: str
 
 
@@ -125,3 +125,19 @@ class StudyResult:
     claims: tuple[Claim, ...]
     reading: str
     columns: tuple[str, ...] = field(default=())
+
+    @property
+    def outcome(self) -> str:
+        """How many statements hold, or that none is judged, in a few words."""
+        count = len(self.claims)
+        if self.count(None) == count:
+            return f"ran; quick numbers prove nothing, and its statements are not judged"
+        return f"{self.count(True)} of {count} statements hold"
+
+    def count(self, holds: bool | None) -> int:
+        """Return how many statements hold, do not, or are not judged."""
+        return sum(claim.holds is holds for claim in self.claims)
+
+    def unjudged(self) -> "StudyResult":
+        """Return the result of a quick run: the same numbers, and no statement judged by them."""
+        return replace(self, claims=tuple(replace(claim, holds=None) for claim in self.claims))

@@ -15,9 +15,11 @@ angle harmonics, and the horizon chosen from the data.
 """
 
 _QUICK = """
-**This is the quick extent: short recordings and hardly any training. It shows that everything runs;
-its numbers mean nothing.**
+**This is a quick run: short recordings and hardly any training. It shows that everything runs; its
+numbers prove nothing, and its statements are not judged.**
 """
+
+_WORDS = {True: "Holds", False: "Differs", None: "Not judged"}
 
 _READING = """
 ## How to read it
@@ -52,9 +54,10 @@ def results_page(results: Sequence[StudyResult], facts: Mapping[str, Any]) -> st
 def _summary(results: Sequence[StudyResult]) -> str:
     lines = ["## In short", "", "| study | holds | differs |", "|---|---|---|"]
     for result in results:
-        held = sum(claim.holds for claim in result.claims)
         name = f"[{result.title}](#{_anchor(result.title)})"
-        lines.append(f"| {name} | {held} | {len(result.claims) - held} |")
+        held, differ = result.count(True), result.count(False)
+        counts = (held, differ) if held or differ else ("not judged", "not judged")
+        lines.append(f"| {name} | {counts[0]} | {counts[1]} |")
     return "\n".join(lines)
 
 
@@ -67,8 +70,9 @@ def _section(result: StudyResult) -> str:
     lines = [f"## {result.title}", "", result.question, ""]
     lines += [f"![{result.title}](figures/studies_{result.name}.png)", ""]
     for claim in result.claims:
-        lines.append(f"- **{'Holds' if claim.holds else 'Differs'}.** {claim.text}")
-        lines.append(f"  {claim.evidence}")
+        lines.append(f"- **{_WORDS[claim.holds]}.** {claim.text}")
+        if claim.holds is not None:
+            lines.append(f"  {claim.evidence}")
     lines += ["", result.reading]
     if result.columns:
         lines += ["", *_table(result.rows, result.columns)]
