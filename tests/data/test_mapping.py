@@ -154,6 +154,83 @@ def test_a_time_column_of_ones_own_in_the_group_is_taken():
     assert step == pytest.approx(10 * STEP, rel=1e-12)
 
 
+# --- jitter -------------------------------------------------------------------------------------
+
+
+def jittered(samples=900, size=0.05, seed=3, lost=(0, 0)):
+    """Return a table sampled at jittering times: a slow sine, an angle and a straight line."""
+    rng = np.random.default_rng(seed)
+    time = 7.0 + (np.arange(samples) + rng.uniform(-size, size, samples)) * STEP
+    time = np.delete(time, slice(*lost))
+    columns = {
+        "t": time,
+        "sine": np.sin(20.0 * time),
+        "line": 3.0 + 2.0 * time,
+        "angle": np.mod(300.0 * time, 2 * np.pi),
+    }
+    return Table(columns, {}), time
+
+
+JITTERED = {"sine": Origin("sine"), "line": Origin("line"), "angle": Origin("angle", "rad")}
+
+
+def test_jittering_times_are_refused_with_the_two_repairs():
+    sentence = refusal(JITTERED, jittered()[0])
+    for word in ("t jitters", 'resample = "linear"', "row number times time step"):
+        assert word in sentence
+
+
+def test_channels_of_jittering_times_are_taken_at_uniform_ones():
+    content, time = jittered()
+    step, channels = mapped(JITTERED, content, resample=True)
+    uniform = time[0] + step * np.arange(len(channels["line"]))
+    assert step == pytest.approx(STEP, rel=2e-4)
+    assert len(uniform) in (899, 900)
+    np.testing.assert_allclose(channels["line"], 3.0 + 2.0 * uniform, rtol=1e-12)
+    # Linear interpolation errs by an eighth of step squared times the second derivative at most.
+    np.testing.assert_allclose(channels["sine"], np.sin(20.0 * uniform), atol=400 * STEP**2 / 7)
+    turned = np.exp(1j * (channels["angle"] - 300.0 * uniform))
+    np.testing.assert_allclose(turned, 1.0, atol=1e-9)
+
+
+def test_a_gap_among_jittering_times_stays_a_gap():
+    content, time = jittered(lost=(400, 450))
+    found = map_channels("run.csv", content, JITTERED, True)
+    assert found.spans == ((0, 400), (400, len(found.times)))
+    for first, last in found.spans:
+        uniform = found.times[first] + found.time_step * np.arange(last - first)
+        np.testing.assert_allclose(found.times[first:last], uniform, atol=1e-4 * STEP)
+    np.testing.assert_allclose(found.channels["line"], 3.0 + 2.0 * found.times, rtol=1e-12)
+    assert found.times[400] == time[400]
+
+
+def test_jittering_stretches_of_two_rates_are_refused_as_such():
+    content, time = jittered()
+    content.columns["t"] = np.concatenate([time[:400], 9.0 + 1.2 * (time[400:] - 7.0)])
+    sentence = refusal(JITTERED, content, resample=True)
+    assert "export each rate to a file of its own" in sentence
+
+
+def test_times_that_decrease_are_refused_also_where_resampling_is_asked_for():
+    content, time = jittered()
+    content.columns["t"] = np.r_[time[:400], time[400:402][::-1], time[402:]]
+    assert "t decreases at data row 402" in refusal(JITTERED, content, resample=True)
+
+
+def test_channels_of_several_jittering_clocks_are_taken_at_the_fastest_made_uniform():
+    content = two_rates()
+    rng = np.random.default_rng(5)
+    for name in ("t", "t_2"):
+        pace = np.diff(content.columns[name][:2])
+        content.columns[name] = content.columns[name] + pace * rng.uniform(
+            -0.05, 0.05, len(content.columns[name])
+        )
+    content.columns["slow"] = 3.0 + 2.0 * content.columns["t_2"]
+    step, channels = mapped(ORIGINS, content, resample=True)
+    assert step == pytest.approx(STEP, rel=1e-3)
+    np.testing.assert_allclose(np.diff(channels["slow"]), 2.0 * step, rtol=1e-9)
+
+
 # --- refusals ---------------------------------------------------------------------------------
 
 

@@ -113,7 +113,8 @@ def map_channels(
         Channel -> where it comes from. Entry ``t`` is the time in s, column ``t`` without one; a
         column with a clock of its own keeps that.
     resample : bool
-        Put channels of different clocks onto the fastest of them by linear interpolation, angles
+        Put channels of different clocks onto the fastest of them, and those whose times jitter onto
+        uniform ones between the gaps, by linear interpolation, angles
         without their jumps, over the time that all channels cover.
 
     Returns

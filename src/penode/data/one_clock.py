@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.data.time_axis import uniform_step
+from penode.data.time_axis import gaps_in, regular_times, uniform_step
 from penode.errors import InputError
 
 # Largest turn in rad between two samples of an angle that can still be interpolated.
@@ -35,28 +35,31 @@ def on_one_clock(
         File, for the messages.
     sampled : mapping of str to Sampled
     resample : bool
-        Whether channels may be interpolated at the times of the fastest.
+        Whether channels may be interpolated at the times of the fastest, or at uniform ones where
+        these jitter.
 
     Raises
     ------
     InputError
-        If clocks differ and resampling is not asked for, the times of one are not uniform, or an
-        angle turns too far in a sample to be interpolated.
+        If clocks differ and resampling is not asked for, the times of one of several have a gap, or
+        an angle turns too far in a sample to be interpolated.
     """
     first, *others = sampled
     times = sampled[first].times
     odd = [name for name in others if not _same(sampled[name].times, times)]
     if not odd:
-        return times, {name: channel.values for name, channel in sampled.items()}
+        uniform = regular_times(times) if resample else times
+        return uniform, {n: _at(file, n, uniform, channel) for n, channel in sampled.items()}
     if not resample:
         raise InputError(
             f"{file}: channel {first} has {_pace(times)} and channel {odd[0]} "
             f'{_pace(sampled[odd[0]].times)}; ask for resample = "linear", which interpolates '
             "all channels at the times of the fastest."
         )
-    steps = {name: uniform_step(file, channel.times) for name, channel in sampled.items()}
+    clocks = {name: regular_times(channel.times) for name, channel in sampled.items()}
+    steps = {name: uniform_step(file, clock) for name, clock in clocks.items()}
     fastest = min(steps, key=lambda name: steps[name])
-    times, slack = sampled[fastest].times, _CLOCK_ROUNDING * steps[fastest]
+    times, slack = clocks[fastest], _CLOCK_ROUNDING * steps[fastest]
     begin = max(channel.times[0] for channel in sampled.values()) - slack
     end = min(channel.times[-1] for channel in sampled.values()) + slack
     times = times[(times >= begin) & (times <= end)]
@@ -75,12 +78,14 @@ def _pace(times: FloatArray) -> str:
 def _at(file: str, name: str, times: FloatArray, channel: Sampled) -> FloatArray:
     """Interpolate a channel linearly; an angle is unwrapped first where it has to be."""
     values = channel.values
+    if times is channel.times:
+        return values
     inside = np.isin(times, channel.times)
     if inside.all():
         return values[np.isin(channel.times, times)]
     if channel.is_angle:
         values = np.unwrap(values)
-        turn = float(np.abs(np.diff(values)).max())
+        turn = float(np.abs(np.delete(np.diff(values), gaps_in(channel.times))).max())
         if turn > _LARGEST_TURN:
             raise InputError(
                 f"{file}: channel {name} turns {turn:.3g} rad between two of its samples where "

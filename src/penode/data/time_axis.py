@@ -12,6 +12,8 @@ MINIMUM_SAMPLES = 8
 STEP_TOLERANCE = 0.01
 #: Step over the median step from which rows are missing.
 _GAP = 1.5
+#: Part of a step that is rounding.
+_ROUNDING = 1e-6
 #: Largest time in s, some 30 000 years.
 LARGEST_TIME = 1e12
 
@@ -78,7 +80,46 @@ def gaps_in(t: FloatArray) -> IntArray:
     return np.flatnonzero(steps > _GAP * np.median(steps))
 
 
+def regular_times(t: FloatArray) -> FloatArray:
+    """Return times of uniform steps, over the time that jittering ones cover between their gaps.
+
+    Parameters
+    ----------
+    t : ndarray, shape (time,)
+        Times in s, finite.
+
+    Returns
+    -------
+    ndarray, shape (other time,)
+        The same where they are uniform but for gaps, or do not increase.
+    """
+    if len(t) < MINIMUM_SAMPLES or not _ends_of_steps(t)[0] > 0.0:
+        return t
+    gaps = gaps_in(t)
+    spans = np.split(t, gaps + 1)
+    if all(_is_uniform(span) for span in spans if len(span) >= MINIMUM_SAMPLES):
+        return t
+    own = [np.ptp(span) / max(len(span) - 1, 1) for span in spans]
+    whole = float(np.sum([np.ptp(span) for span in spans]) / (len(t) - len(spans)))
+    # Stretches of other rates keep theirs, by which they are refused.
+    steps = [step if abs(step - whole) > STEP_TOLERANCE * whole else whole for step in own]
+    grids = [
+        span[0] + step * np.arange(int(np.ptp(span) / step + _ROUNDING) + 1) if step else span
+        for span, step in zip(spans, steps, strict=True)
+    ]
+    return np.concatenate(grids)
+
+
 @np.errstate(over="ignore", invalid="ignore")  # of digits of times that are almost zero
+def _is_uniform(t: FloatArray) -> bool:
+    """Return whether no step deviates from the median step by more than digits and 1 % explain."""
+    steps = np.diff(t)
+    median = float(np.median(steps))
+    return bool(np.abs(steps - median).max() <= STEP_TOLERANCE * median) or (
+        _uniform_but_for_digits(t)
+    )
+
+
 def uniform_step(file: str, t: FloatArray, before: int = 0) -> float:
     """Return the time step of uniformly sampled times.
 
@@ -123,9 +164,8 @@ def uniform_step(file: str, t: FloatArray, before: int = 0) -> float:
     steps = np.diff(t)
     if least <= 0.0:
         raise _not_increasing(file, t, int(np.argmax(steps <= 0.0)), before)
-    median = float(np.median(steps))
-    deviation = np.abs(steps - median)
-    if deviation.max() > STEP_TOLERANCE * median and not _uniform_but_for_digits(t):
+    if not _is_uniform(t):
+        deviation = np.abs(steps - np.median(steps))
         raise _irregular(file, steps, int(np.argmax(deviation)), before)
     return float((t[-1] - t[0]) / (len(t) - 1))
 
@@ -208,6 +248,7 @@ def _irregular(file: str, steps: FloatArray, k: int, before: int) -> InputError:
         )
     return InputError(
         f"{file}: t jitters: the step {rows} is {steps[k]:.6g} s where the median is "
-        f"{median:.6g} s and 1 % is allowed; resample the recording to a uniform time step, "
-        "or export t with more digits."
+        f'{median:.6g} s and 1 % is allowed; ask for resample = "linear" in the study file, '
+        "export t with more digits, or, where a steady clock sampled and only the stamps jitter, "
+        "give row number times time step as t."
     )
