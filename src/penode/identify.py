@@ -4,9 +4,8 @@ import time
 from collections.abc import Sequence
 
 from penode.arrays import one_blas_thread
-from penode.data.experiment import Experiment
+from penode.data.experiment import Experiment, require_recordings
 from penode.data.stretches import check_lengths
-from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
 from penode.horizon.cross_checks import cross_check
@@ -82,8 +81,7 @@ def identify(
         On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """
     began = time.monotonic()
-    if not experiments:
-        raise InputError("no recording came; give at least one.")
+    require_recordings(experiments, validation)
     start = start if isinstance(start, Start) else Start(start)
     plan = plan or fitting_plan(ladder_plan(), experiments)
     plan = start.with_penalties(plan)

@@ -1,12 +1,15 @@
 """The Experiment record: copied and frozen at the door, and clear about what it lacks."""
 
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import penode
+import penode.pmsm
 from penode.data import Experiment
-from penode.data.experiment import Source
+from penode.data.experiment import Source, require_recordings
 from penode.errors import InputError
 
 
@@ -45,3 +48,35 @@ def test_a_recording_can_be_sent_to_another_process():
     np.testing.assert_array_equal(back.channels["x"], run.channels["x"])
     with pytest.raises(ValueError, match="read-only"):
         back.channels["x"][0] = 1.0
+
+
+RUN = Experiment("run.csv", 0.1, {"x": np.arange(5.0)})
+NO_RECORDINGS = [
+    ("run.csv", "the path 'run.csv' came where recordings were wanted; load each first"),
+    (Path("run.csv"), "as in [penode.load('run.csv')]"),
+    (["run.csv"], "experiments: the path 'run.csv' came"),
+    ([RUN, Path("b.csv")], "experiments: the path 'b.csv' came"),
+    ([], "no recording came; give at least one, as in [penode.load(path)]"),
+    ((), "no recording came"),
+    (RUN, "experiments: one recording, run.csv, came where a list was wanted; put it in brackets"),
+    (None, "experiments: NoneType came"),
+    ({"run": RUN}, "experiments: dict came"),
+    ([RUN, 3.0], "experiments: float came where recordings were wanted; give a list"),
+]
+
+
+@pytest.mark.parametrize(("given", "reason"), NO_RECORDINGS)
+@pytest.mark.parametrize(
+    "identify", [penode.pmsm.identify, lambda given: penode.identify(None, given)]
+)
+def test_what_is_no_list_of_recordings_is_refused_with_what_to_type(identify, given, reason):
+    with pytest.raises(InputError) as caught:
+        identify(given)
+    assert reason in str(caught.value)
+
+
+def test_validation_may_be_empty_and_nothing_but_recordings():
+    require_recordings([RUN])
+    require_recordings((RUN, RUN), (RUN,))
+    with pytest.raises(InputError, match=r"validation: the path 'b.csv' came"):
+        penode.pmsm.identify([RUN], validation="b.csv")

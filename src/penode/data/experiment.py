@@ -1,5 +1,6 @@
 """Experiment: one uniformly sampled recording in SI units, with where it came from."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -182,6 +183,43 @@ class Experiment:
         self.require(names)
         columns = [self.channels[name] for name in names]
         return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))
+
+
+def require_recordings(experiments: Any, validation: Any = ()) -> None:
+    """Refuse what is no sequence of recordings, such as the path of one, or has none.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        At least one.
+    validation : sequence of Experiment
+        May be empty.
+
+    Raises
+    ------
+    InputError
+        If this is not so; the message says what to type.
+    """
+    for name, given in (("experiments", experiments), ("validation", validation)):
+        one = isinstance(given, (str, os.PathLike, Experiment)) or not isinstance(given, Sequence)
+        odd = [each for each in ((given,) if one else given) if not isinstance(each, Experiment)]
+        if odd and isinstance(odd[0], (str, os.PathLike)):
+            raise InputError(
+                f"{name}: the path {os.fspath(odd[0])!r} came where recordings were wanted; load "
+                f"each first, as in [penode.load({os.fspath(odd[0])!r})]."
+            )
+        if odd:
+            raise InputError(
+                f"{name}: {type(odd[0]).__name__} came where recordings were wanted; give a list "
+                "of penode.Experiment, such as penode.load returns."
+            )
+        if one:
+            raise InputError(
+                f"{name}: one recording, {given.name}, came where a list was wanted; put it in "
+                "brackets: [experiment]."
+            )
+    if not len(experiments):
+        raise InputError("no recording came; give at least one, as in [penode.load(path)].")
 
 
 def _frozen(values: FloatArray) -> FloatArray:

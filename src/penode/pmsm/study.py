@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from penode.arrays import one_blas_thread
-from penode.data.experiment import Experiment
+from penode.data.experiment import Experiment, require_recordings
 from penode.data.memory import require_memory
 from penode.data.quality import inspect_stretches
 from penode.data.stretches import by_recording, reasons_of
@@ -77,6 +77,7 @@ def identify(
         On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """
     study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
+    require_recordings(experiments, validation)
     require_samples(experiments)
     given, experiments = experiments, usable_stretches(experiments)
     validation = usable_stretches(validation)
