@@ -65,7 +65,6 @@ def test_a_fit_is_told_in_labelled_lines(fit):
         ("warning", "First [sic]."),
         ("warning", "Second."),
         ("map", "out/flux_map.csv"),
-        ("report", "out/report.html"),
     ]
 
 

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from penode.fit.archive import archive, read_archive, sha256
-from penode.fit.result_folder import claimed, replace_together
 from penode.horizon.checkpoint import Checkpoint
-from penode.pmsm.result_files import result_files
+from penode.pmsm.result_files import write
 from penode.pmsm.study import identify
 from penode.pmsm.study_file import load_study
 from validate.bad_files.good import changed, csv
@@ -40,9 +39,7 @@ def saved() -> Path:
     out = folder / "fitted"
     (out / "fit").mkdir(parents=True)
     run = asked.load(folder / "run.csv")
-    with claimed(out):
-        fit = identify([run], study=asked.study, checkpoint=Checkpoint(out / _CHECKPOINT))
-        replace_together(out, result_files(fit))
+    write(identify([run], study=asked.study, checkpoint=Checkpoint(out / _CHECKPOINT)), out)
     return folder
 
 

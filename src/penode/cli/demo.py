@@ -9,11 +9,11 @@ import typer
 from rich.console import Console
 
 from penode.cli.progress import watched
+from penode.cli.report import report_beside
 from penode.cli.signature import signed
 from penode.cli.summary import print_demo, print_fit
-from penode.fit.result_folder import replace_together
 from penode.pmsm.demo import run_demo
-from penode.pmsm.result_files import result_files
+from penode.pmsm.result_files import write_answer
 
 _output, _errors = Console(), Console(stderr=True)
 
@@ -32,6 +32,7 @@ def demo_command(
         _errors.print("Recording the built-in machine on the simulated bench ...", soft_wrap=True)
         story = run_demo(out / "recordings", observer)
         story = replace(story, fit=signed(story.fit, began))
-        replace_together(out, result_files(story.fit))
+        write_answer(story.fit, out)
     print_fit(_output, story.fit, out)
     print_demo(_output, story)
+    report_beside(story.fit, out)

@@ -19,13 +19,13 @@ from penode.cli.options import (
     given,
 )
 from penode.cli.progress import watched
+from penode.cli.report import report_beside
 from penode.cli.signature import signed
 from penode.cli.summary import print_fit
 from penode.errors import InputError
-from penode.fit.result_folder import replace_together
 from penode.horizon.checkpoint import Checkpoint
 from penode.identify import Stopped
-from penode.pmsm.result_files import result_files
+from penode.pmsm.result_files import write_answer
 from penode.pmsm.study import identify
 from penode.pmsm.study_file import load_study
 from penode.pmsm.study_settings import PURPOSES
@@ -112,13 +112,14 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         except Stopped as stop:
             fit, stopped = stop.fit, True
         fit = signed(fit, began)
-        replace_together(out, result_files(fit))
+        write_answer(fit, out)
         if not stopped:
             checkpoint.path.unlink(missing_ok=True)
     if as_json:
         typer.echo((out / "result.json").read_text())
     else:
         print_fit(_output, fit, out)
+    report_beside(fit, out, quiet=as_json)
     if stopped:
         _say("Stopped; this is the best so far. Add --resume to go on.")
         raise typer.Exit(130)

@@ -1,11 +1,10 @@
 """The report on failures that no command expects: a sentence, an exit status, a file to send."""
 
-import os
-import platform
-import sys
-import tempfile
-import traceback
-from importlib.metadata import version
+import logging
+
+from rich.console import Console
+
+from penode.fit.left_out import details_file, in_short
 
 #: Exit status of a failure inside penode (EX_SOFTWARE of sysexits.h).
 FAILED = 70
@@ -46,17 +45,17 @@ def of_penode(error: Exception) -> str:
     ----------
     error : Exception
     """
-    lines = [
-        f"penode {version('penode')}, Python {platform.python_version()}, {platform.platform()}\n",
-        f"{' '.join(sys.argv)}\n\n",
-        *traceback.format_exception(error),
-    ]
-    what = f"{type(error).__name__}: {error}".splitlines()[0][:200]
-    message = f"penode failed where it should not ({what})"
-    try:
-        handle, path = tempfile.mkstemp(prefix="penode-failure-", suffix=".txt", text=True)
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.writelines(lines)
-    except OSError:
+    message = f"penode failed where it should not ({in_short(error)})"
+    path = details_file(error)
+    if path is None:
         return f"{message}; its details could not be written."
     return f"{message}; please send in {path}, which has the details."
+
+
+class Notes(logging.Handler):
+    """Prints what is left out of a result as a note on standard error."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one, a line whatever the terminal's width."""
+        text = f"note: {record.getMessage()}"
+        Console(stderr=True).print(text, soft_wrap=True, highlight=False, markup=False)

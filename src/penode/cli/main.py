@@ -18,7 +18,7 @@ from penode.cli.demo import demo_command
 from penode.cli.export import export_command
 from penode.cli.identify import identify_command
 from penode.cli.init import init_command
-from penode.cli.last_resort import FAILED, of_memory, of_penode, of_the_system
+from penode.cli.last_resort import FAILED, Notes, of_memory, of_penode, of_the_system
 from penode.cli.loci import loci_command
 from penode.cli.lost_interrupt import raise_lost_interrupts
 from penode.cli.progress import Interrupted
@@ -28,6 +28,7 @@ from penode.cli.simulate import simulate_command
 from penode.cli.streams import flush_output, use_tolerant_streams
 from penode.cli.sweep import sweep_command
 from penode.errors import InputError
+from penode.fit.left_out import LOG
 
 
 class _Commands(TyperGroup):
@@ -84,6 +85,7 @@ def _usage(error: Any) -> BaseException:
 
 #: New objects between two searches for garbage.
 _GARBAGE = 100_000
+_NOTES = Notes()
 
 
 def main() -> None:
@@ -94,6 +96,7 @@ def main() -> None:
     use_compilation_cache()
     use_tolerant_streams()
     raise_lost_interrupts()
+    LOG.addHandler(_NOTES)  # again is as once
     try:
         try:
             app(prog_name="penode")

@@ -33,7 +33,7 @@ def print_fit(console: Console, fit: Fit, folder: Path) -> None:
         errors = f"{comparison.name}: RMSE one step {one_step}; free run {free_run}"
         rows.append((comparison.role, errors.replace("\N{NO-BREAK SPACE}", " ")))
     rows += [("warning", warning) for warning in fit.warnings]
-    rows += [("map", str(folder / "flux_map.csv")), ("report", str(folder / "report.html"))]
+    rows.append(("map", str(folder / "flux_map.csv")))
     print_rows(console, rows)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from penode.errors import InputError
 from penode.fit.archive import content_of, name_file, sha256
 
-RESULT = "result.json"
+RESULT, REPORT = "result.json", "report.html"
 #: Inside the folder while something is written: held by the process that writes, the files that it
 #: has made so far, and files that are whole and on their way to their places.
 _LOCK, _STAGED, _COMMITTED = ".lock", ".staged", ".committed"
@@ -53,7 +53,7 @@ def replace_together(folder: Path, files: Mapping[str, bytes]) -> None:
 
     All are written beside the old ones, then one step commits them, then they are moved to their
     places. What interrupts this before the step leaves the old files as they were; after it, the
-    next claim or `Fit.load` moves the rest.
+    next claim or `Fit.load` moves the rest. The report of an earlier result is removed.
 
     Parameters
     ----------
@@ -138,6 +138,8 @@ def _not_a_folder(file: Path) -> InputError:
 
 def _move_committed(folder: Path) -> None:
     committed = folder / _COMMITTED
+    if (committed / RESULT).is_file():  # the report there is of an earlier result
+        (folder / REPORT).unlink(missing_ok=True)
     for path in sorted(committed.rglob("*")):
         if path.is_file():
             target = folder / path.relative_to(committed)

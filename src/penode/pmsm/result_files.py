@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
-from penode.fit.result_folder import claimed, replace_together
+from penode.fit.result_folder import REPORT, claimed, replace_together
 from penode.pmsm.machine.standstill import STANDSTILL, excited_axes
 from penode.pmsm.report.machine_report import machine_report
 
@@ -14,31 +15,34 @@ GRID = 41
 
 
 def write(fit: Fit, folder: str | Path) -> None:
-    """Write the result, the map, the reloadable fit and the report into a folder.
+    """Write the result, the map and the reloadable fit into a folder, and then its report.
 
     Parameters
     ----------
     fit : Fit
         Of a machine.
     folder : str or Path
-        Made if absent. Gets ``result.json``, ``flux_map.csv``, ``fit/`` and ``report.html``
-        together, or stays as it was.
+        Made if absent. Gets ``result.json``, ``flux_map.csv`` and ``fit/`` together, or stays as
+        it was; then ``report.html``.
 
     Raises
     ------
     InputError
         If another process writes there.
     """
-    files = result_files(fit)
     with claimed(Path(folder)):
-        replace_together(Path(folder), files)
+        write_answer(fit, Path(folder))
+        write_report(fit, Path(folder))
 
 
-def result_files(fit: Fit) -> dict[str, bytes]:
-    """Return what `write` writes: names in the folder to contents."""
-    made = fit.files(beside={"flux_map.csv": flux_map_csv(fit).encode()})
-    # The page is no part of the set that result.json has digests of: it may be made again.
-    return {**made, "report.html": machine_report(fit).encode()}
+def write_answer(fit: Fit, folder: Path) -> None:
+    """Write all but the report into a claimed folder, and remove the report of what was there."""
+    replace_together(folder, fit.files(beside={"flux_map.csv": flux_map_csv(fit).encode()}))
+
+
+def write_report(fit: Fit, folder: Path) -> None:
+    """Write the report, which is no part of the set with digests: it may be made again."""
+    write_atomically(folder / REPORT, machine_report(fit))
 
 
 def flux_map_csv(fit: Fit) -> str:
