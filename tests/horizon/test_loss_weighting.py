@@ -191,3 +191,52 @@ def test_errors_that_grow_without_bound_give_no_warning():
         warnings.simplefilter("error")
         weights = weight_matrix(np.full((3, 2, 2), 1e80), 2, 6, 16)
     assert not np.isfinite(weights).all()
+
+
+#: One-step matrices whose errors grow too far for numbers, of every kind.
+UNBOUNDED = {
+    "overflow": np.full((3, 2, 2), 1e80),
+    "rank one, which adding a start's cost does not cure": np.ones((3, 2, 2)),
+    "growth of 1e17": rotation(1.9, -0.4),
+    "one direction alone": np.array([[[3.0, 0.0], [0.0, 0.5]]]),
+    "not a number": np.full((1, 2, 2), np.nan),
+    "infinite": np.array([[[np.inf, -np.inf], [np.inf, 0.0]]]),
+}
+
+
+@pytest.mark.parametrize("starts", [None, np.ones(2), np.array([1.0, np.inf])])
+@pytest.mark.parametrize("kind", UNBOUNDED)
+def test_the_weight_of_an_unstable_rung_is_not_available(rng, kind, starts):
+    """At H = 1 it is, with starts as measured; nothing warns and nothing is singular."""
+    matrices = UNBOUNDED[kind]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        residual = rng.normal(size=(500, 2)) + np.sin(np.arange(500))[:, None]
+        view = loss_weighting(comparison_of(residual), matrices, [1, 60], starts=starts)
+        (line, *_) = view.lines
+        fractions = view.fractions(line)
+    assert view.available[0] or starts is not None
+    assert not view.available[1]
+    assert np.isfinite(fractions).tolist() == view.available.tolist()
+    known = view.at(view.available)
+    assert known.horizons == (1,)[: view.available.sum()]
+    assert known.weight.shape == (len(known.horizons), *view.weight.shape[1:])
+
+
+def test_a_stable_model_has_its_weight_over_thousands_of_steps(rng):
+    view = loss_weighting(
+        comparison_of(rng.normal(size=(9001, 2))), rotation(1.0, -0.4), [4500], starts=np.ones(2)
+    )
+    assert view.available.all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
+def test_a_residual_that_is_not_finite_has_no_lines_and_no_weight(rng, value):
+    residual = rng.normal(size=(500, 2))
+    residual[17, 0] = value
+    with np.errstate(invalid="ignore"):
+        comparison = comparison_of(residual)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        view = loss_weighting(comparison, rotation(0.9, 0.1), [1, 5])
+    assert (view.lines, view.available.any()) == ((), False)

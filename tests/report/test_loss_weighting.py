@@ -1,12 +1,13 @@
 """The section on how each horizon weighs the residual says and draws the numbers of the view."""
 
+import dataclasses
 import re
 
 import numpy as np
 import pytest
 
 from penode.horizon.loss_weighting import loss_weighting
-from penode.report.document import Figure, Table
+from penode.report.document import Figure, Notice, Table
 from penode.report.loss_weighting import Name, unnamed, weighting_figure, weighting_section
 from penode.report.weighting_sentence import weighting_sentence
 from penode.validation.comparison import Comparison
@@ -16,11 +17,11 @@ TURN = 2 * np.pi * 100 * STEP
 MATRICES = 0.998 * np.array([[[np.cos(TURN), np.sin(TURN)], [-np.sin(TURN), np.cos(TURN)]]])
 
 
-def view_of(signal, units=("A", "A"), horizons=(1, 60)):
+def view_of(signal, units=("A", "A"), horizons=(1, 60), matrices=MATRICES):
     noise = 0.02 * np.random.default_rng(5).normal(size=(SAMPLES, 2))
     rows = np.column_stack([signal.real, signal.imag]) + noise
     comparison = Comparison("a.csv", "train", STEP, ("i_d", "i_q"), units, rows, 0 * rows, 0 * rows)
-    return loss_weighting(comparison, MATRICES, horizons)
+    return loss_weighting(comparison, matrices, horizons)
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +101,39 @@ def test_states_of_two_units_have_two_panels_each():
     figure = weighting_figure(view, unnamed(view), ("m", "m/s"))
     titles = [figure.layout[f"yaxis{k}"].title.text for k in ("", 2, 3, 4)]
     assert titles == ["i<sub>d</sub> in m", "weight", "i<sub>q</sub> in m/s", "weight"]
+
+
+# --- weights that are not available -------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def unstable():
+    turn = 2j * np.pi * STEP * np.arange(SAMPLES)
+    return view_of(np.exp(900 * turn), horizons=(1, 40, 60), matrices=3.0 * MATRICES)
+
+
+def test_horizons_without_a_weight_are_named_and_the_others_shown(unstable):
+    section = weighting_section(unstable, unnamed(unstable), ("A",))
+    said = section.lead.replace("\N{NO-BREAK SPACE}", " ")
+    assert "the line at 900 Hz (100 %) at H = 1." in said
+    assert "At H = 40 and H = 60 the weighting is not available, as the fitted model is un" in said
+    assert "grows most" not in said
+    figure, table = section.blocks
+    assert [trace.name for trace in figure.plot.data] == ["residual", "H = 1"]
+    assert [head for head in table.columns if head.startswith("fraction")] == [
+        "fraction at H\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}1"
+    ]
+    assert "peaks" not in figure.caption
+
+
+def test_a_weight_at_no_horizon_is_a_notice(unstable):
+    (notice,) = weighting_section(unstable.at(np.array([False, True, True])), (), ("A",)).blocks
+    assert isinstance(notice, Notice)
+    assert notice.label == "Not available"
+    assert notice.text.startswith("At H = 40 and H = 60 the weighting is not available")
+
+
+def test_a_residual_that_is_not_finite_is_a_notice(unstable):
+    broken = dataclasses.replace(unstable, power=np.full_like(unstable.power, np.nan), lines=())
+    (notice,) = weighting_section(broken, (), ("A",)).blocks
+    assert "the one-step residual is not finite" in notice.text

@@ -9,7 +9,7 @@ M = sum_k A^k' A^k plus what a correction costs.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import jax
@@ -26,6 +26,9 @@ from penode.validation.residual_lines import Line, find_lines, power_spectrum
 
 #: Matrices kept of a recording; speed and saturation move slowly against a sample.
 _KEPT = 64
+#: Weights above this, and matrices whose condition is above it, are rounding alone; where a model
+#: is stable a weight is about H squared at the most.
+_BOUND = 1.0 / float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +45,13 @@ class LossWeighting:
         Hz, ascending; from minus to plus half the sampling rate for a complex signal.
     power : ndarray, shape (frequency, signal)
         Mean squared residual of each frequency, squares of the states' units; their sum is all.
+        NaN, and without lines, where the residual is not finite.
     horizons : tuple of int
         Steps.
     weight : ndarray, shape (horizon, frequency, signal)
         W_H; 1 at H = 1 with starts as measured. For a complex signal that of a vector rotating
         with the frequency's sign; where A is no rotation, what f and -f have in common is left out.
+        NaN at a horizon over which errors grow without bound.
     lines : tuple of Line
         Strongest first.
     """
@@ -62,13 +67,30 @@ class LossWeighting:
     @property
     def weighted(self) -> FloatArray:
         """What the loss adds up at each horizon, shape (horizon, frequency, signal)."""
-        return self.weight * self.power
+        with np.errstate(over="ignore"):
+            return self.weight * self.power
+
+    @property
+    def available(self) -> BoolArray:
+        """Whether the weight at each horizon is known, shape (horizon,)."""
+        return np.asarray(np.isfinite(self.weighted).all(axis=(1, 2)))
+
+    def at(self, chosen: BoolArray) -> "LossWeighting":
+        """Return the same of some of the horizons."""
+        if chosen.all():
+            return self
+        horizons = tuple(h for h, kept in zip(self.horizons, chosen, strict=True) if kept)
+        return replace(self, horizons=horizons, weight=self.weight[chosen])
 
     def fractions(self, line: Line) -> FloatArray:
-        """Return the fraction of a line in its signal's loss at each horizon, shape (horizon,)."""
+        """Return the fraction of a line in its signal's loss at each horizon, shape (horizon,).
+
+        NaN where it is not available.
+        """
         within = (self.frequency >= line.low) & (self.frequency <= line.high)
         loss = self.weighted[:, :, line.signal]
-        return np.asarray(loss[:, within].sum(axis=1) / loss.sum(axis=1))
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(loss[:, within].sum(axis=1) / loss.sum(axis=1))
 
 
 def linearised(
@@ -151,11 +173,12 @@ def weight_matrix(
     Returns
     -------
     ndarray of complex, shape (samples, state, state)
-        Hermitian, at the frequencies of ``numpy.fft.fftfreq(samples)``; not finite where errors
-        grow without bound.
+        Hermitian, at the frequencies of ``numpy.fft.fftfreq(samples)``; NaN where errors grow
+        without bound.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        return _from_transitions(transitions, states, horizon, samples, starts)
+        weight = _from_transitions(transitions, states, horizon, samples, starts)
+        return weight if np.abs(weight).max() < _BOUND else np.full_like(weight, np.nan)
 
 
 def _from_transitions(
@@ -172,11 +195,13 @@ def _from_transitions(
         power = power @ transitions
     cost = np.full(states, np.inf) if starts is None or not len(starts) else starts
     free = np.isfinite(cost)
-    response, inverse = _of_starts(impulse, power, cost[free], free)
     later = np.arange(horizon, 0, -1.0)[:, None, None, None] * impulse
     products = _correlated(impulse, later)
     if free.any():
-        products -= _correlated(inverse @ response, response).swapaxes(1, 2)
+        response, normal = _of_starts(impulse, power, cost[free], free)
+        if not _invertible(normal):
+            return np.full((samples, states, states), np.nan, complex)
+        products -= _correlated(np.linalg.inv(normal) @ response, response).swapaxes(1, 2)
     lags = np.zeros((samples, states, states))
     # W_H is a trigonometric polynomial of degree H - 1; few samples fold it.
     np.add.at(lags, np.arange(horizon) % samples, products)
@@ -195,7 +220,7 @@ def _correlated(first: FloatArray, second: FloatArray) -> FloatArray:
 def _of_starts(
     impulse: FloatArray, last: FloatArray, cost: FloatArray, free: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return C_m of B = sum_m C_m q^m, (step, sample, free, state), and M^-1.
+    """Return C_m of B = sum_m C_m q^m, (step, sample, free, state), and M, (sample, free, free).
 
     C_m = (A')^(m+1) sum_(n < H - m) A^n' A^n, rows of the states whose starts are free.
 
@@ -209,13 +234,19 @@ def _of_starts(
     free : ndarray of bool, shape (state,)
     """
     horizon = len(impulse)
-    if not free.any():
-        return impulse[:, :, free], impulse[0][:, free][:, :, free]
     squares = np.cumsum(np.einsum("isba,isbc->isac", impulse, impulse), axis=0)
     ahead = np.concatenate([impulse[1:], last[None, :, : len(free), : len(free)]])
     response = np.einsum("isba,isbc->isac", ahead, squares[horizon - 1 - np.arange(horizon)])
     whole = np.einsum("isba,isbc->sac", ahead, ahead)
-    return response[:, :, free], np.linalg.inv(whole[:, free][:, :, free] + np.diag(cost))
+    return response[:, :, free], whole[:, free][:, :, free] + np.diag(cost)
+
+
+def _invertible(matrices: FloatArray) -> bool:
+    """Return whether rounding leaves the inverses of positive definite matrices anything."""
+    if not np.isfinite(matrices).all():
+        return False
+    ends = np.linalg.eigvalsh(matrices)[:, [0, -1]]
+    return bool((ends[:, 0] * _BOUND > ends[:, 1]).all())
 
 
 def loss_weighting(
@@ -244,7 +275,9 @@ def loss_weighting(
     samples, states = residual.shape
     paired = states == 2 and len(set(comparison.units)) == 1
     signal = residual @ np.array([[1.0], [1.0j]]) if paired else residual
-    power = power_spectrum(signal)
+    with np.errstate(over="ignore", invalid="ignore"):
+        power = power_spectrum(signal)
+    known = bool(np.isfinite(power).all())
     frequency = np.fft.fftfreq(samples, comparison.time_step).astype(np.float64)
     weight = np.stack(
         [_seen(weight_matrix(transitions, states, h, samples, starts), paired) for h in horizons]
@@ -259,10 +292,10 @@ def loss_weighting(
         signals=(f"{names[0]} + j {names[1]}",) if paired else names,
         unit=comparison.units[0] if len(set(comparison.units)) == 1 else "",
         frequency=frequency,
-        power=power,
+        power=power if known else np.full_like(power, np.nan),
         horizons=tuple(horizons),
         weight=weight[:, order],
-        lines=find_lines(frequency, power, base),
+        lines=find_lines(frequency, power, base) if known else (),
     )
 
 

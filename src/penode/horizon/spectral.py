@@ -144,7 +144,8 @@ class Spectral:
             matrices = linearised(predictor, model, experiment, np.asarray(error.scale))
             seen = compare(predictor, model, experiment)
             view = loss_weighting(seen, matrices, horizons, starts=error.start_stiffness)
-            lines += sum((view.fractions(line) for line in view.lines), lines * 0)
+            held = sum((view.fractions(line) for line in view.lines), np.zeros(len(rungs)))
+            lines += np.nan_to_num(held, nan=1.0)  # not available: as much as all of the loss
         reported = Reported(Layout(model), states[:1])
         worst = []
         for rung, fraction in zip(rungs, lines / len(self.experiments), strict=True):

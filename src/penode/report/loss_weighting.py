@@ -10,7 +10,7 @@ from penode.arrays import FloatArray, IntArray
 from penode.fit.fit import Fit
 from penode.horizon.loss_weighting import LossWeighting, loss_weighting
 from penode.report import palette, panels
-from penode.report.document import Cell, Figure, Row, Section, Table
+from penode.report.document import Cell, Figure, Notice, Row, Section, Table
 from penode.report.quantities import number, scale_for, symbol, with_unit
 from penode.report.weighting_sentence import weighting_sentence
 from penode.validation.residual_lines import Line
@@ -20,13 +20,18 @@ _POINTS = 1500
 _NAMED, _WORTH = 8, 1e-3
 #: Pixels above the panels: the legend, and below it the names of lines.
 _TOP = 56
+_TITLE = "How each horizon weighs the residual"
+_LEAD = (
+    "Training H steps ahead is training one step ahead through a filter: the longer the horizon, "
+    "the more weight on what the model can follow, and the less on the rest."
+)
 _COLOURS = (palette.ONE_STEP.light, palette.FREE_RUN.light, palette.PLATEAU_TEXT.light)
 _CAPTION = (
     "Above: one-step residual of the first training recording; of neighbouring frequencies the "
     "largest is drawn. Below: the weight of each frequency in the loss, as a multiple of the mean "
-    "over all frequencies. The loss adds up the product of residual and weight. The weight of a "
-    "long horizon peaks at {peak}, where errors grow most over the horizon."
+    "over all frequencies. The loss adds up the product of residual and weight."
 )
+_PEAK = "The weight of a long horizon peaks at {peak}, where errors grow most over the horizon."
 
 
 @dataclass(frozen=True)
@@ -102,27 +107,37 @@ def weighting_section(
     Returns
     -------
     Section
-        A sentence, a figure, and a table where there are lines.
+        A sentence, a figure, and a table where there are lines; a notice in their place where the
+        weight is available at no horizon.
     """
+    whole, view = view, view.at(view.available)
+    if not view.horizons:
+        notice = Notice("caution", "Not available", weighting_sentence(whole, []))
+        return Section(_TITLE, _LEAD, [notice])
     largest = [float(view.fractions(name.line).max()) for name in names]
     order = sorted(
         (k for k in range(len(names)) if largest[k] >= _WORTH), key=lambda k: -largest[k]
     )
     worth = [names[k] for k in sorted(order[:_NAMED])]
-    longest = int(np.argmax(view.horizons))
-    peak = view.frequency[view.weight[longest, :, 0].argmax()]
-    caption = f"{_CAPTION.format(peak=with_unit(float(peak), 'Hz'))} {note}".rstrip()
+    caption = " ".join(filter(None, [_CAPTION, _peak(view), note]))
     title = "The residual has no lines"
     if worth:
         count = "one line" if len(worth) == 1 else f"{len(worth)} lines"
         title = f"The residual has {count}, the strongest at {worth[0].label}"
     return Section(
-        "How each horizon weighs the residual",
-        "Training H steps ahead is training one step ahead through a filter: the longer the "
-        "horizon, the more weight on what the model can follow, and the less on the rest. "
-        f"{weighting_sentence(view, [(name.line, name.label) for name in worth])}",
+        _TITLE,
+        f"{_LEAD} {weighting_sentence(whole, [(name.line, name.label) for name in worth])}",
         [Figure(title, caption, weighting_figure(view, worth, units)), *_table(view, worth, units)],
     )
+
+
+def _peak(view: LossWeighting) -> str:
+    """Say where the weight of the longest horizon peaks; that of H = 1 does nowhere."""
+    longest = int(np.argmax(view.horizons))
+    if view.horizons[longest] == 1:
+        return ""
+    peak = view.frequency[view.weight[longest, :, 0].argmax()]
+    return _PEAK.format(peak=with_unit(float(peak), "Hz"))
 
 
 def weighting_figure(view: LossWeighting, names: Sequence[Name], units: Sequence[str]) -> go.Figure:

@@ -27,8 +27,23 @@ def weighting_sentence(view: LossWeighting, lines: Sequence[tuple[Line, str]]) -
     -------
     str
         Such as ``"Most of the loss comes from the line at −6× (82 %) at H = 1, from the line at
-        0× (71 %) at H = 60."``
+        0× (71 %) at H = 60."`` Horizons at which the weight is not available are named.
     """
+    if not np.isfinite(view.power).all():
+        return "The weighting is not available, as the one-step residual is not finite."
+    known = view.at(view.available)
+    missing = [f"H = {one}" for one in view.horizons if one not in known.horizons]
+    sentences = [_most(known, lines)] if known.horizons else []
+    if missing:
+        sentences.append(
+            f"At {' and '.join(missing)} the weighting is not available, as the fitted model is "
+            "unstable: errors grow without bound over so many steps."
+        )
+    return " ".join(sentences)
+
+
+def _most(view: LossWeighting, lines: Sequence[tuple[Line, str]]) -> str:
+    """Say what most of the loss comes from at each horizon, and what changes over them."""
     if not lines:
         return "The loss at every horizon comes from noise without lines."
     names = [*(f"the line at {name}" for _, name in lines), "what lies between the lines"]

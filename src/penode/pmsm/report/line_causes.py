@@ -9,6 +9,8 @@ phase, at -6 and +6.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from penode.arrays import FloatArray
 from penode.validation.residual_lines import Line
 
@@ -62,7 +64,8 @@ def signed_frequency(electrical_frequency: float, transitions: FloatArray) -> fl
         One-step matrices of the currents: what is fixed to the stator turns by -omega T as seen
         from the rotor.
     """
-    turn = transitions[:, 0, 1].mean() - transitions[:, 1, 0].mean()
+    with np.errstate(over="ignore", invalid="ignore"):  # of an unstable model
+        turn = transitions[:, 0, 1].mean() - transitions[:, 1, 0].mean()
     return abs(electrical_frequency) * (-1.0 if turn < 0 else 1.0)
 
 
