@@ -91,6 +91,10 @@ def test_the_word_does_it_from_the_command_line(warming_run, tmp_path, told):
     assert written["parameters"]["R"]["meaning"] == "stator resistance at 20 °C"
     truth = TRACTION_300A.resistance_at(20.0)
     assert written["parameters"]["R"]["value"] == pytest.approx(truth, rel=0.05)
+    mean = float(np.mean(short["T_wdg"])) - 273.15
+    assert written["provenance"]["recorded_temperatures"]["winding_temperature"][0] == (
+        pytest.approx(mean)
+    )
 
 
 def test_a_missing_temperature_is_refused_in_a_sentence(slow_run):

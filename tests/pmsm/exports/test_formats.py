@@ -42,7 +42,8 @@ def test_csv_is_flux_map_csv(machine_fit, tmp_path):
 def test_npz_has_motulators_arrays(machine_fit, tmp_path):
     path, grid = written(machine_fit, "npz", tmp_path, pole_pairs=4)
     with np.load(path) as arrays:
-        assert set(arrays) == {"i_s_dq", "psi_s_dq", "supported", "tau_M", "n_p", "R_s"}
+        names = {"i_s_dq", "psi_s_dq", "supported", "tau_M", "n_p", "R_s", "temperatures"}
+        assert set(arrays) == names
         current, psi = arrays["i_s_dq"], arrays["psi_s_dq"]
         np.testing.assert_allclose(arrays["tau_M"], 6 * np.imag(current * np.conj(psi)), atol=1e-12)
         np.testing.assert_array_equal(arrays["supported"], grid.supported)
@@ -70,7 +71,7 @@ def test_torque_and_resistance_are_left_out_where_they_are_not_known(machine_fit
     )
     path, _ = written(unknown, "npz", tmp_path)
     with np.load(path) as arrays:
-        assert set(arrays) == {"i_s_dq", "psi_s_dq", "supported"}
+        assert set(arrays) == {"i_s_dq", "psi_s_dq", "supported", "temperatures"}
     path, _ = written(unknown, "mat", tmp_path)
     assert not {"torque", "polePairs", "Rs"} & set(loadmat(path))
 

@@ -6,6 +6,7 @@ lowest current.
 """
 
 import re
+from textwrap import wrap
 
 import numpy as np
 
@@ -28,14 +29,21 @@ def encode(grid: FluxGrid, name: str) -> str:
     -------
     str
         With ``NAME_flux(i_d, i_q)`` in Vs, ``NAME_inductance(i_d, i_q)`` in H,
-        ``NAME_is_supported(i_d, i_q)``, and where known the constants ``NAME_RESISTANCE`` (ohm)
-        and ``NAME_POLE_PAIRS``.
+        ``NAME_is_supported(i_d, i_q)``, and where known the constants ``NAME_RESISTANCE`` (ohm),
+        ``NAME_RESISTANCE_TEMPERATURE`` (degC), ``NAME_RESISTANCE_COEFFICIENT`` (1/K),
+        ``NAME_MAGNET_TEMPERATURE`` (degC) and ``NAME_POLE_PAIRS``.
     """
     prefix = identifier(name)
-    facts = {
-        "RESISTANCE": None if grid.resistance is None else _float(grid.resistance),
-        "POLE_PAIRS": None if grid.pole_pairs is None else f"{grid.pole_pairs}U",
+    known = grid.temperatures
+    floats = {
+        "RESISTANCE": grid.resistance,
+        "RESISTANCE_TEMPERATURE": known.resistance,
+        "RESISTANCE_COEFFICIENT": known.coefficient,
+        "MAGNET_TEMPERATURE": known.magnets,
     }
+    facts = {key: _float(value) for key, value in floats.items() if value is not None}
+    if grid.pole_pairs is not None:
+        facts["POLE_PAIRS"] = f"{grid.pole_pairs}U"
     entries = grid.inductance.reshape(4, *grid.supported.shape)
     return HEADER.substitute(
         _axis("d", grid.i_d) | _axis("q", grid.i_q),
@@ -45,8 +53,9 @@ def encode(grid: FluxGrid, name: str) -> str:
         columns=f"{len(grid.i_q)}U",
         range=f"i_d {_range(grid.i_d)}, i_q {_range(grid.i_q)} A",
         within=_within(grid),
+        temperatures="\n".join(f" * {line}" for line in wrap(known.sentences, 90)),
         constants="".join(
-            f"#define {prefix.upper()}_{key} ({value})\n" for key, value in facts.items() if value
+            f"#define {prefix.upper()}_{key} ({value})\n" for key, value in facts.items()
         ),
         flux=_points(grid.psi),
         inductance=_points(entries),

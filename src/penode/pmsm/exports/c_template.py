@@ -8,6 +8,7 @@ HEADER = Template("""\
  *
  * Currents in A (peak value of a phase, rotor frame), flux linkages in Vs, inductances in H.
  * Even grid: ${range}.
+${temperatures}
  * Bilinear between its points, clamped at its edges.
  * The tables are static: include this header in one translation unit.
  */

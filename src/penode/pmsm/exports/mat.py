@@ -29,7 +29,9 @@ def encode(fit: Fit, grid: FluxGrid) -> bytes:
         Breakpoints ``idVec``, ``iqVec`` (A), zero exactly among them; over them, i_d along the
         rows, ``fluxD``, ``fluxQ`` (Vs), ``lDD``, ``lDQ``, ``lQD``, ``lQQ`` (H) and ``supported``.
         Breakpoints ``fluxDVec``, ``fluxQVec`` (Vs); over them ``idOfFlux``, ``iqOfFlux`` (A) and
-        ``supportedOfFlux``. Where known ``torque`` (Nm), ``polePairs`` and ``Rs`` (ohm).
+        ``supportedOfFlux``. Where known ``torque`` (Nm), ``polePairs``, ``Rs`` (ohm),
+        ``RsTemperature`` (degC), ``RsCoefficient`` (1/K) and ``magnetTemperature`` (degC).
+        ``temperatures`` is a text that says the same.
     """
     tables: dict[str, Any] = {
         "idVec": grid.i_d,
@@ -41,7 +43,16 @@ def encode(fit: Fit, grid: FluxGrid) -> bytes:
     }
     for name, table in zip(("lDD", "lDQ", "lQD", "lQQ"), _entries(grid), strict=True):
         tables[name] = table
-    facts = {"torque": grid.torque, "polePairs": grid.pole_pairs, "Rs": grid.resistance}
+    known = grid.temperatures
+    facts = {
+        "torque": grid.torque,
+        "polePairs": grid.pole_pairs,
+        "Rs": grid.resistance,
+        "RsTemperature": known.resistance,
+        "RsCoefficient": known.coefficient,
+        "magnetTemperature": known.magnets,
+        "temperatures": known.sentences,
+    }
     tables |= {name: fact for name, fact in facts.items() if fact is not None}
     content = io.BytesIO()
     savemat(content, tables, do_compression=True)

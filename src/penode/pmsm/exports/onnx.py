@@ -57,7 +57,8 @@ def encode(fit: Fit, grid: FluxGrid) -> bytes:
     bytes
         Input ``currents`` (batch, 2): i_d, i_q in A. Outputs ``flux_linkage`` (batch, 2): psi_d,
         psi_q in Vs, and ``supported`` (batch,): that of the nearest point of the grid. All in
-        float32, but ``supported`` a bool.
+        float32, but ``supported`` a bool. The metadata ``temperatures`` say at which temperature
+        the map is that of the magnets.
 
     Raises
     ------
@@ -91,6 +92,7 @@ def encode(fit: Fit, grid: FluxGrid) -> bytes:
         ir_version=_IR_VERSION,
         producer_name="penode",
     )
+    helper.set_model_props(model, {"temperatures": grid.temperatures.of_map})
     onnx.checker.check_model(model)
     content: bytes = model.SerializeToString()
     return content

@@ -20,7 +20,8 @@ def encode(grid: FluxGrid) -> bytes:
     bytes
         Every matrix has i_q along its rows and i_d along its columns, as MATLAB's meshgrid has; the
         d axis is that of the magnet. They stand in the file by themselves, as SyR-e loads them, and
-        in a struct ``fdfq_idiq``; ``supported`` beside them is 1 where recordings have been.
+        in a struct ``fdfq_idiq``; ``supported`` beside them is 1 where recordings have been, and
+        ``temperatures`` a text that says at which temperature the map is that of the magnets.
     """
     (i_d, i_q), (psi_d, psi_q) = grid.mesh, grid.psi
     maps = {"Id": i_d.T, "Iq": i_q.T, "Fd": psi_d.T, "Fq": psi_q.T}
@@ -28,5 +29,6 @@ def encode(grid: FluxGrid) -> bytes:
         maps["T"] = grid.torque.T
     maps["supported"] = grid.supported.T.astype(float)
     content = io.BytesIO()
-    savemat(content, {**maps, "fdfq_idiq": maps}, do_compression=True)
+    text = grid.temperatures.of_map
+    savemat(content, {**maps, "fdfq_idiq": maps, "temperatures": text}, do_compression=True)
     return content.getvalue()

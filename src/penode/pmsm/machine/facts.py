@@ -8,6 +8,7 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.standstill import SCOPE, STANDSTILL, stands_still
+from penode.pmsm.machine.temperatures import RECORDED, recorded_temperatures
 from penode.pmsm.machine.term_registry import completed, term_name
 from penode.pmsm.machine.terms import SPEED, Term
 
@@ -71,5 +72,6 @@ def facts_of(
         "seed": study.seed,
         "pole_pairs": study.pole_pairs,
         "electrical_frequency_hz": speed / (2 * np.pi),
+        RECORDED: recorded_temperatures(recordings),
     }
     return {name: fact for name, fact in facts.items() if fact is not None}

@@ -12,6 +12,7 @@ from penode.arrays import BoolArray, FloatArray
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.pmsm.machine.standstill import require_magnet
+from penode.pmsm.machine.temperatures import UNKNOWN, Temperatures, temperatures_of
 
 _COLUMNS = ("i_d", "i_q", "psi_d", "psi_q")
 _LEAST_POINTS = 5
@@ -35,6 +36,8 @@ class FluxGrid:
         In ohm; None where it is not known.
     pole_pairs : int or None
         None if not given.
+    temperatures : Temperatures
+        That R and psi belong to.
     """
 
     i_d: FloatArray
@@ -44,6 +47,7 @@ class FluxGrid:
     supported: BoolArray
     resistance: float | None = None
     pole_pairs: int | None = None
+    temperatures: Temperatures = UNKNOWN
 
     @property
     def mesh(self) -> FloatArray:
@@ -133,14 +137,17 @@ def tabulate(fit: Fit, points: int, pole_pairs: int | None = None) -> FluxGrid:
     i_d, i_q = (even_axis(a, b, points) for a, b in zip(low, high, strict=True))
     mesh = np.stack(np.meshgrid(i_d, i_q, indexing="ij"))
     stored_pole_pairs = fit.provenance.get("pole_pairs")
+    known = fit.horizon.answered and "R" in fit.parameters
+    temperatures = temperatures_of(fit)
     return FluxGrid(
         i_d,
         i_q,
         fit.flux_map(*mesh),
         fit.differential_inductance(*mesh),
         fit.supported(mesh.reshape(2, -1).T).reshape(points, points),
-        fit.parameters["R"].value if fit.horizon.answered and "R" in fit.parameters else None,
+        fit.parameters["R"].value if known else None,
         stored_pole_pairs if pole_pairs is None else pole_pairs,
+        temperatures if known else temperatures.without_resistance(),
     )
 
 

@@ -52,6 +52,8 @@ class Channel:
 
 SPEED = Channel("omega_el", "rad/s", "the electrical speed")
 ANGLE = Channel("theta_el", "rad", "the electrical angle of the rotor", rate="omega_el")
+#: Temperature in degC that a resistance over temperature is stated at.
+REFERENCE = 20.0
 TEMPERATURE = Channel("winding_temperature", "degC", "the temperature of the winding", -60, 300)
 
 
@@ -147,7 +149,7 @@ class TemperatureResistance(Term):
 
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
         """Return R(T) i in V; see `Term.drop`."""
-        return self.R * (1.0 + self.alpha * (u[TEMPERATURE.name] - 20.0)) * x
+        return self.R * (1.0 + self.alpha * (u[TEMPERATURE.name] - REFERENCE)) * x
 
 
 class Rotation(Term):

@@ -131,7 +131,7 @@ class StudyResult:
         """How many statements hold, or that none is judged, in a few words."""
         count = len(self.claims)
         if self.count(None) == count:
-            return f"ran; quick numbers prove nothing, and its statements are not judged"
+            return "ran; quick numbers prove nothing, and its statements are not judged"
         return f"{self.count(True)} of {count} statements hold"
 
     def count(self, holds: bool | None) -> int:

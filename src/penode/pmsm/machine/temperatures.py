@@ -1,0 +1,124 @@
+"""The temperatures that a machine's resistance and flux map belong to, for files that hold both."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.fit.fit import Fit
+from penode.pmsm.machine.terms import REFERENCE, TEMPERATURE, TemperatureResistance, Term
+
+#: Entry of the provenance: of each temperature that was recorded mean, lowest and highest in degC.
+RECORDED = "recorded_temperatures"
+#: How the name of a channel ends that is one, and the one that the map belongs to.
+_CHANNELS, _MAGNET = "_temperature", "magnet_temperature"
+
+Range = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Temperatures:
+    """What is known of them; the sentences are plain ASCII and say so where nothing is.
+
+    Attributes
+    ----------
+    resistance : float or None
+        That R belongs to, in degC.
+    coefficient : float or None
+        Change of R a kelvin over R, at that temperature, in 1/K; None without a term of it.
+    magnets : float or None
+        That the flux map belongs to, in degC.
+    of_resistance, of_map : str
+        The same as sentences.
+    """
+
+    resistance: float | None = None
+    coefficient: float | None = None
+    magnets: float | None = None
+    of_resistance: str = "R is that of the winding as recorded, at a temperature not known."
+    of_map: str = "The map is that of the magnets as recorded, at a temperature not known."
+
+    @property
+    def sentences(self) -> str:
+        """Both sentences, or that of the map alone."""
+        return f"{self.of_resistance} {self.of_map}".strip()
+
+    def without_resistance(self) -> "Temperatures":
+        """Return what is known of the map alone."""
+        return Temperatures(None, None, self.magnets, "", self.of_map)
+
+
+UNKNOWN = Temperatures()
+
+
+def recorded_temperatures(recordings: Sequence[Experiment]) -> dict[str, list[float]] | None:
+    """Return mean, lowest and highest of every temperature of all recordings, degC.
+
+    Parameters
+    ----------
+    recordings : sequence of Experiment
+        Channels of temperatures end in ``_temperature``; one that is not in all recordings, or has
+        values that no machine's temperature in degC has, is left out.
+
+    Returns
+    -------
+    dict of str to list of float, or None
+        None where there is none.
+    """
+    shared = set.intersection(*(set(each.channels) for each in recordings))
+    found = {}
+    for name in sorted(one for one in shared if one.endswith(_CHANNELS)):
+        values = np.concatenate([each.channels[name] for each in recordings])
+        if (TEMPERATURE.lowest <= values).all() and (values <= TEMPERATURE.highest).all():
+            found[name] = [float(part) for part in (values.mean(), values.min(), values.max())]
+    return found or None
+
+
+def temperatures_of(fit: Fit) -> Temperatures:
+    """Return what a machine's fit knows of the temperatures behind it.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of a machine.
+    """
+    recorded = {
+        name: (float(mean), float(low), float(high))
+        for name, (mean, low, high) in (fit.provenance.get(RECORDED) or {}).items()
+    }
+    terms: Sequence[Term] = getattr(fit.model, "terms", ())
+    winding, magnets = recorded.get(TEMPERATURE.name), recorded.get(_MAGNET)
+    known = _resistance(terms, winding)
+    beside = next((t for t in terms if _MAGNET in [c.name for c in t.channels]), None)
+    if beside is not None:
+        text = f"The map is what is left beside the term {type(beside).__name__} of {_MAGNET}."
+        return Temperatures(*known[:2], None, known[2], text)
+    if magnets is not None:
+        text = f"The map is that of the magnets at {_text(magnets)}."
+        return Temperatures(*known[:2], magnets[0], known[2], text)
+    text = UNKNOWN.of_map
+    if winding is not None:
+        text = f"{text[:-1]}; the winding had {_text(winding)}."
+    return Temperatures(*known[:2], None, known[2], text)
+
+
+def _resistance(
+    terms: Sequence[Term], winding: Range | None
+) -> tuple[float | None, float | None, str]:
+    """Return temperature and coefficient of R, and both as a sentence."""
+    for term in terms:
+        if isinstance(term, TemperatureResistance):
+            slope = f"R (1 + {term.alpha:.6g} (T - {REFERENCE:g}))"
+            text = (
+                f"R is that at {REFERENCE:g} degC; at a temperature T of the winding it is {slope}."
+            )
+            return REFERENCE, term.alpha, text
+    if winding is None:
+        return None, None, UNKNOWN.of_resistance
+    return winding[0], None, f"R is that of the winding at {_text(winding)}."
+
+
+def _text(temperature: Range) -> str:
+    mean, low, high = temperature
+    return f"{mean:.4g} degC (recorded: {low:.4g} to {high:.4g})"

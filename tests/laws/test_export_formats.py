@@ -1,0 +1,247 @@
+"""Every format of FORMATS: what other code reads from the file is the fit's map, R and temperature.
+
+Each format has a reader here that shares nothing with its writer. A format without one fails.
+"""
+
+import json
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+import pytest
+from scipy.io import loadmat
+
+from penode.pmsm.exports.formats import FORMATS, export
+from penode.pmsm.machine.flux_maps import FluxMap
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.temperatures import RECORDED
+from penode.pmsm.machine.terms import Resistance, TemperatureResistance
+
+POINTS = 9
+#: Formats that cannot state a temperature, and why.
+NO_TEMPERATURE = {
+    "csv": "It is columns of numbers; result.json, of the same folder, has the terms."
+}
+
+
+@dataclass
+class Read:
+    """What a file holds: currents (point,), psi (2, point), and what else it states."""
+
+    i_d: np.ndarray
+    i_q: np.ndarray
+    psi: np.ndarray
+    supported: np.ndarray
+    inductance: np.ndarray | None = None
+    torque: np.ndarray | None = None
+    facts: dict[str, float] = field(default_factory=dict)
+    text: str = ""
+
+
+def from_csv(path):
+    head, *lines = path.read_text().splitlines()
+    columns = dict(zip(head.split(","), np.array([x.split(",") for x in lines], float).T, strict=1))
+    inductance = np.stack([columns[n] for n in ("l_dd", "l_dq", "l_qd", "l_qq")])
+    psi = np.stack([columns["psi_d"], columns["psi_q"]])
+    return Read(columns["i_d"], columns["i_q"], psi, columns["supported"], inductance)
+
+
+def from_npz(path):
+    with np.load(path) as arrays:
+        found = {name: arrays[name] for name in arrays}
+    current, psi = found["i_s_dq"].ravel(), found["psi_s_dq"].ravel()
+    names = {"R": "R_s", "T": "R_s_temperature", "alpha": "R_s_coefficient", "p": "n_p"}
+    return Read(
+        current.real,
+        current.imag,
+        np.stack([psi.real, psi.imag]),
+        found["supported"].ravel(),
+        torque=found["tau_M"].ravel(),
+        facts={key: float(found[name]) for key, name in names.items() if name in found},
+        text=str(found["temperatures"]),
+    )
+
+
+def from_mat(path):
+    found = loadmat(path, squeeze_me=True)
+    i_d, i_q = (one.ravel() for one in np.meshgrid(found["idVec"], found["iqVec"], indexing="ij"))
+    names = {"R": "Rs", "T": "RsTemperature", "alpha": "RsCoefficient", "p": "polePairs"}
+    return Read(
+        i_d,
+        i_q,
+        np.stack([found["fluxD"].ravel(), found["fluxQ"].ravel()]),
+        found["supported"].ravel(),
+        np.stack([found[n].ravel() for n in ("lDD", "lDQ", "lQD", "lQQ")]),
+        found["torque"].ravel(),
+        {key: float(found[name]) for key, name in names.items() if name in found},
+        str(found["temperatures"]),
+    )
+
+
+def from_syre(path):
+    found = loadmat(path, squeeze_me=True)
+    i_d, i_q, psi_d, psi_q = (found[name].ravel() for name in ("Id", "Iq", "Fd", "Fq"))
+    assert (np.diff(found["Id"], axis=1) > 0).all()  # SyR-e interpolates along columns
+    torque, text = found["T"].ravel(), str(found["temperatures"])
+    return Read(
+        i_d, i_q, np.stack([psi_d, psi_q]), found["supported"].ravel(), None, torque, {}, text
+    )
+
+
+PROGRAM = """
+#include <stdio.h>
+#include "map.h"
+int main(void)
+{
+#ifdef MAP_RESISTANCE
+    printf("{\\"R\\": %.9g, ", (double)MAP_RESISTANCE);
+#else
+    printf("{");
+#endif
+#ifdef MAP_RESISTANCE_TEMPERATURE
+    printf("\\"T\\": %.9g, ", (double)MAP_RESISTANCE_TEMPERATURE);
+#endif
+#ifdef MAP_RESISTANCE_COEFFICIENT
+    printf("\\"alpha\\": %.9g, ", (double)MAP_RESISTANCE_COEFFICIENT);
+#endif
+    printf("\\"p\\": %u}\\n", MAP_POLE_PAIRS);
+    float at[2];
+    while (scanf("%f %f", &at[0], &at[1]) == 2)
+    {
+        const map_flux_t psi = map_flux(at[0], at[1]);
+        const map_inductance_t l = map_inductance(at[0], at[1]);
+        printf("%.9g %.9g %.9g %.9g %.9g %.9g %u\\n", psi.psi_d, psi.psi_q, l.l_dd, l.l_dq, l.l_qd,
+               l.l_qq, (unsigned)map_is_supported(at[0], at[1]));
+    }
+    return 0;
+}
+"""
+
+
+def from_c(path):
+    """Points of the table as its own comment states their range; the look-up is compiled."""
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    text = path.read_text()
+    (stated,) = [line for line in text.splitlines() if "Even grid" in line]
+    low_d, high_d, low_q, high_q = (
+        float(word) for word in stated.replace(",", " ").split() if word[-1].isdigit()
+    )
+    i_d, i_q = (
+        one.ravel()
+        for one in np.meshgrid(
+            np.linspace(low_d, high_d, POINTS), np.linspace(low_q, high_q, POINTS), indexing="ij"
+        )
+    )
+    (path.parent / "main.c").write_text(PROGRAM)
+    subprocess.run(["gcc", "main.c", "-o", "main"], cwd=path.parent, check=True)
+    given = "\n".join(f"{d:.9g} {q:.9g}" for d, q in zip(i_d, i_q, strict=True))
+    done = subprocess.run([path.parent / "main"], input=given, capture_output=True, text=True)
+    facts, *lines = done.stdout.splitlines()
+    rows = np.array([line.split() for line in lines], float).T
+    comment = " ".join(text.split("*/")[0].replace("\n *", " ").split())
+    return Read(i_d, i_q, rows[:2], rows[6], rows[2:6], None, json.loads(facts), comment)
+
+
+def from_onnx(path):
+    session = onnxruntime.InferenceSession(path)
+    i_d, i_q = (
+        one.ravel()
+        for one in np.meshgrid(np.linspace(-200, 100, 7), np.linspace(-250, 250, 5), indexing="ij")
+    )
+    currents = np.stack([i_d, i_q], axis=-1).astype(np.float32)
+    psi, supported = session.run(["flux_linkage", "supported"], {"currents": currents})
+    meta = session.get_modelmeta().custom_metadata_map
+    return Read(i_d, i_q, psi.T, supported, text=meta["temperatures"])
+
+
+READERS: dict[str, Callable[[Path], Read]] = {
+    "csv": from_csv,
+    "npz": from_npz,
+    "mat": from_mat,
+    "syre": from_syre,
+    "c": from_c,
+    "onnx": from_onnx,
+}
+
+
+def read(fit: Any, to: str, folder: Path) -> Read:
+    assert to in READERS, f"the format {to} has no reader in this test; write one"
+    path = folder / f"map{FORMATS[to].suffix}"
+    export(fit, to, path, points=POINTS, pole_pairs=4)
+    return READERS[to](path)
+
+
+def check_map(found: Read, fit: Any) -> None:
+    """Compare with the fit: psi and L point by point, the region, the torque and R."""
+    wanted, at = fit.flux_map(found.i_d, found.i_q), np.stack([found.i_d, found.i_q], axis=-1)
+    assert np.ptp(found.i_d) > 250
+    assert np.ptp(found.i_q) > 400
+    assert np.abs(found.psi - wanted).max() < 3e-6 * np.abs(wanted).max()
+    inside = np.hypot(found.i_d, found.i_q) < 200
+    assert inside.sum() > 0
+    np.testing.assert_array_equal(found.supported[inside] > 0, fit.supported(at[inside]))
+    if found.inductance is not None:
+        step = 0.01
+        by_d = (fit.flux_map(found.i_d + step, found.i_q) - wanted) / step
+        by_q = (fit.flux_map(found.i_d, found.i_q + step) - wanted) / step
+        slopes = np.stack([by_d[0], by_q[0], by_d[1], by_q[1]])
+        assert np.abs(found.inductance - slopes).max() < 1e-3 * np.abs(slopes).max()
+    if found.torque is not None:
+        torque = 1.5 * 4 * (wanted[0] * found.i_q - wanted[1] * found.i_d)
+        assert np.abs(found.torque - torque).max() < 1e-6 * np.abs(torque).max()
+    if found.facts:
+        assert found.facts["p"] == 4
+        assert found.facts["R"] == pytest.approx(fit.parameters["R"].value, rel=1e-6)
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_the_file_holds_the_fits_map(machine_fit, to, tmp_path):
+    check_map(read(machine_fit, to, tmp_path), machine_fit)
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_a_wrong_sign_is_seen(machine_fit, to, tmp_path):
+    flux = machine_fit.model.flux
+    turned = FluxMap(flux.network, flux.current_scale, -flux.flux_scale)
+    wrong = replace(machine_fit, model=Machine(turned, (Resistance(0.01),)))
+    found = read(wrong, to, tmp_path)
+    with pytest.raises(AssertionError):
+        check_map(found, machine_fit)
+
+
+def temperature_fit(fit, term, recorded):
+    model = Machine(fit.model.flux, (term,))
+    return replace(fit, model=model, provenance={**fit.provenance, RECORDED: recorded})
+
+
+@pytest.mark.parametrize("to", [to for to in FORMATS if to not in NO_TEMPERATURE])
+def test_the_temperature_of_r_and_of_the_map_is_stated(machine_fit, to, tmp_path):
+    recorded = {"winding_temperature": [63.0, 40.0, 98.0], "magnet_temperature": [45.0, 44.0, 47.0]}
+    term = TemperatureResistance(0.01, alpha=4.03e-3)
+    found = read(temperature_fit(machine_fit, term, recorded), to, tmp_path)
+    assert "magnets at 45 degC (recorded: 44 to 47)" in found.text
+    if found.facts:
+        assert found.facts["T"] == 20.0
+        assert found.facts["alpha"] == pytest.approx(4.03e-3, rel=1e-6)
+        assert "R is that at 20 degC" in found.text
+        assert "R (1 + 0.00403 (T - 20))" in found.text
+    del recorded["magnet_temperature"]
+    plain = read(temperature_fit(machine_fit, Resistance(0.01), recorded), to, tmp_path)
+    assert "the winding had 63 degC (recorded: 40 to 98)" in plain.text
+    if plain.facts:
+        assert plain.facts["T"] == 63.0
+        assert "alpha" not in plain.facts
+        assert "R is that of the winding at 63 degC" in plain.text
+    silent = read(machine_fit, to, tmp_path)
+    assert "The map is that of the magnets as recorded, at a temperature not known." in silent.text
+
+
+def test_formats_without_a_temperature_exist_and_have_a_reason():
+    assert set(NO_TEMPERATURE) <= set(FORMATS)
+    assert all(NO_TEMPERATURE.values())
