@@ -8,7 +8,6 @@ without any of penode's or JAX's code.
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import ClassVar
 
 import jax
@@ -20,6 +19,7 @@ from scipy.optimize import least_squares
 
 from penode import Experiment, Fit, Model, Predictor, identify, ladder_plan, parameter, physical
 from penode.arrays import Leaf, float64
+from penode.cli.compilation_cache import use_compilation_cache
 from penode.data.windows import cut
 from penode.fit.fit import Estimate, HorizonChoice
 from penode.models.layout import Layout
@@ -40,14 +40,13 @@ from penode.validation.residual_tests import Spectrum
 settings.register_profile("seeded", derandomize=True, database=None, deadline=None)
 settings.load_profile("seeded")
 
-# Many tests compile the same programs: keep them all, small ones too, between tests, workers, runs
-# and the processes that tests start, which read the environment. To write them costs nothing
-# measurable; a test that finds them there takes 40 % less time.
-PROGRAMS = str(Path(__file__).parents[1] / ".pytest_cache" / "programs")
-os.environ["JAX_COMPILATION_CACHE_DIR"] = PROGRAMS
-os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
-jax.config.update("jax_compilation_cache_dir", PROGRAMS)
+# Many tests compile the same programs: keep them all, small ones too, between tests, workers, runs,
+# checkouts and the processes that tests start, which read the environment. To write them costs
+# nothing measurable; a test that finds them there takes 40 % less time.
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+if folder := use_compilation_cache():
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
 
 SEED = 20_250_301
 
