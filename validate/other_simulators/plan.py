@@ -54,13 +54,21 @@ class Planned:
         return float(self.machine.resistance * (1 + rise * time / self.kind.duration))
 
 
-def plan() -> list[Planned]:
-    """Return all recordings; the two of a kind have different machines."""
+def plan(repetition: int = 0) -> list[Planned]:
+    """Return all recordings; the two of a kind have different machines.
+
+    Parameters
+    ----------
+    repetition : int
+        From 1 on the same kinds are drawn again, with numbers that go on.
+    """
     planned = []
     for index, kind in enumerate(KINDS):
         able = [m for m in MACHINES.values() if m.simulator in kind.simulators]
-        drawn = np.random.default_rng([SEED, index, 99]).permutation(len(able))[:2]
-        planned += [_drawn(2 * index + half, kind, able[which]) for half, which in enumerate(drawn)]
+        random = np.random.default_rng([SEED, index, 99 + repetition])
+        first = 2 * (index + repetition * len(KINDS))
+        drawn = random.permutation(len(able))[:2]
+        planned += [_drawn(first + half, kind, able[which]) for half, which in enumerate(drawn)]
     return planned
 
 

@@ -99,13 +99,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--thor", type=Path, required=True, help="thor.mat of motulator's examples")
     parser.add_argument("--out", type=Path, default=FOLDER)
+    parser.add_argument("--repetition", type=int, default=0, help="draw the kinds anew")
     parser.add_argument("numbers", type=int, nargs="*", help="some recordings alone")
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
     file = asked.out / "truth.json"
     truths = json.loads(file.read_text())["recordings"] if file.exists() else {}
     versions = {n: version(n) for n in ("motulator", "gym-electric-motor", "numpy", "scipy")}
-    for planned in plan():
+    for planned in plan(asked.repetition):
         if not asked.numbers or planned.number in asked.numbers:
             truths[str(planned.number)] = write(planned, asked.out, asked.thor)
             head = {"time_step": TIME_STEP, "versions": versions, "recordings": truths}

@@ -101,9 +101,7 @@ class Plant:
         self.library.terminal_current(self.machine, self.state, angle, speed, self.seen)
         return complex(self.seen[0], self.seen[1])
 
-    def advance(
-        self, duty: tuple[float, float, float], link: float, angle: float, speed: float
-    ) -> None:
+    def advance(self, duty: list[float], link: float, angle: float, speed: float) -> None:
         """Apply duty cycles for a period that begins at an angle."""
         self.duty[:] = duty
         self.library.advance(
@@ -141,13 +139,13 @@ class CurrentControl:
         return limited
 
 
-def duties(voltage: complex, link: float) -> tuple[float, float, float]:
+def duties(voltage: complex, link: float) -> list[float]:
     """Return duty cycles of a voltage alpha + j beta, centred between the rails."""
     a = voltage.real / link
     half, quadrature = -a / 2, np.sqrt(3) / 2 * voltage.imag / link
     b, c = half + quadrature, half - quadrature
     middle = 0.5 - (max(a, b, c) + min(a, b, c)) / 2
-    return tuple(min(max(x + middle, 0.03), 0.97) for x in (a, b, c))  # type: ignore[return-value]
+    return [min(max(x + middle, 0.03), 0.97) for x in (a, b, c)]
 
 
 def simulate(
