@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment, require_recordings
@@ -18,7 +19,7 @@ from penode.horizon.ladder import (
     ignore_events,
     ladder_plan,
 )
-from penode.horizon.objections import CHECKS, objections, with_objections
+from penode.horizon.objections import CHECKS, guarded, objections, with_objections
 from penode.horizon.selection import Plateau, Selector, believable, choose
 from penode.models.base import Model
 from penode.training.plan import Plan
@@ -96,8 +97,10 @@ def identify(
     choice = choose(selector, climb, plan)
     check = cross_check(problem, plan, climb, choice, start)
     fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)
-    raised = [*objections(fit, experiments, (*start.checks, *CHECKS)), *check.objections]
-    fit = with_objections(fit, raised)
+    missed: list[str] = []
+    checks = [guarded(one, missed) for one in (*start.checks, *CHECKS)]
+    raised = [*objections(fit, experiments, checks), *check.objections]
+    fit = with_objections(replace(fit, warnings=(*missed, *fit.warnings)), raised)
     if climb.interrupted or check.interrupted:
         raise Stopped(fit)
     return fit

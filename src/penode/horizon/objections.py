@@ -12,6 +12,7 @@ import numpy as np
 from penode.arrays import BoolArray, FloatArray
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
+from penode.fit.left_out import left_out
 from penode.fit.outcome import IMPLAUSIBLE, Objection
 from penode.models.layout import Layout
 from penode.validation.comparison import Comparison
@@ -47,6 +48,26 @@ def objections(
     checks : sequence of Check
     """
     return tuple(objection for check in checks for objection in check(fit, experiments))
+
+
+def guarded(check: Check, missed: list[str]) -> Check:
+    """Return a check that is left out by name where it fails: what was trained stands without it.
+
+    Parameters
+    ----------
+    check : Check
+    missed : list of str
+        Gets the sentence that names a check which fails.
+    """
+
+    def examine(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
+        try:
+            yield from check(fit, experiments)
+        except Exception as error:
+            name = getattr(check, "__name__", "a convention").strip("_").replace("_", " ")
+            missed.append(left_out(f"the check for {name}", error))
+
+    return examine
 
 
 def with_objections(fit: Fit, raised: Sequence[Objection]) -> Fit:

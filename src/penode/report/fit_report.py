@@ -7,10 +7,12 @@ their own (`with_own`) then have it too.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 from penode.fit.fit import Fit
 from penode.report.document import Block, Document, Glossary, KeyValue, KeyValues, Section
+from penode.report.guard import attempt, missing
 from penode.report.html import render
 from penode.report.prediction_errors import free_run_value, one_step_value
 from penode.report.quantities import number
@@ -104,15 +106,42 @@ class Page:
     def document(self, fit: Fit) -> Document:
         """Return the report of a fit as a document."""
         names = (self.headline or tuple(fit.parameters))[:_NAMED]
+        others = [one for one in fit.warnings if one != fit.horizon.reason]
         answer: list[Block] = [
-            verdict_notice(fit.horizon),
-            *warning_notices([one for one in fit.warnings if one != fit.horizon.reason]),
-            _key_values(fit, names),
+            attempt("the verdict", partial(verdict_notice, fit.horizon), missing),
+            *attempt("the warnings", partial(warning_notices, others), lambda why: [missing(why)]),
+            attempt("the values", partial(_key_values, fit, names), missing),
             Glossary("The words used here", (*_WORDS, *self.words)),
         ]
-        sections = [section for part in self.parts if (section := part(fit)) is not None]
-        lead = f"{_interval_sentence(fit, names)}{_source_sentence(fit, names)} {self.method}."
-        return Document(self.kind, _title(fit, names), lead, answer, sections)
+        made = [
+            attempt(_named(part), partial(part, fit), partial(_absent, part)) for part in self.parts
+        ]
+        sections = [section for section in made if section is not None]
+        title = attempt("the heading", partial(_title, fit, names), lambda _: self.kind)
+        lead = attempt("the first paragraph", partial(self._lead, fit, names), str)
+        return Document(self.kind, title, lead, answer, sections)
+
+    def _lead(self, fit: Fit, names: Sequence[str]) -> str:
+        return f"{_interval_sentence(fit, names)}{_source_sentence(fit, names)} {self.method}."
+
+
+def _subject(part: Part) -> str:
+    """Return what a section is about, by the name of its function."""
+    return getattr(part, "__name__", "results").removesuffix("_section").replace("_", " ")
+
+
+def _named(part: Part) -> str:
+    return f"the section on {_subject(part)}"
+
+
+def _absent(part: Part, why: str) -> Section:
+    """Return the section in the place of one that is left out."""
+    subject = _subject(part)
+    return Section(
+        f"{subject[:1].upper()}{subject[1:]}",
+        "This section is left out. The answer and the other sections do not depend on it.",
+        [missing(why)],
+    )
 
 
 def fit_report(fit: Fit, page: Page | None = None) -> str:

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Sequence
+from functools import partial
 from html import escape
 from importlib.resources import files
 from itertools import count
@@ -23,6 +24,7 @@ from penode.report.document import (
     Section,
     Table,
 )
+from penode.report.guard import attempt, missing
 
 #: The browser itself refuses whatever would be fetched.
 _POLICY = (
@@ -103,7 +105,10 @@ class _Renderer:
         )
 
     def blocks(self, blocks: Sequence[Block]) -> str:
-        return "\n".join(self.block(block) for block in blocks)
+        return "\n".join(
+            attempt(_named(block), partial(self.block, block), lambda why: _notice(missing(why)))
+            for block in blocks
+        )
 
     def block(self, block: Block) -> str:
         match block:
@@ -119,13 +124,11 @@ class _Renderer:
                 return _glossary(block)
 
     def figure(self, figure: Figure) -> str:
+        content = _script_json(figure.plot.to_json(engine="json"))
+        height = int(figure.plot.layout.height or 420)
         number = next(self._figures)
         name = f"figure-{number}"
-        height = int(figure.plot.layout.height or 420)
-        self._data.append(
-            f'<script type="application/json" id="{name}-data">'
-            f"{_script_json(figure.plot.to_json(engine='json'))}</script>"
-        )
+        self._data.append(f'<script type="application/json" id="{name}-data">{content}</script>')
         return (
             f'<figure id="{name}">\n<div class="head">'
             f'<h3 id="{name}-title">{escape(figure.title)}</h3>'
@@ -160,6 +163,12 @@ class _Renderer:
             f'<table aria-labelledby="{name}-title">\n<thead><tr>{heads}</tr></thead>\n<tbody>\n'
             f"{rows}\n</tbody></table></div>\n</div>"
         )
+
+
+def _named(block: Block) -> str:
+    title = getattr(block, "title", "")
+    kind = {Figure: "picture", Table: "table"}.get(type(block), "part")
+    return f"the {kind} \N{LEFT DOUBLE QUOTATION MARK}{title}\N{RIGHT DOUBLE QUOTATION MARK}"
 
 
 def _notice(notice: Notice) -> str:

@@ -10,7 +10,8 @@ from penode.arrays import FloatArray, IntArray
 from penode.fit.fit import Fit
 from penode.horizon.loss_weighting import LossWeighting, loss_weighting
 from penode.report import palette, panels
-from penode.report.document import Cell, Figure, Notice, Row, Section, Table
+from penode.report.document import Cell, Notice, Row, Section, Table
+from penode.report.guard import picture
 from penode.report.quantities import number, scale_for, symbol, with_unit
 from penode.report.weighting_sentence import weighting_sentence
 from penode.validation.residual_lines import Line
@@ -127,7 +128,10 @@ def weighting_section(
     return Section(
         _TITLE,
         f"{_LEAD} {weighting_sentence(whole, [(name.line, name.label) for name in worth])}",
-        [Figure(title, caption, weighting_figure(view, worth, units)), *_table(view, worth, units)],
+        [
+            picture(title, caption, weighting_figure, view, worth, units),
+            *_table(view, worth, units),
+        ],
     )
 
 

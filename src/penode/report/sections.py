@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from penode.fit.fit import Fit
 from penode.fit.outcome import AVERAGED
 from penode.report.correlations import correlations, correlations_caption, correlations_title
-from penode.report.document import Block, Figure, Notice, Section
+from penode.report.document import Block, Notice, Section
+from penode.report.guard import picture
 from penode.report.ladder import parameter_over_ladder
 from penode.report.learned_maps import map_figures
 from penode.report.loss_weighting import signal_units, unnamed, weighting_of, weighting_section
@@ -37,14 +38,16 @@ def parameters(fit: Fit) -> Section | None:
     if not fit.parameters:
         return None
     figures = [
-        Figure(
+        picture(
             ladder_title(fit, name),
             "Each point is a complete identification at one horizon, its bar 1.96 standard "
             "deviations. Where neighbouring points agree, the value no longer depends on how "
             "far ahead the model predicted; that is the plateau. Shaded blue is the 95 % "
             f"interval that the data show: {_CENTRES[fit.horizon.verdict in AVERAGED]}, widened "
             "by the spread between horizons.",
-            parameter_over_ladder(fit, name),
+            parameter_over_ladder,
+            fit,
+            name,
         )
         for name in fit.parameters
     ]
@@ -85,11 +88,12 @@ def predictions(fit: Fit) -> Section | None:
         return None
     ordered = _worst_first(fit.comparisons)
     figures = [
-        Figure(
+        picture(
             overlay_title(one),
             "Measured states (wide grey), the free run and the prediction one step ahead, each "
             "with its error. The close-up at the right is a typical stretch, shaded at the left.",
-            overlay(one),
+            overlay,
+            one,
         )
         for one in ordered[:_DRAWN]
     ]
@@ -134,12 +138,11 @@ def residual_section(
             f"neighbouring frequencies the largest is drawn. {note}"
         )
         title = spectrum_title(spectrum, states, lines)
-        plot = residual_spectrum(spectrum, states, lines)
-        blocks.append(Figure(title, caption.rstrip(), plot))
+        blocks.append(picture(title, caption.rstrip(), residual_spectrum, spectrum, states, lines))
     tests = fit.correlations
     if tests.own.size:
         title, caption = correlations_title(tests), correlations_caption(tests)
-        blocks.append(Figure(title, caption, correlations(tests)))
+        blocks.append(picture(title, caption, correlations, tests))
     lead = (
         "Pure noise would give a flat floor. A line is something periodic that the model lacks, "
         f"and a rise towards low frequencies a slow error of the map or a parameter. {cause}"

@@ -41,7 +41,7 @@ def unused_samples(
         Of the fit.
     """
 
-    def check(fit: Fit, used: Sequence[Experiment]) -> Iterator[Objection]:
+    def samples_left_unused(fit: Fit, used: Sequence[Experiment]) -> Iterator[Objection]:
         seen = [c.one_step_residual for c in fit.comparisons if c.role == "train"]
         usual = np.mean(np.concatenate(seen) ** 2)
         for experiment in experiments:
@@ -58,7 +58,7 @@ def unused_samples(
                     "Cut out what does not belong to the recording, or give that part by itself.",
                 )
 
-    return check
+    return samples_left_unused
 
 
 def squared_errors(
