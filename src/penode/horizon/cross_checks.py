@@ -47,13 +47,16 @@ class Anchor:
                 for rung in rungs
             ]
         )
+        gaps = np.nan_to_num(gaps, nan=np.inf, posinf=np.inf)
         agreeing = tuple(int(k) for k in np.flatnonzero(gaps < 2.0))
         if not agreeing:
             nearest = int(np.argmin(gaps))
-            reason = (
-                f"No horizon agrees with the estimate that needs none; H = {rungs[nearest].horizon}"
-                f" is {gaps[nearest]:.1f} deviations away."
-            )
+            reason = "No horizon has an estimate to compare."
+            if np.isfinite(gaps[nearest]):
+                reason = (
+                    "No horizon agrees with the estimate that needs none; H = "
+                    f"{rungs[nearest].horizon} is {gaps[nearest]:.1f} deviations away."
+                )
             return Choice(nearest, "no plateau", reason, tuple(range(len(rungs))))
         horizon = rungs[agreeing[0]].horizon
         reason = f"H = {horizon} is the shortest that agrees with the estimate that needs none."

@@ -49,7 +49,8 @@ class HeldOut:
             return Choice(len(rungs) - 1, "no plateau", reason, tuple(range(len(rungs))))
         best = int(np.argmin(mean))
         excess = scores - scores[best]
-        chance = excess.std(axis=1, ddof=1) / np.sqrt(scores.shape[1])
+        with np.errstate(invalid="ignore"):  # a rung that diverges has no deviation
+            chance = excess.std(axis=1, ddof=1) / np.sqrt(scores.shape[1])
         within = excess.mean(axis=1) <= np.maximum(chance, _NEGLIGIBLE)
         index = int(np.argmax(within | (np.arange(len(rungs)) == best)))
         agreeing = tuple(int(k) for k in np.flatnonzero(within | (mean == mean[best])))

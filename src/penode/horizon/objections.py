@@ -31,6 +31,8 @@ _FEW, _MOST, _ASIDE, _VISIBLE = 1e-3, 0.5, 30.0, 0.1
 _LEFT_OVER, _SMALL = 0.25, 0.05
 #: Deviation of a state over the largest in its unit up to which it is at rest.
 _AT_REST = 1e-2
+#: A residual, and over a typical one: the sum of its squares is still a number.
+_HUGE = 1e60
 #: Each channel that may explain a residual needs so many samples.
 _SAMPLES = 50
 
@@ -146,10 +148,12 @@ def unexplained(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objecti
 def few_samples_decide(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection where isolated samples hold most of the squared one-step error."""
     for comparison, experiment in trained_on(fit, experiments):
-        residual = _finite_residual(comparison)
+        residual = finite_residual(comparison)
         if len(residual) < 1 / _FEW:
             continue
         squares = (residual / _typical(residual)) ** 2
+        if not squares.any():
+            continue
         worst = np.argsort(squares.max(axis=1))[::-1][: int(_FEW * len(squares))]
         held = squares[worst].sum() / squares.sum()
         row = int(worst[0])
@@ -169,7 +173,7 @@ def few_samples_decide(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[
 def dependent_residual(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection where inputs, states or time explain much of the one-step residual."""
     for comparison, experiment in trained_on(fit, experiments):
-        residual = _finite_residual(comparison)
+        residual = finite_residual(comparison)
         names = (*comparison.states, *fit.model.inputs)
         count = len(residual)
         if count < _SAMPLES * (len(names) + 2):
@@ -206,13 +210,14 @@ def _share(residual: FloatArray, column: FloatArray) -> float:
     return float(residual @ column) ** 2 / max(whole, 1e-300)
 
 
-def _finite_residual(comparison: Comparison) -> FloatArray:
+def finite_residual(comparison: Comparison) -> FloatArray:
     """Return one-step residuals, (time - 1, state), a diverged prediction as a huge one."""
-    return np.asarray(np.nan_to_num(comparison.one_step_residual, posinf=1e150, neginf=-1e150))
+    residual = np.nan_to_num(comparison.one_step_residual, posinf=_HUGE, neginf=-_HUGE)
+    return np.asarray(np.clip(residual, -_HUGE, _HUGE))
 
 
 def _typical(residual: FloatArray) -> FloatArray:
-    return np.asarray(np.maximum(np.median(np.abs(residual), axis=0) / 0.6745, 1e-300))
+    return np.asarray(np.maximum(np.median(np.abs(residual), axis=0) / 0.6745, 1 / _HUGE))
 
 
 #: What every fit is examined for, the gravest first.

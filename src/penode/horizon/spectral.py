@@ -88,6 +88,14 @@ class Spectral:
 
     def select(self, rungs: Sequence[HorizonFit]) -> Choice:
         """Return the choice among rungs, shortest horizon first."""
+        known = [k for k, rung in enumerate(rungs) if _is_known(rung)]
+        if not known:
+            reason = "No horizon has an estimate to compare."
+            return Choice(len(rungs) - 1, "no plateau", reason, tuple(range(len(rungs))))
+        if len(known) < len(rungs):
+            choice = self.select([rungs[k] for k in known])
+            agreeing = tuple(known[k] for k in choice.agreeing)
+            return replace(choice, index=known[choice.index], agreeing=agreeing)
         forecast = self.forecast(rungs)
         expected = np.exp(np.mean(np.log(np.maximum(forecast.expected, 1e-300)), axis=1))
         index = int(np.argmax(expected <= _TIE * expected.min()))
@@ -169,6 +177,12 @@ class Spectral:
             lines.append(line)
             noise.append(deviation * random.standard_normal(residual.shape))
         return lines, noise
+
+
+def _is_known(rung: HorizonFit) -> bool:
+    """Return whether a rung's physical parameters and their deviations are numbers."""
+    parts = (rung.values[: len(rung.influence)], rung.working, rung.influence)
+    return not any(np.isnan(part).any() for part in parts)
 
 
 def _lines(residual: FloatArray, time_step: float) -> FloatArray:

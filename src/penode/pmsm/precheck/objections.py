@@ -7,7 +7,7 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.fit.outcome import Objection
-from penode.horizon.objections import Check, trained_on
+from penode.horizon.objections import Check, finite_residual, trained_on
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.conventions.check import check_all
 from penode.pmsm.recording.stationary_frame import LINK
@@ -68,7 +68,7 @@ def voltage_limit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objec
     """Yield an objection where predictions err most at the largest voltages."""
     for comparison, experiment in trained_on(fit, experiments):
         voltage = np.hypot(*experiment.stack(("u_d", "u_q")).T)[:-1]
-        squares = np.sum(comparison.one_step_residual**2, axis=1)
+        squares = np.sum(finite_residual(comparison) ** 2, axis=1)
         squares = np.minimum(squares, np.quantile(squares, _MOST))
         above = voltage > np.quantile(voltage, 1 - _TOP)
         if not above.any():
