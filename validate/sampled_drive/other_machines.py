@@ -33,19 +33,17 @@ def induction(
     own, short = main + leak, leak * (2 * main + leak) / (main + leak)
     gain, integral, acting = 0.1 * 2 * np.pi / period * short, 0j, 0j
     stator, linked, angle, log = 0j, 0j, 0.0, []
+    resistance, det = machine.resistance, own**2 - main**2
     wanted = 0.35 * machine.rated_current + 1j * wanted.imag
     for k, shaft in enumerate(speed):
-        current = (own * stator - main * linked) / (own**2 - main**2)
+        current = (own * stator - main * linked) / det
         seen = current + noise[k]
         slip = rotor / own * wanted[k].imag / wanted[k].real
         field = shaft + slip
         log.append((acting, seen, angle))
-        # Fluxes in the frame of the field, in which the voltage is held and the rotor slips.
-        for _ in range(_STEPS):
-            stator, linked = _step(
-                (stator, linked), acting, (field, slip), (machine.resistance, rotor, own, main),
-                period / _STEPS,
-            )  # fmt: skip
+        of_stator = (-resistance * own / det - 1j * field, resistance * main / det)
+        of_rotor = (rotor * main / det, -rotor * own / det - 1j * slip)
+        stator, linked = _after((stator, linked), of_stator, of_rotor, acting, period)
         angle += field * period
         error = gain * (wanted[k] - seen)
         integral += 0.02 * error
@@ -56,37 +54,24 @@ def induction(
     return Log(times, rows[:, 0], rows[:, 1], speed, rows[:, 2].real, link)
 
 
-def _step(
+def _after(
     state: tuple[complex, complex],
+    of_stator: tuple[complex, complex],
+    of_rotor: tuple[complex, complex],
     voltage: complex,
-    turning: tuple[float, float],
-    values: tuple[float, float, float, float],
-    step: float,
+    period: float,
 ) -> tuple[complex, complex]:
-    """Return stator and rotor flux after a Runge-Kutta step."""
-    resistance, rotor, own, main = values
-
-    def rate(both: np.ndarray) -> np.ndarray:
-        stator, linked = both
-        det = own**2 - main**2
-        i_stator, i_rotor = (
-            (own * stator - main * linked) / det,
-            (own * linked - main * stator) / det,
-        )
-        return np.array(
-            [
-                voltage - resistance * i_stator - 1j * turning[0] * stator,
-                -rotor * i_rotor - 1j * turning[1] * linked,
-            ]
-        )
-
-    x = np.array(state)
-    k1 = rate(x)
-    k2 = rate(x + step / 2 * k1)
-    k3 = rate(x + step / 2 * k2)
-    k4 = rate(x + step * k3)
-    after = x + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return complex(after[0]), complex(after[1])
+    """Return stator and rotor flux after a period: the exponential's series, of order 4."""
+    (a, b), (c, d), step = of_stator, of_rotor, period / _STEPS
+    for _ in range(_STEPS):
+        x, y = state
+        slope = (a * x + b * y + voltage, c * x + d * y)
+        for order in range(1, 5):
+            by_x, by_y = slope[0] * step / order, slope[1] * step / order
+            x, y = x + by_x, y + by_y
+            slope = (a * by_x + b * by_y, c * by_x + d * by_y)
+        state = x, y
+    return state
 
 
 def direct_current(
