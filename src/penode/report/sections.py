@@ -49,7 +49,7 @@ def parameters(fit: Fit) -> Section | None:
             fit,
             name,
         )
-        for name in fit.parameters
+        for name in (fit.parameters if fit.horizon.ladder else ())
     ]
     return Section(
         "Parameters over the horizon",
