@@ -93,6 +93,15 @@ KINDS: dict[str, Kind] = {
         drive={"rate": 5e3},
         duration=2.0,
     ),
+    "servo of 10 ohm": Kind(
+        machine={
+            "resistance": 10.0,
+            "voltage": 300.0,
+            "current": 1.5,
+            "frequency": 200.0,
+            "reactance": 0.2,
+        }
+    ),
     "driving cycle": Kind(
         drive={"rate": 5e3}, reference="torque", profile="cycle", speeds=(0.5, 0.7), duration=24.0
     ),
