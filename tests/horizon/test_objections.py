@@ -1,11 +1,13 @@
 """How much it takes for an objection: thresholds from both sides, by signals made to measure."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from penode import Experiment
+from penode.data.experiment import Stretch
 from penode.horizon.objections import (
     dependent_residual,
     few_samples_decide,
@@ -167,3 +169,73 @@ def test_a_value_is_shown_to_be_above_its_limit_by_its_whole_interval(systems, l
     for name, limited in (("coenergy machine", True), ("linear machine", False)):
         fit = SimpleNamespace(model=systems[name].model, parameters={"R": estimate})
         assert len(list(impossible_values(fit, []))) == (raised and limited)
+
+
+# --- recordings in stretches --------------------------------------------------------------------
+
+
+def in_stretches(count=20, rest=(3,), free=0.1, one_step=0.01, measured=None, bad=()):
+    """Return a fit of one recording in stretches, of which some are at rest but for noise."""
+    rng = np.random.default_rng(4)
+    seen, experiments = [], []
+    for k in range(count):
+        moving = np.column_stack([WAVE, np.roll(WAVE, 7)])
+        states = 0.02 * rng.normal(size=moving.shape) if k in rest else moving
+        step, run = alternating(one_step, one_step), alternating(free, free)
+        run = run * (20.0 if k in bad else 1.0)
+        seen.append(
+            Comparison(
+                f"run.csv part {k}", "train", 1e-3, ("x", "v"), ("m", "m/s"),
+                states, states - step, states - run, "run.csv",
+            )
+        )  # fmt: skip
+        channels = {"x": states[:, 0], "v": states[:, 1], "u": np.roll(states[:, 0], 3)}
+        place = Stretch("run.csv", 3000 * k, 3.0 * k, 3.0 * count)
+        experiments.append(Experiment(f"run.csv part {k}", 1e-3, channels, stretch=place))
+    fit = SimpleNamespace(comparisons=tuple(seen), model=SimpleNamespace(inputs=("u",)))
+    return fit, experiments
+
+
+@pytest.mark.parametrize("one_step", [0.1, 0.01])
+def test_a_stretch_at_rest_is_no_cause_for_an_objection(one_step):
+    """Its free run errs by five times what it moves, of all that the recording moves by a tenth."""
+    fit, experiments = in_stretches(one_step=one_step)
+    assert list(unexplained(fit, experiments)) == []
+
+
+def test_a_stretch_whose_free_run_fails_is_named_once():
+    fit, experiments = in_stretches(bad=(7, 11))
+    (one,) = unexplained(fit, experiments)
+    assert one.name == "free run fails"
+    assert one.reason.startswith("run.csv part 7: the free run of x, v errs")
+
+
+def test_every_recording_is_judged_by_itself():
+    fit, experiments = in_stretches(rest=())
+    quiet, still = in_stretches(count=1, rest=(0,))
+    parts = (*fit.comparisons, replace(quiet.comparisons[0], recording="quiet.csv", name="quiet"))
+    both = SimpleNamespace(comparisons=parts, model=fit.model)
+    still = [replace(one, stretch=replace(one.stretch, recording="quiet.csv")) for one in still]
+    (one,) = unexplained(both, [*experiments, *still])
+    assert one.reason.startswith("quiet: ")
+
+
+def test_an_outlier_in_a_stretch_is_named_by_its_row_in_the_file():
+    fit, experiments = in_stretches(count=4, one_step=1e-3)
+    fit.comparisons[2].one_step[501, 1] += 50.0
+    (one,) = few_samples_decide(fit, experiments)
+    assert "channel v at data row 6502." in one.reason
+    assert one.reason.startswith("4 stretches of run.csv: ")
+
+
+def test_a_residual_is_explained_over_a_whole_recording_or_not_at_all(rng):
+    """In one stretch of twenty the input explains half of it, in all together a fortieth."""
+    fit, experiments = in_stretches(rest=())
+    for k, (seen, run) in enumerate(zip(fit.comparisons, experiments, strict=True)):
+        noise = 0.1 * rng.normal(size=seen.measured.shape)
+        noise[1:, 0] += 0.1 * run.channels["u"][:-1] * (k == 3)
+        seen.one_step[:] = seen.measured - noise
+    assert list(dependent_residual(fit, experiments)) == []
+    for seen, run in zip(fit.comparisons, experiments, strict=True):
+        seen.one_step[1:, 0] -= 0.1 * run.channels["u"][:-1]
+    assert [one.name for one in dependent_residual(fit, experiments)] == ["dependent residual"]

@@ -14,8 +14,15 @@ from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.fit.left_out import left_out
 from penode.fit.outcome import IMPLAUSIBLE, Objection
+from penode.horizon.held_out_check import validation_fails
 from penode.models.layout import Layout
-from penode.validation.comparison import Comparison
+from penode.validation.comparison import (
+    HUGE,
+    Comparison,
+    finite_residual,
+    stretches_of,
+    together,
+)
 
 #: Looks at a fit and the recordings that it was trained on, and yields what speaks against it.
 Check = Callable[[Fit, Sequence[Experiment]], Iterator[Objection]]
@@ -31,8 +38,6 @@ _FEW, _MOST, _ASIDE, _VISIBLE = 1e-3, 0.5, 30.0, 0.1
 _LEFT_OVER, _SMALL = 0.25, 0.05
 #: Deviation of a state over the largest in its unit up to which it is at rest.
 _AT_REST = 1e-2
-#: A residual, and over a typical one: the sum of its squares is still a number.
-_HUGE = 1e60
 #: Each channel that may explain a residual needs so many samples.
 _SAMPLES = 50
 
@@ -117,38 +122,56 @@ def impossible_values(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[O
             )
 
 
+def recordings_trained_on(
+    fit: Fit, experiments: Sequence[Experiment]
+) -> Iterator[tuple[Comparison, list[Comparison], list[Experiment]]]:
+    """Yield each recording as one, and its stretches: predictions, and what was recorded.
+
+    Checks judge a recording, not a stretch of it, which may be short, or at rest.
+    """
+    pairs = list(trained_on(fit, experiments))
+    beside = {id(comparison): experiment for comparison, experiment in pairs}
+    for stretches in stretches_of([comparison for comparison, _ in pairs]):
+        yield together(stretches), stretches, [beside[id(one)] for one in stretches]
+
+
 def unexplained(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection where free runs explode, or explain nothing of what was recorded."""
-    for comparison, _ in trained_on(fit, experiments):
-        free, ahead = (
-            np.array(list(errors.values()))
-            for errors in (comparison.free_run_errors, comparison.one_step_errors)
+    for whole, stretches, _ in recordings_trained_on(fit, experiments):
+        raised = [one for one in (_unexplained(c, whole) for c in stretches) if one]
+        yield from sorted(raised, key=lambda one: one.name)[:1]
+
+
+def _unexplained(comparison: Comparison, whole: Comparison) -> Objection | None:
+    """Return what speaks against one free run, errors beside what the whole recording moves."""
+    free, ahead = (
+        np.array(list(errors.values()))
+        for errors in (comparison.free_run_errors, comparison.one_step_errors)
+    )
+    spread = np.maximum(comparison.measured.std(axis=0), whole.measured.std(axis=0))
+    bad = ~(free <= _EXPLAINED * spread) & _moving(whole)
+    far = bad & ~(free <= _FAR * ahead)
+    states = ", ".join(np.array(comparison.states)[far if far.any() else bad])
+    repair = "Look for a broken convention (penode check) or a channel from another recording."
+    if far.any():
+        reason = (
+            f"{comparison.name}: the free run of {states} errs by more than half of what it "
+            "moves, far more than single steps do."
         )
-        spread = comparison.measured.std(axis=0)
-        bad = ~(free <= _EXPLAINED * spread) & _moving(comparison)
-        far = bad & ~(free <= _FAR * ahead)
-        states = ", ".join(np.array(comparison.states)[far if far.any() else bad])
-        mend = "Look for a broken convention (penode check) or a channel from another recording."
-        if far.any():
-            yield Objection(
-                "free run fails",
-                f"{comparison.name}: the free run of {states} errs by more than half of what it "
-                "moves, far more than single steps do.",
-                mend,
-            )
-        elif bad.any() and bad[_moving(comparison)].all():
-            yield Objection(
-                "nothing explained",
-                f"{comparison.name}: the inputs explain less than three quarters of the variance "
-                f"of {states}.",
-                mend,
-            )
+        return Objection("free run fails", reason, repair)
+    if bad.any() and bad[_moving(whole)].all():
+        reason = (
+            f"{comparison.name}: the inputs explain less than three quarters of the variance "
+            f"of {states}."
+        )
+        return Objection("nothing explained", reason, repair)
+    return None
 
 
 def few_samples_decide(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection where isolated samples hold most of the squared one-step error."""
-    for comparison, experiment in trained_on(fit, experiments):
-        residual = finite_residual(comparison)
+    for whole, stretches, recorded in recordings_trained_on(fit, experiments):
+        residual = np.concatenate([finite_residual(one) for one in stretches])
         if len(residual) < 1 / _FEW:
             continue
         squares = (residual / _typical(residual)) ** 2
@@ -158,39 +181,40 @@ def few_samples_decide(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[
         held = squares[worst].sum() / squares.sum()
         row = int(worst[0])
         column = int(np.argmax(squares[row]))
-        far = abs(residual[row, column]) > _VISIBLE * comparison.measured[:, column].std()
+        far = abs(residual[row, column]) > _VISIBLE * whole.measured[:, column].std()
         if held > _MOST and far and squares[row, column] > _ASIDE**2:
+            rows = np.concatenate([e.place.row + np.arange(2, len(e) + 1) for e in recorded])
             yield Objection(
                 "outliers",
-                f"{comparison.name}: {len(worst)} of {len(squares)} samples hold "
+                f"{whole.name}: {len(worst)} of {len(squares)} samples hold "
                 f"{100 * held:.0f} % of the squared one-step error, most of all channel "
-                f"{comparison.states[column]} at data row "
-                f"{experiment.place.row + row + 2}.",
+                f"{whole.states[column]} at data row {rows[row]}.",
                 "Cut them out, or record again.",
             )
 
 
 def dependent_residual(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection where inputs, states or time explain much of the one-step residual."""
-    for comparison, experiment in trained_on(fit, experiments):
-        residual = finite_residual(comparison)
-        names = (*comparison.states, *fit.model.inputs)
-        count = len(residual)
-        if count < _SAMPLES * (len(names) + 2):
+    for whole, stretches, recorded in recordings_trained_on(fit, experiments):
+        residual = np.concatenate([finite_residual(one) for one in stretches])
+        names = (*whole.states, *fit.model.inputs)
+        if len(residual) < _SAMPLES * (len(names) + 2):
             continue
-        channels = {n: experiment.channels[n][:count] for n in names if n in experiment.channels}
-        columns = {"time": np.arange(count, dtype=float), **channels}
+        time = [e.place.start / e.time_step + np.arange(len(e) - 1.0) for e in recorded]
+        columns = {"time": np.concatenate(time)}
+        for name in (n for n in names if n in recorded[0].channels):
+            columns[name] = np.concatenate([e.channels[name][:-1] for e in recorded])
         moving = {n: c - c.mean() for n, c in columns.items() if np.ptp(c) > 0}
-        for state, row in zip(comparison.states, (residual - residual.mean(axis=0)).T, strict=True):
+        spread, moves = whole.measured.std(axis=0), _moving(whole)
+        for k, row in enumerate((residual - residual.mean(axis=0)).T):
+            state = whole.states[k]
             explained = {n: _share(row, c) for n, c in moving.items()}
             name = max(explained, key=lambda n: explained[n])
-            spread = comparison.measured[:, comparison.states.index(state)].std()
-            moves = _moving(comparison)[comparison.states.index(state)]
-            astray = moves and not comparison.free_run_errors[state] < _SMALL * spread
+            astray = moves[k] and not whole.free_run_errors[state] < _SMALL * spread[k]
             if astray and explained[name] > _LEFT_OVER:
                 yield Objection(
                     "dependent residual",
-                    f"{comparison.name}: {name} explains {100 * explained[name]:.0f} % of the "
+                    f"{whole.name}: {name} explains {100 * explained[name]:.0f} % of the "
                     f"one-step residual of {state}.",
                     "A term is missing in the model, or a channel is scaled or timed wrongly "
                     "(penode check).",
@@ -206,24 +230,20 @@ def _moving(comparison: Comparison) -> BoolArray:
 
 def _share(residual: FloatArray, column: FloatArray) -> float:
     """Return the squared correlation of two series of mean zero."""
-    whole = float(residual @ residual) * float(column @ column)
-    return float(residual @ column) ** 2 / max(whole, 1e-300)
-
-
-def finite_residual(comparison: Comparison) -> FloatArray:
-    """Return one-step residuals, (time - 1, state), a diverged prediction as a huge one."""
-    residual = np.nan_to_num(comparison.one_step_residual, posinf=_HUGE, neginf=-_HUGE)
-    return np.asarray(np.clip(residual, -_HUGE, _HUGE))
+    scaled = residual / max(float(np.abs(residual).max()), 1 / HUGE)
+    whole = float(scaled @ scaled) * float(column @ column)
+    return float(scaled @ column) ** 2 / max(whole, 1e-300)
 
 
 def _typical(residual: FloatArray) -> FloatArray:
-    return np.asarray(np.maximum(np.median(np.abs(residual), axis=0) / 0.6745, 1 / _HUGE))
+    return np.asarray(np.maximum(np.median(np.abs(residual), axis=0) / 0.6745, 1 / HUGE))
 
 
 #: What every fit is examined for, the gravest first.
 CHECKS: tuple[Check, ...] = (
     few_samples_decide,
     unexplained,
+    validation_fails,
     impossible_values,
     dependent_residual,
 )

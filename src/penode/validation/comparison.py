@@ -10,6 +10,9 @@ import polars as pl
 from penode.arrays import FloatArray
 from penode.validation.metrics import rmse
 
+#: No residual is larger where it is squared: over a typical one too, the sum is still a number.
+HUGE = 1e60
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -110,8 +113,29 @@ class Comparison:
         return rmse(self.measured[1:], predicted[1:]) if self.unit is not None else np.nan
 
 
+def finite_residual(comparison: Comparison) -> FloatArray:
+    """Return one-step residuals, (time - 1, state), a diverged prediction as a huge one.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    """
+    residual = np.nan_to_num(comparison.one_step_residual, posinf=HUGE, neginf=-HUGE)
+    return np.asarray(np.clip(residual, -HUGE, HUGE))
+
+
 def by_recording(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     """Return comparisons, the stretches of a recording as one with the errors of all.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+    """
+    return tuple(together(stretches) for stretches in stretches_of(comparisons))
+
+
+def stretches_of(comparisons: Sequence[Comparison]) -> list[list[Comparison]]:
+    """Return comparisons, those of a recording and role together.
 
     Parameters
     ----------
@@ -120,11 +144,17 @@ def by_recording(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     groups: dict[tuple[object, str], list[Comparison]] = {}
     for place, one in enumerate(comparisons):
         groups.setdefault((one.recording or place, one.role), []).append(one)
-    return tuple(_together(stretches) for stretches in groups.values())
+    return list(groups.values())
 
 
-def _together(stretches: Sequence[Comparison]) -> Comparison:
-    """Return stretches as one; their first samples, which nothing predicts, are left out."""
+def together(stretches: Sequence[Comparison]) -> Comparison:
+    """Return stretches as one; their first samples, which nothing predicts, are left out.
+
+    Parameters
+    ----------
+    stretches : sequence of Comparison
+        Of one recording.
+    """
     first, *others = stretches
     if not others:
         return first
