@@ -115,7 +115,7 @@ def looked_ahead(predictor, system, run, steps):
 def test_looking_ahead_is_the_plain_loop(systems, steps):
     """From k samples before, or from the first one where there are fewer: then a free run."""
     system = systems["duffing"]
-    run = system.experiments[1]
+    run = system.experiments[1].part(0, 60)
     measured, inputs = run.stack(system.model.states), run.stack(system.model.inputs)
     expected = []
     for target in range(1, len(run)):
@@ -199,6 +199,24 @@ def test_a_wrong_first_sample_is_estimated_away(free):
     held = compare(Predictor(STEP), Seen(2.0), run)
     np.testing.assert_array_equal(held.free_run[0], run.stack(("x", "v"))[0])
     assert max(held.free_run_errors.values()) > 0.05
+
+
+def test_what_estimates_starts_is_compiled_once():
+    traced = []
+
+    class Counted(Hidden):
+        def derivative(self, x, u):
+            traced.append(x)
+            return super().derivative(x, u)
+
+    run, _ = recorded()
+    errors = [compare(Predictor(STEP), Counted(2.0), without_speed(run)).free_run_rmse]
+    once = len(traced)
+    errors.append(compare(Predictor(STEP), Counted(2.5), without_speed(run)).free_run_rmse)
+    shorter = without_speed(recorded(x=0.1)[0]).part(0, 70)
+    errors.append(compare(Predictor(STEP), Counted(2.0), shorter).free_run_rmse)
+    assert len(traced) == once > 0
+    assert errors[0] < 1e-8 < errors[2] < errors[1]
 
 
 def test_an_unmeasured_state_is_estimated_and_not_compared():

@@ -280,19 +280,37 @@ def _estimated_start(
             f"{predictor.past} samples; choose a one-step solver."
         )
 
-    def residual(free: JaxArray) -> JaxArray:
-        start = first.at[np.array(freed)].set(free)[None]
-        run = _free_run(predictor, model, start, padded, jnp.asarray(ahead))[:, :ahead]
-        gap: JaxArray = (run - measured[:, 1:])[np.array(compared)].ravel()
-        return gap
+    fixed = predictor, tuple(freed), model, first, (padded, jnp.asarray(ahead))
+    target = np.asarray(measured[:, 1:])[compared]
 
-    slope = jax.jit(jax.jacfwd(residual))
+    def residual(free: FloatArray) -> FloatArray:
+        gap = np.asarray(_run_from(free, *fixed))[compared, :ahead] - target
+        return np.nan_to_num(gap.ravel(), nan=1e150, posinf=1e150)
+
+    def slope(free: FloatArray) -> FloatArray:
+        slopes = np.asarray(_slope_of_run(free, *fixed))[compared, :ahead]
+        return slopes.reshape(-1, len(freed))
+
     solution = least_squares(
-        lambda free: np.nan_to_num(np.asarray(residual(free)), nan=1e150, posinf=1e150),
-        np.asarray(first)[freed],
-        jac=lambda free: np.asarray(slope(free)),
-        x_scale="jac",
-        max_nfev=50,
+        residual, np.asarray(first)[freed], jac=slope, x_scale="jac", max_nfev=50
     )
     start: JaxArray = first.at[np.array(freed)].set(solution.x)[None]
     return start
+
+
+def _from_free(
+    free: JaxArray,
+    predictor: Predictor,
+    freed: tuple[int, ...],
+    model: Model,
+    first: JaxArray,
+    drive: tuple[JaxArray, JaxArray],
+) -> JaxArray:
+    """Return the free run of inputs and samples (`drive`) from a state with free rows."""
+    start = first.at[np.array(freed)].set(free)[None]
+    return _free_run(predictor, model, start, *drive)
+
+
+# Compiled once for all recordings of about a length, all values of parameters and all starts.
+_run_from = jax.jit(_from_free, static_argnums=(1, 2))
+_slope_of_run = jax.jit(jax.jacfwd(_from_free), static_argnums=(1, 2))
