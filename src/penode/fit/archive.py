@@ -20,6 +20,8 @@ from penode.errors import InputError
 
 #: Key under which the document names the arrays it belongs to, and that of its own digest.
 _ARRAYS, _OWN = "arrays_sha256", "sha256"
+#: Keys of the objects that stand for numbers which JSON lacks.
+_NUMBER, _COMPLEX = "json:number", "json:complex"
 #: Bytes that any arrays may unpack to, and those for each byte of their file.
 _UNPACKED, _COMPRESSION = 1 << 26, 20
 _HOST = hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
@@ -75,23 +77,50 @@ def _alive(process: int) -> bool:
     return True
 
 
-def to_json(document: Any) -> str:
-    """Return strict JSON: arrays become lists, numbers that are not finite null."""
-    return json.dumps(_plain(document), indent=2, allow_nan=False) + "\n"
+def to_json(document: Any, exact: bool = False) -> str:
+    """Return strict JSON: arrays become lists.
+
+    Parameters
+    ----------
+    document : object
+        Mappings, lists, tuples, arrays, text, None and numbers of Python and NumPy.
+    exact : bool
+        Whether numbers that JSON lacks can be read back by `from_json`; without it those that are
+        not finite are null, and complex ones pairs.
+    """
+    return json.dumps(_plain(document, exact), indent=2, allow_nan=False) + "\n"
 
 
-def _plain(value: Any) -> Any:
+def from_json(text: str | bytes) -> Any:
+    """Return the document that `to_json` was given, as far as JSON distinguishes it."""
+    return json.loads(text, object_hook=_number)
+
+
+def _plain(value: Any, exact: bool) -> Any:
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _plain(item, exact) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [_plain(item, exact) for item in value]
     if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    if isinstance(value, np.integer):
-        return int(value)
+        missing = {_NUMBER: repr(float(value))} if exact else None
+        return float(value) if np.isfinite(value) else missing
+    if isinstance(value, (complex, np.complexfloating)):
+        pair = _plain([value.real, value.imag], exact)
+        return {_COMPLEX: pair} if exact else pair
+    if isinstance(value, np.generic):
+        return value.item()
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return _plain(value.tolist(), exact)
     return value
+
+
+def _number(entry: dict[str, Any]) -> Any:
+    """Return the number that an object of JSON stands for, or the object."""
+    if entry.keys() == {_NUMBER}:
+        return float(entry[_NUMBER])
+    if entry.keys() == {_COMPLEX}:
+        return complex(*entry[_COMPLEX])
+    return entry
 
 
 def archive(document: Mapping[str, Any], arrays: Mapping[str, Any]) -> dict[str, bytes]:
@@ -99,8 +128,8 @@ def archive(document: Mapping[str, Any], arrays: Mapping[str, Any]) -> dict[str,
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     content = buffer.getvalue()
-    whole = json.loads(to_json({**document, _ARRAYS: sha256(content)}))
-    text = to_json({**whole, _OWN: sha256(to_json(whole).encode())})
+    whole = {**document, _ARRAYS: sha256(content)}
+    text = to_json({**whole, _OWN: _digest(whole)}, exact=True)
     return {"fit.npz": content, "fit.json": text.encode()}
 
 
@@ -128,7 +157,7 @@ def read_archive(folder: Path) -> tuple[dict[str, Any], dict[str, FloatArray]]:
         If a file is missing or damaged; the message names it.
     """
     try:
-        document = json.loads(content_of(folder / "fit.json"))
+        document = from_json(content_of(folder / "fit.json"))
         content = content_of(folder / "fit.npz")
         _require_whole(document, content)
         with np.load(io.BytesIO(content), allow_pickle=False) as stored:
@@ -159,12 +188,16 @@ def _require_plausible(stored: Any, size: int) -> None:
         raise ValueError(f"{size} bytes unpack to {unpacked}")
 
 
+def _digest(document: Any) -> str:
+    return sha256(to_json(document, exact=True).encode())
+
+
 def _require_whole(document: Any, content: bytes) -> None:
     """Take the digests out of a document, or refuse it; earlier ones have none of their own."""
     if not isinstance(document, dict):
         raise ValueError("its document is not a table")
     own = document.pop(_OWN, None)
-    if own is not None and own != sha256(to_json(document).encode()):
+    if own is not None and own != _digest(document):
         raise ValueError("fit.json is not as it was written")
     if document.pop(_ARRAYS, None) != sha256(content):
         raise ValueError("its two files do not belong together")

@@ -2,11 +2,12 @@
 
 import importlib
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
 import equinox as eqx
+import jax
 import numpy as np
 
 from penode.arrays import FloatArray
@@ -22,7 +23,8 @@ def describe_module(module: Any, name: str, arrays: dict[str, FloatArray]) -> An
     Parameters
     ----------
     module : object
-        Models, records, tuples, mappings of text, arrays, numbers, text and None.
+        Models, records, tuples, lists, mappings, arrays, numbers of Python and NumPy, text and
+        None.
     name : str
         First part of the names of its arrays.
     arrays : dict of str to ndarray
@@ -35,16 +37,39 @@ def describe_module(module: Any, name: str, arrays: dict[str, FloatArray]) -> An
         }
         return {"class": f"{type(module).__module__}:{type(module).__qualname__}", "fields": inner}
     if isinstance(module, (tuple, list)):
-        return [describe_module(item, f"{name}.{k}", arrays) for k, item in enumerate(module)]
+        items = [describe_module(item, f"{name}.{k}", arrays) for k, item in enumerate(module)]
+        return items if isinstance(module, tuple) else {"list": items}
     if isinstance(module, Mapping):
-        inner = {k: describe_module(item, f"{name}.{k}", arrays) for k, item in module.items()}
-        return {"mapping": inner}
-    if isinstance(module, np.ndarray):
-        arrays[name] = module
+        return _described_mapping(module, name, arrays)
+    if isinstance(module, (np.ndarray, jax.Array)):
+        arrays[name] = np.asarray(module)
         return {"array": name}
-    if isinstance(module, (float, np.floating)) and not np.isfinite(module):
-        return {"number": repr(float(module))}  # JSON has none of these
-    return module
+    return _described_number(module)
+
+
+def _described_mapping(
+    mapping: Mapping[Any, Any], name: str, arrays: dict[str, FloatArray]
+) -> dict[str, Any]:
+    """Describe a mapping; its arrays are named by its keys where these are plain names."""
+    named = {
+        key: f"{name}.{key if isinstance(key, str) and key.isidentifier() else k}"
+        for k, key in enumerate(mapping)
+    }
+    inner = {key: describe_module(value, named[key], arrays) for key, value in mapping.items()}
+    if all(type(key) is str for key in mapping):
+        return {"mapping": inner}
+    return {"pairs": [[describe_module(key, name, arrays), inner[key]] for key in mapping]}
+
+
+def _described_number(value: Any) -> Any:
+    """Describe what JSON has no number for, or not this kind of it; the rest is as it is."""
+    if isinstance(value, np.generic):
+        return {"scalar": value.dtype.str, "value": _described_number(value.item())}
+    if isinstance(value, complex):
+        return {"complex": [_described_number(part) for part in (value.real, value.imag)]}
+    if isinstance(value, float) and not np.isfinite(value):
+        return {"number": repr(value)}
+    return value
 
 
 def restore_module(document: Any, arrays: Mapping[str, FloatArray], trust: bool = False) -> Any:
@@ -68,17 +93,37 @@ def restore_module(document: Any, arrays: Mapping[str, FloatArray], trust: bool 
         return tuple(restore_module(item, arrays, trust) for item in document)
     if not isinstance(document, dict):
         return document
-    if "array" in document:
-        return arrays[document["array"]]
-    if "number" in document:
-        return float(document["number"])
-    if "mapping" in document:
-        return {k: restore_module(v, arrays, trust) for k, v in document["mapping"].items()}
+    for form, restored in _FORMS.items():
+        if form in document:
+            return restored(document, lambda inner: restore_module(inner, arrays, trust), arrays)
     kind = _restorable_class(document["class"], trust)
     module: Any = object.__new__(kind)
     for name, value in document["fields"].items():
         object.__setattr__(module, name, restore_module(value, arrays, trust))
     return module
+
+
+def _scalar(kind: str, value: Any) -> Any:
+    """Return a number of NumPy, whose kinds are known to be small."""
+    dtype = np.dtype(kind)
+    if dtype.kind not in "biufcU":
+        raise ValueError(f"{kind} is no kind of number")
+    try:
+        return dtype.type(value)
+    except OverflowError as error:
+        raise ValueError(f"{value} is no {kind}") from error
+
+
+#: What describes a value that is no record -> the value, from its document.
+_FORMS: dict[str, Callable[[dict[str, Any], Callable[[Any], Any], Mapping[str, Any]], Any]] = {
+    "array": lambda document, _, arrays: arrays[document["array"]],
+    "number": lambda document, *_: float(document["number"]),
+    "complex": lambda document, inner, _: complex(*map(inner, document["complex"])),
+    "scalar": lambda document, inner, _: _scalar(document["scalar"], inner(document["value"])),
+    "list": lambda document, inner, _: [inner(item) for item in document["list"]],
+    "mapping": lambda document, inner, _: {k: inner(v) for k, v in document["mapping"].items()},
+    "pairs": lambda document, inner, _: {inner(k): inner(v) for k, v in document["pairs"]},
+}
 
 
 def _restorable_class(reference: str, trust: bool) -> type:

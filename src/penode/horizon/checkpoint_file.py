@@ -1,9 +1,7 @@
 """The file of a checkpoint: one JSON document with a digest of its own."""
 
 import base64
-import hashlib
 import io
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,7 +11,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.errors import InputError
-from penode.fit.archive import content_of, to_json
+from penode.fit.archive import content_of, from_json, sha256, to_json
 from penode.fit.model_tree import describe_module, restore_module
 
 SCHEMA = "penode-checkpoint/2"
@@ -65,34 +63,25 @@ class Record:
 
 def text(record: Record) -> str:
     """Return the content of the file."""
-    document = _listed({"schema": SCHEMA, **asdict(record)})
-    return to_json({**document, "sha256": _digest(document)})
-
-
-def _listed(value: Any) -> Any:
-    """Return the value with arrays as lists; each number in as many digits as give it back."""
-    if isinstance(value, dict):
-        return {key: _listed(item) for key, item in value.items()}
-    if isinstance(value, tuple):
-        return [_listed(item) for item in value]
-    return value.tolist() if isinstance(value, np.ndarray) else value
+    document = {"schema": SCHEMA, **asdict(record)}
+    return to_json({**document, "sha256": _digest(document)}, exact=True)
 
 
 def _digest(document: Any) -> str:
-    return hashlib.sha256(to_json(document).encode()).hexdigest()
+    return sha256(to_json(document, exact=True).encode())
 
 
 def read(path: Path) -> Record | None:
     """Return the record in the file, or None where there is no file."""
     try:
-        document = json.loads(content_of(path))
+        document = from_json(content_of(path))
         if not isinstance(document, dict) or document.pop("sha256", None) != _digest(document):
             raise ValueError("it is not as it was written")
         if document["schema"] not in (SCHEMA, _EARLIER):
             raise ValueError(f"its schema is {document['schema']}, not {SCHEMA}")
-        rungs = [Rung(**{**rung, "raw": np.array(rung["raw"])}) for rung in document["rungs"]]
+        rungs = [Rung(**{**rung, "raw": _numbers(rung["raw"])}) for rung in document["rungs"]]
         began = document.get("began", packed(None))
-        asked, start = document.get("asked", {}), np.array(document["start"])
+        asked, start = document.get("asked", {}), _numbers(document["start"])
         return Record(asked, document["given"], start, began, tuple(rungs))
     except FileNotFoundError:
         return None
@@ -100,6 +89,10 @@ def read(path: Path) -> Record | None:
         raise
     except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
         raise _unreadable(path, error) from error
+
+
+def _numbers(values: list[float]) -> FloatArray:
+    return np.array(values, dtype=np.float64)
 
 
 def _unreadable(path: Path, error: Exception) -> InputError:
