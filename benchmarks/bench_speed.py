@@ -52,16 +52,16 @@ def recorded(drive: Drive, duration: float = 2.0) -> Experiment:
     return simulate(TRACTION_300A, reference, speed_rpm=1500.0, duration=duration, drive=drive)
 
 
-def check_accuracy(name: str, drive: Drive) -> float:
-    """Return the largest current error in A of 0.2 s, against 16 times as many steps."""
+def check_accuracy(name: str, drive: Drive, duration: float = 0.2) -> float:
+    """Return the largest current error in A, against 16 times as many steps."""
     # Quantisation and noise would hide, or amplify, what the integration leaves.
     sensors = drive.current_sensors
     if sensors is not None:
         drive = replace(drive, current_sensors=replace(sensors, noise=0.0, quantisation=None))
-    coarse, steps = recorded(drive, 0.2), rig.substeps
+    coarse, steps = recorded(drive, duration), rig.substeps
     rig.substeps = lambda *inputs: 16 * steps(*inputs)
     try:
-        fine = recorded(drive, 0.2)
+        fine = recorded(drive, duration)
     finally:
         rig.substeps = steps
     currents = [run.stack(["i_d", "i_q"]) for run in (coarse, fine)]

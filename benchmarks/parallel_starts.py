@@ -9,6 +9,7 @@ trained alone is printed. The first seed alone must end where it ends among the 
 
 import sys
 import time
+from collections.abc import Sequence
 
 import jax
 import numpy as np
@@ -35,11 +36,13 @@ def train(stages: list[tuple[FirstOrder, Problem]], raws: FloatArray) -> FloatAr
     return np.array([[solution.raw for solution in solutions] for solutions in ends])
 
 
-def main(duration: float = DURATION) -> None:
-    """Print the times of the whole sweep and of one seed's share of it."""
+def main(
+    duration: float = DURATION, horizons: Sequence[int] = HORIZONS, seeds: int = SEEDS
+) -> None:
+    """Print the times of the whole sweep and of one seed's part of it."""
     run = paper_recording(duration)
-    starts = [nominal_start([run], seed) for seed in range(SEEDS)]
-    plans = [PaperRecipe(lambda _, h=h: h, EPOCHS).plan() for h in HORIZONS]
+    starts = [nominal_start([run], seed) for seed in range(seeds)]
+    plans = [PaperRecipe(lambda _, h=h: h, EPOCHS).plan() for h in horizons]
     ascent = LadderProblem.of(starts[0], [run], plans[0], lambda event: None)
     stages = [(p.stages[0].optimiser, ascent.problem(p.stages[0], p)) for p in plans]
     raws = np.stack([ascent.objective.layout.raw(start) for start in starts])
@@ -49,14 +52,14 @@ def main(duration: float = DURATION) -> None:
         began = time.perf_counter()
         return train(stages, raws[:count]), time.perf_counter() - began
 
-    together, whole = timed(SEEDS)
+    together, whole = timed(seeds)
     alone, single = timed(1)
     gap = np.abs(together[:, :1] - alone).max() / np.abs(alone).max()
     if not gap < AGREEMENT:
         raise SystemExit(f"parameters differ by {gap:.1e} from alone; nothing is timed.")
     print(f"{jax.devices()[0].device_kind}: {len(run)} samples, {EPOCHS} epochs of 20 batches")
-    print(f"{len(HORIZONS)} horizons x {SEEDS} seeds: {whole:.1f} s, one seed: {single:.1f} s")
-    print(f"one by one / together: {SEEDS * single / whole:.1f}x; agreement {gap:.0e}")
+    print(f"{len(horizons)} horizons x {seeds} seeds: {whole:.1f} s, one seed: {single:.1f} s")
+    print(f"one by one / together: {seeds * single / whole:.1f}x; agreement {gap:.0e}")
 
 
 if __name__ == "__main__":

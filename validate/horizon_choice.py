@@ -1,15 +1,17 @@
 """The horizon chosen and the interval given, over machines and drives drawn at random.
 
-``python -m validate.horizon_choice [COUNT] [FIRST]``: each draw is identified with default
-settings, nothing given but that simulated sensors are exact. Printed are, draw by draw, the terms
+``python -m validate.horizon_choice [COUNT] [FIRST]``: each draw is written to files and identified
+by ``penode identify``, report included, nothing given but a study file that says that simulated
+sensors are exact. Printed are, draw by draw, the terms
 the structure took, the horizon and the verdict, the error of R and of the dead-time voltage in per
 cent and in deviations, the error of R at the rung of least error, the mean absolute error of the
 map in per cent of the largest |psi| and how much of its grid the band covers. In every tenth draw
-an unconstrained map at one speed, on a slow trajectory, must be called not identifiable. Ctrl-C
-prints the table of the draws so far; the same command goes on.
+an unconstrained map at one speed, on a slow trajectory, must be called not identifiable. Behind
+``!!`` stands what no run should show: an exit status that the command does not promise, a part of
+the report left out, a warning of Python. Ctrl-C prints the table of the draws so far; the same
+command goes on.
 """
 
-import time
 from collections import Counter
 
 import numpy as np
@@ -17,10 +19,8 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.fit.fit import Fit
 from penode.fit.outcome import AVERAGED
-from penode.pmsm.recording.accuracy import Accuracy
-from penode.pmsm.study import identify
-from penode.pmsm.study_settings import Study
 from validate.drawn_recordings import Campaign, draw_campaign
+from validate.identified import EXACT, Identified, identified
 from validate.ledger import Record, run_draws
 from validate.map_errors import error_and_coverage
 
@@ -32,18 +32,33 @@ _FREE = 10
 def result_of(number: int) -> Record:
     """Identify one campaign, at times with an unconstrained map of the machine at one speed."""
     campaign = draw_campaign(number)
-    began = time.perf_counter()
-    fit = identify(campaign.runs, study=Study(accuracy=Accuracy.exact()))
-    took, free_verdict = time.perf_counter() - began, None
+    done = identified(f"horizon_choice/{number}", campaign.runs, config=EXACT)
+    free = None
     if number % _FREE == 0:
-        study = Study("mlp", horizon=1, accuracy=Accuracy.exact())
-        free_verdict = identify([campaign.hidden], study=study).horizon.verdict
+        options = ("--flux-map", "mlp", "--horizon", 1)
+        free = identified(
+            f"horizon_choice/{number}_free", [campaign.hidden], *options, config=EXACT
+        )
+    return record_of(campaign, done, free)
+
+
+def record_of(campaign: Campaign, done: Identified, free: Identified | None) -> Record:
+    """Return what became of a campaign, and of a free map where one was identified."""
+    fit = done.fit
+    record: Record = {
+        "verdict": done.verdict,
+        "why": done.why,
+        "free_verdict": free and free.verdict,
+        "noted": "; ".join(one.noted for one in (done, free) if one and one.noted),
+        "text": campaign.description,
+        "seconds": done.seconds,
+    }
+    if fit is None:
+        return record
     map_error, band = error_and_coverage(fit, campaign.machine)
     truth, (low, high) = campaign.machine.resistance, fit.parameters["R"].interval_95
     ladder = fit.horizon.ladder
-    return {
-        "verdict": fit.horizon.verdict,
-        "free_verdict": free_verdict,
+    return record | {
         "map_error": map_error,
         "band": band,
         "horizon": fit.horizon.selected,
@@ -55,7 +70,6 @@ def result_of(number: int) -> Record:
         "std": fit.parameters["R"].std / truth,
         "plateau": list(fit.horizon.plateau),
         "text": text_of(campaign, fit),
-        "seconds": took,
     }
 
 
@@ -72,19 +86,26 @@ def text_of(campaign: Campaign, fit: Fit) -> str:
 
 def line_of(draw: Record) -> str:
     """Return one line of the list."""
-    best = min(draw["by_horizon"].values(), key=abs)
     free = f"free map {draw['free_verdict']}; " if draw["free_verdict"] else ""
+    end = f"{free}{draw['seconds']:.0f} s" + (draw["noted"] and f"  !! {draw['noted']}")
+    if "error" not in draw:
+        return f"{draw['draw']:3d} {draw['text']}: {draw['verdict']}: {draw['why']}; {end}"
+    best = min(draw["by_horizon"].values(), key=abs)
     return (
         f"{draw['draw']:3d} {draw['text']}, H {draw['horizon']:3d} {draw['verdict']}, "
         f"R {100 * draw['error']:+.2f} % {draw['deviations']:.1f}, best {100 * best:+.2f} %; "
-        f"map {100 * draw['map_error']:.3f} %, band {100 * draw['band']:.0f} %; "
-        f"{free}{draw['seconds']:.0f} s"
+        f"map {100 * draw['map_error']:.3f} %, band {100 * draw['band']:.0f} %; {end}"
     )
 
 
 def print_table(draws: list[Record]) -> None:
     """Print coverage, errors, and what fixed horizons would have given."""
     good = [draw for draw in draws if draw["verdict"] in AVERAGED]
+    if noted := sum(bool(draw["noted"]) for draw in draws):
+        print(f"{noted} of {len(draws)} ended otherwise than promised or with a warning.")
+    if not good:
+        print(f"0 of {len(draws)} verdicts are positive.")
+        return
     errors = np.abs([draw["error"] for draw in good])
     hidden = sum(draw["verdict"] == "not identifiable" for draw in draws)
     free = [draw["free_verdict"] for draw in draws if draw["free_verdict"]]

@@ -14,7 +14,7 @@ import numpy as np
 
 from penode.pmsm.bench.coenergy_table import true_flux_map
 from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.map_import import import_machine, read_flux_table
+from penode.pmsm.bench.map_import import ImportedMachine, import_machine, read_flux_table
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.study import identify
@@ -26,14 +26,17 @@ NOISE = 0.05
 BANDWIDTH = 300.0
 
 
-def main() -> None:
-    """Import, record, identify and print."""
-    path, resistance, pairs = sys.argv[1], float(sys.argv[2]), int(sys.argv[3])
+def imported_from(path: str, resistance: float, pairs: int) -> ImportedMachine:
+    """Return the machine of a map; one that covers one sign of i_q is mirrored."""
     table = read_flux_table(path, pole_pairs=pairs)
     mirror = bool(np.min(table.i_q) * np.max(table.i_q) >= 0)
-    imported = import_machine(path, resistance=resistance, pole_pairs=pairs, mirror=mirror)
+    return import_machine(path, resistance=resistance, pole_pairs=pairs, mirror=mirror)
+
+
+def main(path: str, resistance: float, pairs: int, amplitude: float, duration: float = 2.0) -> None:
+    """Import, record, identify and print."""
+    imported = imported_from(path, resistance, pairs)
     machine, findings = imported.machine, imported.findings
-    amplitude = float(sys.argv[4])
     print(
         f"{machine.name}: L_d {1e3 * machine.inductance_d:.3g} mH, "
         f"L_q {1e3 * machine.inductance_q:.3g} mH, psi_PM {machine.magnet_flux_linkage:.3g} Vs; "
@@ -43,7 +46,7 @@ def main() -> None:
         machine,
         Lissajous(amplitude, 14.0, 15.0),
         speed_rpm=1500.0,
-        duration=2.0,
+        duration=duration,
         drive=Drive(current_noise=NOISE, bandwidth=BANDWIDTH),
         seed=1,
     )
@@ -65,4 +68,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1], float(sys.argv[2]), int(sys.argv[3]), float(sys.argv[4]))

@@ -1,8 +1,8 @@
 """Other people's simulators: ``python -m validate.other_simulators [HALF]``.
 
 ``... record --python PYTHON --thor FILE`` makes the recordings first, in an environment that has
-the simulators and no penode; see docs/validation/other-simulators.md. Then all recordings are
-identified with default settings from their files alone, and the tables of both halves printed, or
+the simulators and no penode; see docs/validation/other-simulators.md. Then ``penode identify`` runs
+on all recordings with nothing beside their files, and the tables of both halves are printed, or
 of one, ``developing`` or ``held-out``. The half held out is for judging only: what it shows is
 never a reason to change anything. Ctrl-C ends a table early; the same command goes on.
 """

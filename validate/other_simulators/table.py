@@ -1,7 +1,7 @@
 """Identify the recordings and print what became of them, a line each, by halves."""
 
 import json
-import time
+import shutil
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
@@ -17,7 +17,8 @@ from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.fit.outcome import AVERAGED
 from penode.pmsm.conventional.coenergy_least_squares import CoenergyLeastSquares
-from penode.pmsm.study import identify
+from validate.command import identify
+from validate.identified import Identified, outcome
 from validate.ledger import Ledger, Record
 from validate.other_simulators.plan import HALVES
 
@@ -51,27 +52,36 @@ def truths() -> dict[str, Any]:
 
 
 def result_of(truth: Record) -> Record:
-    """Identify a recording, or both of two, with nothing but the files given."""
-    began = time.perf_counter()
-    recordings = [load(FOLDER / file) for file in truth["files"]]
-    try:
-        fit = identify(recordings)
-    except InputError as error:
-        return {"verdict": "refused", "why": str(error), "seconds": time.perf_counter() - began}
-    seconds, estimate = time.perf_counter() - began, fit.parameters["R"]
-    return {
-        "verdict": fit.horizon.verdict,
-        "why": fit.horizon.reason,
+    """Identify a recording, or both of two, by the command with nothing but the files given."""
+    files, out = [FOLDER / file for file in truth["files"]], FOLDER / f"result{truth['number']}"
+    done = outcome(identify(files, out))
+    if not done.noted:
+        shutil.rmtree(out, ignore_errors=True)
+    return record_of(done, files, truth)
+
+
+def record_of(done: Identified, files: Sequence[Path], truth: Record) -> Record:
+    """Return how an identification ended, as JSON can hold it."""
+    record: Record = {
+        "verdict": done.verdict,
+        "why": done.why,
+        "noted": done.noted,
+        "seconds": done.seconds,
+    }
+    fit = done.fit
+    if fit is None:
+        return record
+    estimate = fit.parameters["R"]
+    return record | {
         "objections": [objection.name for objection in fit.horizon.objections],
         "R": estimate.value,
         "interval": list(estimate.interval_95),
         "map": map_error(fit, truth["flux_map"], fit.supported),
-        "plain": plain_error(recordings, truth["flux_map"], fit.supported),
+        "plain": plain_error([load(file) for file in files], truth["flux_map"], fit.supported),
         "horizon": fit.horizon.selected,
         "structure": fit.provenance["structure"],
         "hold": fit.provenance["hold"],
         "warnings": list(fit.warnings),
-        "seconds": seconds,
     }
 
 
@@ -113,7 +123,9 @@ def map_error(fit: Fit, samples: Samples, supported: Supported) -> float | None:
 
 
 def mark_of(truth: Record, result: Record) -> str:
-    """Return ``"refused"``, ``"right"``, ``"wrong"`` or ``"far"``."""
+    """Return ``"broken"``, ``"refused"``, ``"right"``, ``"wrong"`` or ``"far"``."""
+    if result["verdict"].startswith("status"):
+        return "broken"
     if result["verdict"] not in AVERAGED:
         return "refused"
     if abs(error_of(truth, result)) > FAR:
@@ -150,6 +162,7 @@ def line_of(truth: Record, result: Record) -> str:
     return (
         f"{truth['number']:2d} {kind:27s} {machine:20s} {rpm + 0.0:5.0f} {found} "
         f"{mark_of(truth, result):7s} {result['seconds']:4.0f}  {said}"
+        f"{result['noted'] and '  !! ' + result['noted']}"
     )
 
 
@@ -163,20 +176,24 @@ def percent(number: float | None, form: str) -> str:
 def summary(pairs: list[tuple[Record, Record]]) -> str:
     """Return the goal figures of some recordings, as a line."""
     positive = [pair for pair in pairs if pair[1]["verdict"] in AVERAGED]
+    noted = sum(bool(result["noted"]) for _, result in pairs)
+    odd = f" {noted} ended otherwise than promised or with a warning." if noted else ""
     if not positive:
-        return f"0 of {len(pairs)} verdicts are positive."
+        return f"0 of {len(pairs)} verdicts are positive.{odd}"
     covered = [covers(*pair) for pair in positive]
     largest = max(abs(error_of(*pair)) for pair in positive)
     return (
         f"{len(positive)} of {len(pairs)} verdicts are positive "
         f"({100 * len(positive) / len(pairs):.0f} %); intervals cover in {sum(covered)} of them "
         f"({100 * np.mean(covered):.0f} %); largest error with a positive verdict {largest:.2f} %. "
-        f"{_maps(positive)}"
+        f"{_maps(positive)}{odd}"
     )
 
 
 def _maps(pairs: list[tuple[Record, Record]]) -> str:
     ratios = [r["plain"] / r["map"] for _, r in pairs if r["plain"] and r["map"]]
+    if not ratios:
+        return "Their maps have none of least squares beside them."
     return (
         f"Their maps are as good as least squares' in {sum(ratio >= 1 for ratio in ratios)} of "
         f"{len(ratios)}, its error {np.median(ratios):.1f} times theirs in the median."

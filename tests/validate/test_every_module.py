@@ -1,0 +1,371 @@
+"""A small case of every module of `validate`: what makes the published tables runs.
+
+One recording goes through the command once; its result is what most modules judge.
+"""
+
+import importlib
+import importlib.util
+import json
+import os
+import pkgutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from validate.bad_files import __main__ as bad_files
+from validate.command import identify
+from validate.drawn_recordings import draw_campaign
+from validate.identified import EXACT, Identified, identified, outcome
+from validate.other_simulators import plan as planning
+from validate.other_simulators import table
+from validate.other_simulators.drive_log import DriveLog
+from validate.other_simulators.references import PROFILES, REFERENCES
+from validate.other_simulators.sensors import Sensors
+from validate.other_simulators.wrong_logs import WRONG
+
+import validate
+from penode import Experiment
+from penode.data.save import save
+from penode.pmsm.exports.formats import export
+from validate import (
+    aliasing,
+    conventions,
+    flux_maps,
+    full_disk,
+    horizon_choice,
+    imperfect_drives,
+    imperfections,
+    imported_machine,
+    interruption,
+    ledger,
+    map_errors,
+    processes,
+    random_starts,
+    repetition,
+    sweep_interruption,
+)
+
+#: Modules with tests of their own, and those that run in an environment of other simulators.
+TESTED = {"command", "golden", "drawn_logs", "through_command", "sampled_drive"}
+ELSEWHERE = {
+    "other_simulators.gem_drive": "gym_electric_motor",
+    "other_simulators.motulator_drive": "motulator",
+    "other_simulators.record": "motulator",
+}
+HERE = {
+    "aliasing", "bad_files", "conventions", "drawn_recordings", "flux_maps", "full_disk",
+    "horizon_choice", "identified", "imperfect_drives", "imperfections", "imported_machine",
+    "interruption", "ledger", "map_errors", "other_simulators", "processes", "random_starts",
+    "repetition", "sweep_interruption",
+}  # fmt: skip
+
+
+def test_every_module_has_a_case():
+    """A new module of `validate` joins HERE with a case below, or gets tests of its own."""
+    found = {one.name for one in pkgutil.iter_modules(validate.__path__)}
+    assert found == HERE | (TESTED & found)
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_what_needs_other_simulators_is_imported_where_they_are(name):
+    source = Path(validate.__file__).parent / f"{name.replace('.', '/')}.py"
+    compile(source.read_text(), source, "exec")
+    if importlib.util.find_spec(ELSEWHERE[name]) is None:
+        pytest.skip(f"{ELSEWHERE[name]} is not installed; it needs an environment of its own.")
+    importlib.import_module(f"validate.{name}")
+
+
+# --- one identification, shared ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    """One recording of 0.06 s, of a machine and a drive that were drawn."""
+    return draw_campaign(5, duration=0.06)
+
+
+@pytest.fixture(scope="module")
+def ended(campaign, tmp_path_factory):
+    """How the command ended with one horizon and nothing of the structure left to the data."""
+    folder = tmp_path_factory.mktemp("out")
+    save(campaign.runs[0], folder / "recording.csv")
+    (folder / "study.toml").write_text(EXACT)
+    options = ("--horizon", 2, "--no-inverter", "--angle-orders", "none", "--hold", "dq")
+    return identify(
+        [folder / "recording.csv"], folder / "result", *options, "--config", folder / "study.toml"
+    )
+
+
+@pytest.fixture(scope="module")
+def done(ended):
+    return outcome(ended)
+
+
+REFUSED = Identified(None, "refused", "error: too short.", "", 0.1)
+BROKEN = Identified(None, "status 70", "internal error", "exit status 70: internal error", 9.0)
+
+
+def test_the_command_ends_with_a_fit_and_nothing_to_note(ended, done):
+    assert ended.status == 1, ended.printed  # 60 ms at one speed cannot determine R
+    assert (done.verdict, done.noted, done.told) == ("not identifiable", "", "")
+    assert done.fit.parameters["R"].value > 0
+    assert (ended.out / "report.html").exists()
+
+
+def test_a_recording_that_is_refused_leaves_no_files(campaign, monkeypatch, tmp_path):
+    monkeypatch.setattr("validate.identified.FOLDER", tmp_path)
+    run = campaign.runs[0]
+    few = replace(run, channels={name: values[:3] for name, values in run.channels.items()})
+    found = identified("few/samples!", [few])
+    assert (found.fit, found.verdict, found.noted) == (None, "refused", "")
+    assert "only 3 samples" in found.why
+    assert not list(tmp_path.rglob("*.csv"))
+
+
+def test_what_no_run_should_show_is_noted(ended):
+    crashed = outcome(replace(ended, status=70, out=None, printed="internal error"))
+    assert (crashed.verdict, crashed.fit) == ("status 70", None)
+    assert crashed.told == "  !! exit status 70: internal error"
+    warned = outcome(replace(ended, warned=("RuntimeWarning: overflow (a.py:3)", "UserWarning: x")))
+    assert warned.noted == "RuntimeWarning: overflow (a.py:3)"
+    partly = outcome(replace(ended, printed="The picture is left out (x.txt)."))
+    assert partly.noted == "The picture is left out (x.txt)."
+
+
+# --- tables of runs of the command ---------------------------------------------------------------
+
+
+def test_horizon_choice(campaign, done, capsys):
+    good = horizon_choice.record_of(campaign, done, replace(done, verdict="not identifiable"))
+    positive = json.loads(json.dumps({"draw": 0, **good, "verdict": "plateau"}))
+    assert positive["error"] == done.fit.parameters["R"].value / campaign.machine.resistance - 1
+    broken = {"draw": 1, **horizon_choice.record_of(campaign, BROKEN, None)}
+    assert "free map not identifiable" in horizon_choice.line_of(positive)
+    assert "!! exit status 70: internal error" in horizon_choice.line_of(broken)
+    horizon_choice.print_table([positive, broken])
+    printed = capsys.readouterr().out
+    assert "1 of 2 verdicts are positive" in printed
+    assert "1 of 2 ended otherwise than promised" in printed
+    horizon_choice.print_table([broken])
+    assert "0 of 1 verdicts are positive" in capsys.readouterr().out
+
+
+def test_imperfect_drives(done, capsys):
+    drive, there = imperfect_drives.draw_drive(np.random.default_rng(1))
+    assert ("delay" in there) or drive.inverter.delay == 0
+    truth = done.fit.parameters["R"].value / 1.1
+    good = imperfect_drives.record_of(done, replace(done, noted="a warning"), truth, there)
+    good = json.loads(json.dumps({"draw": 0, **good, "verdict": "plateau"}))
+    assert good["error"] == pytest.approx(0.1)
+    assert "!! a warning" in imperfect_drives.line_of(good)
+    refused = {"draw": 1, **imperfect_drives.record_of(REFUSED, done, truth, there)}
+    assert "refused: error: too short." in imperfect_drives.line_of(refused)
+    imperfect_drives.print_table([good, refused])
+    printed = capsys.readouterr().out
+    assert "1 of 2 verdicts are positive" in printed
+    assert "width over that of what is told: 1.00" in printed
+
+
+def test_imperfections(done, campaign, monkeypatch, capsys):
+    monkeypatch.setattr(imperfections, "MACHINE", campaign.machine)
+    text = imperfections.text_of("none", done, done.fit.parameters["R"].value)
+    assert "+0.00" in text
+    assert text.split("\n")[0].endswith("not identifiable")
+    assert "error: too short." in imperfections.text_of("none", REFUSED, 1.0)
+    assert "!! exit status 70" in imperfections.text_of("none", BROKEN, 1.0)
+    monkeypatch.setattr(imperfections, "recorded", lambda: campaign.runs[0])
+    late = imperfections.late(1.0)
+    np.testing.assert_array_equal(late.channels["u_d"][:-1], campaign.runs[0].channels["u_d"][1:-1])
+    scaled = imperfections.scaled(("i_d",), 1.01).channels
+    np.testing.assert_allclose(scaled["i_d"], 1.01 * campaign.runs[0].channels["i_d"])
+
+
+def test_other_simulators(done, ended, campaign, tmp_path, monkeypatch, capsys):
+    truth = {
+        "number": 0, "half": "developing", "kind": "clean", "machine": "drawn", "files": ["a.csv"],
+        "speeds_rpm": [1000.0], "R": done.fit.parameters["R"].value, "flux_map": {},
+    }  # fmt: skip
+    i_d, i_q = done.fit.excited[::20].T
+    psi_d, psi_q = done.fit.flux_map(i_d, i_q)
+    samples = {"i_d": i_d, "i_q": i_q, "psi_d": psi_d, "psi_q": psi_q}
+    truth["flux_map"] = {name: values.tolist() for name, values in samples.items()}
+    file = ended.out.parent / "recording.csv"
+    good = table.record_of(done, [file], truth) | {"verdict": "plateau"}
+    assert good["map"] < 1e-6
+    assert table.mark_of(truth, good) == "right"
+    assert "right" in table.line_of(truth, good)
+    broken, refused = (table.record_of(one, [file], truth) for one in (BROKEN, REFUSED))
+    assert table.mark_of(truth, broken) == "broken"
+    assert "!! exit status 70" in table.line_of(truth, broken)
+    pairs = [(truth, one) for one in (good, broken, refused)]
+    assert "1 of 3 verdicts are positive" in table.summary(pairs)
+    assert "1 ended otherwise" in table.summary(pairs)
+    monkeypatch.setattr(table, "FOLDER", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    head = {"versions": {"a": "1"}, "recordings": {"0": truth}}
+    (tmp_path / "truth.json").write_text(json.dumps(head))
+    monkeypatch.setattr(table, "result_of", lambda truth: good)
+    table.print_table(("developing",))
+    assert "1 of 1 verdicts are positive" in capsys.readouterr().out
+
+
+# --- what the other simulators are given ---------------------------------------------------------
+
+
+def test_the_plan_has_two_recordings_a_kind_with_different_machines():
+    planned = planning.plan()
+    assert [one.number for one in planned] == list(range(2 * len(planning.KINDS)))
+    for even, odd in zip(planned[::2], planned[1::2], strict=True):
+        assert even.kind == odd.kind
+        assert (even.half, odd.half) == planning.HALVES
+        assert even.machine != odd.machine
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_log_goes_wrong_in_one_way(name, tmp_path):
+    time = np.arange(200) * 1e-4
+    angle = 600.0 * time
+    log = DriveLog(
+        5 * np.exp(3j * time), 20 * np.exp(2j * time), np.full(200, 600.0), angle, link=400.0
+    )
+    planned = planning.plan()[0]
+    changed = WRONG[name](log, planned, 0)
+    parts = ("current", "voltage", "speed", "angle")
+    same = [np.array_equal(getattr(changed, part), getattr(log, part)) for part in parts]
+    assert all(same) == (name in ("", "lag"))  # a steady speed does not lag
+    changed.after(10).write(tmp_path / "log.csv")
+    assert len((tmp_path / "log.csv").read_text().splitlines()) == 191
+
+
+def test_references_and_profiles_are_finite_functions_of_time():
+    times, random = np.linspace(0, 1.2, 50), np.random.default_rng(1)
+    for make in REFERENCES.values():
+        figure = make(10.0, 1.0, random)
+        assert np.isfinite([figure(t) for t in times]).all()
+    for profile in PROFILES.values():
+        assert np.isfinite([profile(100.0, 1.2)(t) for t in times]).all()
+    assert Sensors
+
+
+# --- the others ----------------------------------------------------------------------------------
+
+
+def test_a_ledger_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["x", "3", "5"])
+    made = []
+
+    def make(number):
+        made.append(number)
+        return {"value": 2 * number}
+
+    for _ in range(2):
+        ledger.run_draws("x", 9, make, lambda one: str(one["value"]), lambda all: print(len(all)))
+    assert made == [5, 6, 7]
+    assert capsys.readouterr().out.split() == ["10", "12", "14", "3"] * 2
+
+
+def test_map_errors_of_a_map_against_itself(done, campaign):
+    grid = map_errors.rectangle(done.fit)
+    assert grid.min(axis=0) == pytest.approx(done.fit.excited.min(axis=0))
+    error, covered = map_errors.error_and_coverage(done.fit, campaign.machine)
+    assert 0 < error < 0.2
+    assert 0 <= covered <= 1
+
+
+def test_flux_maps(done, campaign):
+    found = flux_maps.figures(done.fit, campaign.machine)
+    assert found["L"] > 0
+    assert found["L_d"] >= found["L"]
+    machines = [make() for make in (flux_maps.surface, flux_maps.reluctance, flux_maps.saturated)]
+    assert len({machine.coenergy for machine in machines}) == 3
+    assert flux_maps.staircase()(np.linspace(0, 0.9, 20)).shape == (20, 2)
+    assert not flux_maps.only_d(np.linspace(0, 1, 9))[:, 0].any()
+
+
+def test_random_starts(done, capsys):
+    fit = done.fit
+    assert random_starts.loss_of(fit) == fit.horizon.ladder[-1].rmse ** 2
+    other = random_starts.disturbed(fit.model, 3)
+    assert np.any(
+        other.flux.network.mean[0].coefficients != fit.model.flux.network.mean[0].coefficients
+    )
+    arrived = {"draw": 0, "text": "", "failure": "", "excess": 1e-5, "apart": 0.1, "finite": True}
+    random_starts.print_table([arrived, {"draw": 1, "text": "", "failure": "refused."}])
+    assert "1 of 2 starts are within 0.1 %" in capsys.readouterr().out
+    assert random_starts.line_of(arrived).startswith("  0")
+
+
+def test_aliasing():
+    assert aliasing.hump({18: 1.0, 20: 5.0, 22: 3.0}, 20) == 3.0
+    assert all(h - 2 in aliasing.HORIZONS for h in aliasing.HORIZONS if h % aliasing.PERIOD == 0)
+
+
+def test_conventions():
+    """Every case breaks a recording in its way, and the rows stay together."""
+    time = 1e-4 * np.arange(300)
+    names = ("u_d", "u_q", "i_d", "i_q")
+    channels = {name: 10 * np.sin((60 + 9 * k) * time + k) for k, name in enumerate(names)}
+    channels |= {"omega_el": np.full(300, 500.0), "theta_el": np.mod(500.0 * time, 2 * np.pi)}
+    run = Experiment("run.csv", 1e-4, channels)
+    for case, wrong in conventions.WRONG.items():
+        changed = wrong.how(run, 4, np.random.default_rng(2))
+        assert len({len(values) for values in changed.channels.values()}) == 1
+        shared = changed.channels.keys() & channels.keys()
+        same = all(np.array_equal(changed.channels[n], channels[n]) for n in shared)
+        moved = case in ("current phases swapped", "voltage phases swapped", "phase voltages late")
+        assert same == (not wrong.name) or moved, case
+
+
+def test_imported_machine(machine_fit, tmp_path):
+    export(machine_fit, "csv", tmp_path / "map.csv")
+    imported = imported_machine.imported_from(str(tmp_path / "map.csv"), 0.01, 5)
+    assert imported.machine.resistance == 0.01
+    assert imported.findings.fit_error < 1e-3
+
+
+def test_processes_and_what_they_took():
+    assert processes.spent(os.getpid()) > 0
+    assert processes.spent(2**30) == 0.0
+    assert processes.tree(os.getpid())[0] == os.getpid()
+    assert processes.ended_children() >= 0
+    assert sweep_interruption.ended([2**30], 0.1)
+    assert isinstance(sweep_interruption.workers_of(os.getpid()), list)
+
+
+def test_results_are_compared_by_what_they_say(ended):
+    document, arrays = interruption.numbers(ended.out)
+    assert arrays
+    assert not {"command", "wall_time_s"} & set(document["provenance"])
+    assert interruption.rungs(ended.out) == 0
+    digests = repetition.content(ended.out)
+    assert digests == repetition.content(ended.out)
+    assert set(digests) == {"result.json", "fit.json", "fit.npz", "flux_map.csv"}
+    with repetition.loaded(False):
+        pass
+
+
+def test_what_is_left_on_a_full_disk_is_named(ended, tmp_path):
+    (tmp_path / "out").mkdir()
+    before = full_disk.files(tmp_path)
+    assert full_disk.left(tmp_path, before, 2) == "as before"
+    assert full_disk.Outcome(2, "error: no space left.", "as before").fine
+    assert not full_disk.Outcome(1, "", "as before").fine
+    (tmp_path / "out" / "half").write_text("x")
+    assert full_disk.left(tmp_path, before, 2) not in ("as before", "horizons kept", "whole result")
+
+
+def test_bad_files():
+    """One row of the table, by the real command in a process of its own."""
+    rows = list(bad_files.bad())
+    assert {heading for heading, *_ in rows} == set(bad_files.HEADINGS[:-1])
+    assert len(rows) > 100
+    assert len(list(bad_files.odd())) > 10
+    _, kind, make, arguments = next(row for row in rows if row[0] == "text")
+    end = bad_files.ended(make, arguments)
+    assert bad_files.fault(end) == "", bad_files.line(kind, end, end.said, "")
+    assert bad_files.fault(replace(end, status=70, left=("out",))) == "status 70; left out"
+    assert bad_files.same("a 1.00000000001 b", "a 1.0 b")
+    assert not bad_files.same("a 1.1 b", "a 1.0 b")
