@@ -1,0 +1,151 @@
+"""Whether recordings are of one machine in one state: R and the magnets, recording by recording.
+
+One voltage balance of all recordings, with a map in common and, for each recording but the first,
+what its R, its magnets' flux linkage and its dead time differ by. What the map's form cannot follow
+is common to them and drops out of the differences.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.data.stretches import by_recording
+from penode.pmsm.balance.equations import balance_equations, term_columns
+from penode.pmsm.balance.polynomial_map import PolynomialMap
+from penode.pmsm.balance.trial_balance import FINE_DEGREE, DirectedDeadTime, trial_window
+from penode.pmsm.conventions.broken_convention import BrokenConvention
+from penode.pmsm.machine.space_vectors import CURRENTS
+from penode.pmsm.machine.standstill import stands_still
+from penode.pmsm.machine.term_registry import completed
+from penode.pmsm.machine.terms import SPEED, Term
+from penode.training.weak_form import join
+
+#: Differences of R, and of the magnets' flux linkage, over their size from which recordings
+#: disagree: copper some 13 K, magnets some 10 K warmer.
+_MATTERS = (0.05, 0.01)
+#: Deviations that a difference is at least. Of 44 pairs of recordings of one machine at other
+#: speeds, behind dead time, no R differed by more than 5, and no magnets by more than 0.13 %.
+_SURE = 6.0
+#: What a change by this much per K is: R of copper, the flux linkage of NdFeB (magnets).
+_PER_KELVIN = (0.0039, -0.001)
+#: K beyond which no machine warms or cools.
+_HOTTEST = 200.0
+#: Ratio of two speeds from which R may differ by losses that grow with the speed.
+_OTHER_SPEED = 1.1
+#: Fraction of the largest current below which the dead-time voltage fades.
+_FADE = 0.02
+#: Recordings that are compared at most: of many, those next to the first.
+_MOST = 12
+_REPAIR = (
+    "identify them one by one, or, if their temperatures were recorded, give the channel and the "
+    "term (docs/how-to/terms-and-temperature.md)"
+)
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """What one quantity of a recording differs by from that of the first, and its size there."""
+
+    value: float
+    deviation: float
+    size: float
+
+    def matters(self, kind: int) -> bool:
+        """Return whether it is larger than a balance can be wrong."""
+        large = abs(self.value) > _MATTERS[kind] * abs(self.size)
+        return large and abs(self.value) > _SURE * self.deviation
+
+    def kelvin(self, kind: int) -> float:
+        """Return how much warmer the second would be."""
+        return self.value / self.size / _PER_KELVIN[kind]
+
+
+def disagreement_of(
+    recordings: Sequence[Experiment], terms: Sequence[Term] = ()
+) -> tuple[BrokenConvention, ...]:
+    """Return for each recording that disagrees with the first what it does in, and why that may be.
+
+    Parameters
+    ----------
+    recordings : sequence of Experiment
+        Of one machine, corrected, with i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s); of a
+        recording in stretches the longest is looked at.
+    terms : sequence of Term
+        Of the voltage equation; nothing is compared where one follows a temperature.
+    """
+    warm = any(channel.unit == "degC" for term in terms for channel in term.channels)
+    longest = [max(stretches, key=len) for stretches in by_recording(recordings)][:_MOST]
+    if warm or len(longest) < 2 or any(stands_still([one]) for one in longest):
+        return ()
+    first, *others = longest
+    found = []
+    for other, differences in zip(others, _differences(longest), strict=True):
+        of_r, of_magnet = (one.matters(kind) for kind, one in enumerate(differences))
+        if of_magnet or (of_r and _same_speed(first, other)):
+            found.append(_disagreement(first, other, differences))
+    return tuple(found)
+
+
+def _differences(recordings: Sequence[Experiment]) -> list[tuple[_Difference, _Difference]]:
+    """Return what R and the magnets of each recording differ by from those of the first."""
+    currents = np.concatenate([e.stack(CURRENTS) for e in recordings])
+    reach = float(np.hypot(*currents.T).max())
+    terms = completed([DirectedDeadTime(fade=_FADE * reach)])
+    polynomial = PolynomialMap(True, reach, FINE_DEGREE)
+    count = len(recordings) - 1
+    parts = []
+    for place, e in enumerate(recordings):
+        _, by_parameter, by_psi = term_columns(e, terms)
+        drops = np.stack([by_parameter[..., 0], by_psi[..., 0], by_parameter[..., 1]])
+        own = [(0 * d, -d * (k == place)) for d in drops for k in range(1, count + 1)]
+        basis = polynomial.basis(e.stack(CURRENTS))
+        parts.append(balance_equations(e, terms, basis, trial_window(e), own))
+    equations = join(parts)
+    solution = equations.solve()
+    # First the differences, then R and the dead time, then the map.
+    resistance, weights = float(solution[3 * count]), solution[3 * count + 2 :]
+    magnet = float((polynomial.basis(np.zeros((1, 2))) @ weights)[0, 0])
+    each = [
+        _Difference(float(solution[k]), equations.deviation(k), (resistance, magnet)[k // count])
+        for k in range(2 * count)
+    ]
+    return list(zip(each[:count], each[count:], strict=True))
+
+
+def _same_speed(one: Experiment, other: Experiment) -> bool:
+    speeds = [float(np.sqrt(np.mean(e.channels[SPEED.name] ** 2))) for e in (one, other)]
+    return max(speeds) < _OTHER_SPEED * min(speeds)
+
+
+def _disagreement(
+    first: Experiment, other: Experiment, differences: tuple[_Difference, _Difference]
+) -> BrokenConvention:
+    names = [one.place.recording for one in (first, other)]
+    of_r, of_magnet = differences
+    evidence = (
+        f"R is {1e3 * (of_r.size + of_r.value):.4g} ± {1e3 * of_r.deviation:.2g} mohm here and "
+        f"{1e3 * of_r.size:.4g} mohm in {names[0]}, the magnets' flux linkage "
+        f"{1e3 * (of_magnet.size + of_magnet.value):.4g} ± {1e3 * of_magnet.deviation:.2g} mVs "
+        f"and {1e3 * of_magnet.size:.4g} mVs, {_cause(differences)}"
+    )
+    return BrokenConvention(
+        "recordings that disagree", names[1], (*CURRENTS, "u_d", "u_q"), evidence, _REPAIR
+    )
+
+
+def _cause(differences: tuple[_Difference, _Difference]) -> str:
+    """Return what the differences look like."""
+    kelvin = {
+        what: one.kelvin(kind)
+        for kind, (what, one) in enumerate(zip(("copper", "magnets"), differences, strict=True))
+        if one.matters(kind)
+    }
+    signs = {value > 0 for value in kelvin.values()}
+    if len(signs) > 1 or max(map(abs, kelvin.values())) > _HOTTEST:
+        return "which no temperature explains: another machine, or another unit or scale"
+    warmer = "warmer" if True in signs else "colder"
+    return "as of " + " and of ".join(
+        f"{what} {abs(value):.0f} K {warmer}" for what, value in kelvin.items()
+    )
