@@ -47,8 +47,6 @@ def check_command(
     check = check_recordings(
         [stretch for run in runs for stretch in asked.load_stretches(run)],
         asked.study,
-        pole_pairs=asked.mapping.pole_pairs,
-        plate=asked.name_plate,
     )
     drawn = picture is not None and check.excitation is not None
     if picture is not None and check.excitation is not None and check.identifiability is not None:

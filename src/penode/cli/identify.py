@@ -65,6 +65,10 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
             max=2**63 - 1,
         ),
     ] = None,
+    train_anyway: Annotated[
+        bool,
+        typer.Option("--train-anyway", help="Train though a convention of the channels is broken."),
+    ] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the fit that was stopped in --out.")
     ] = False,
@@ -92,6 +96,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         angle_orders=angle_orders,
         hold=hold,
         purpose=purpose,
+        train_anyway=train_anyway or None,
     )
     asked = load_study(
         config, options if horizon is None else {**options, "horizon": _steps(horizon)}

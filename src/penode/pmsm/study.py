@@ -9,6 +9,7 @@ from penode.data.experiment import Experiment, require_recordings
 from penode.data.memory import require_memory
 from penode.data.quality import inspect_stretches
 from penode.data.stretches import by_recording, reasons_of
+from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.identifiability import Start
@@ -21,6 +22,7 @@ from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.drift import Drift, drift_of
 from penode.pmsm.balance.start import anchor_of, weak_start
 from penode.pmsm.balance.usable import left_out, require_samples, usable_stretches
+from penode.pmsm.conventions.check import Conventions, judge
 from penode.pmsm.machine.dead_time import PhaseSigns
 from penode.pmsm.machine.facts import facts_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
@@ -71,7 +73,8 @@ def identify(
     Raises
     ------
     InputError
-        If a recording cannot be used; the message names it, the channel and the mend. If more
+        If a recording cannot be used, or breaks a convention and the study does not train anyway;
+        the message names it, the channel and the fix. If more
         samples are asked for than there is memory for.
     Stopped
         On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
@@ -83,13 +86,18 @@ def identify(
     validation = usable_stretches(validation)
     used = study.excerpt(experiments)
     require_memory(sum(map(len, used.experiments)), _BYTES)
+    asked = {entry.name.replace("_", " "): getattr(study, entry.name) for entry in fields(study)}
+    began = None if checkpoint is None else checkpoint.begun(asked)
+    found, calibration = (
+        (began.found, began.calibration) if began else judge(used.experiments, study)
+    )
+    if found.broken and not study.train_anyway:
+        raise InputError(f"{found.refusal} Nothing was trained; --train-anyway would.")
     recordings = [drive_recording(e) for e in used.experiments]
     unseen = [drive_recording(e) for e in study.excerpt(validation).experiments]
     study.check([*recordings, *unseen])
     observer({"event": "start", "recordings": [e.name for e in recordings]})
-    asked = {entry.name.replace("_", " "): getattr(study, entry.name) for entry in fields(study)}
-    began = None if checkpoint is None else checkpoint.begun(asked)
-    began = began or _Beginning.of(recordings, study)
+    began = began or _Beginning.of(recordings, study, found, calibration)
     calibration, study = began.calibration, began.study
     recordings, unseen = ([calibration.applied(e) for e in runs] for runs in (recordings, unseen))
     study.check([*recordings, *unseen])
@@ -97,7 +105,7 @@ def identify(
     plan = study.plan(recordings, bool(used.sentence))
     if checkpoint is not None:
         plan = checkpoint.over(plan, observer, asked, began)
-    checks = machine_checks(used.experiments, calibration, study.pole_pairs)
+    checks = machine_checks(found.broken)
     if used.sentence:
         predictor = Predictor(recordings[0].time_step, plan.solver, plan.hold)
         checks += (unused_samples(experiments, calibration, predictor),)
@@ -129,6 +137,8 @@ class _Beginning:
 
     Attributes
     ----------
+    found : Conventions
+        Of the recordings.
     calibration : Calibration
         Of the channels.
     study : Study
@@ -141,6 +151,7 @@ class _Beginning:
         Over the recordings.
     """
 
+    found: Conventions
     calibration: Calibration
     study: Study
     start: Start
@@ -148,17 +159,27 @@ class _Beginning:
     drift: Drift
 
     @classmethod
-    def of(cls, recordings: Sequence[Experiment], study: Study) -> "_Beginning":
+    def of(
+        cls,
+        recordings: Sequence[Experiment],
+        study: Study,
+        found: Conventions,
+        calibration: Calibration,
+    ) -> "_Beginning":
         """Return what recordings say; a knee found after the calibration is cause for another."""
-        once = cls._with(study.calibration(recordings), recordings, study)
+        once = cls._with(calibration, recordings, study, found)
         knee = any(isinstance(term, PhaseSigns) for term in once.study.terms)
         if study.hold is not None or once.calibration == AS_RECORDED or not knee:
             return once
-        return cls._with(calibration_of(recordings, once.study.terms), recordings, study)
+        return cls._with(calibration_of(recordings, once.study.terms), recordings, study, found)
 
     @classmethod
     def _with(
-        cls, calibration: Calibration, recordings: Sequence[Experiment], study: Study
+        cls,
+        calibration: Calibration,
+        recordings: Sequence[Experiment],
+        study: Study,
+        found: Conventions,
     ) -> "_Beginning":
         corrected = [calibration.applied(e) for e in recordings]
         acting = [calibration.acting(e) for e in corrected]
@@ -167,7 +188,7 @@ class _Beginning:
         study, reasons, doubts = replace(study, hold=calibration.hold).decided(steady)
         study.check(corrected)
         start = _start(steady, study, (*calibration.reasons, *drift.reasons, *reasons))
-        return cls(calibration, study, start, doubts, drift)
+        return cls(found, calibration, study, start, doubts, drift)
 
     @property
     def imperfections(self) -> tuple[Imperfection, ...]:

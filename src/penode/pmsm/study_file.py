@@ -60,6 +60,7 @@ _SETTINGS = {
     "hold": TEXT,
     "samples": COUNT,
     "purpose": TEXT,
+    "train_anyway": FLAG,
     **dict.fromkeys((*BASES.values(), LINK), POSITIVE),
     "resample": Kind('"linear"', lambda value: value == "linear"),
     "name_plate": TABLE,
@@ -81,15 +82,12 @@ class StudyFile:
         Flux map, horizon, inverter, angle orders, hold, seed, pole pairs.
     mapping : DriveMapping
         Where the channels come from; that of canonical columns where the file maps none.
-    name_plate : NamePlate
-        What is known of the machine, for `penode check`.
     sweep : mapping of str to object
         Entries of the table ``[sweep]``, for `penode sweep`.
     """
 
     study: Study = DEFAULT_STUDY
     mapping: DriveMapping = field(default_factory=DriveMapping)
-    name_plate: NamePlate = field(default_factory=NamePlate)
     sweep: Mapping[str, Any] = field(default_factory=dict)
 
     def load(self, path: str | Path) -> Experiment:
@@ -145,9 +143,7 @@ def _study_file(entries: dict[str, Any]) -> StudyFile:
     channels = {name: _channel(name, e) for name, e in entries.get("channels", {}).items()}
     constants = {name: entries[name] for name in (*BASES.values(), LINK) if name in entries}
     mapping = DriveMapping(channels, entries.get("pole_pairs"), "resample" in entries, constants)
-    plate = entries.get("name_plate", {})
-    require_kinds("name_plate:", plate, _NAME_PLATE)
-    return StudyFile(_study(entries), mapping, NamePlate(**plate), entries.get("sweep", {}))
+    return StudyFile(_study(entries), mapping, entries.get("sweep", {}))
 
 
 def _study(entries: Mapping[str, Any]) -> Study:
@@ -160,6 +156,9 @@ def _study(entries: Mapping[str, Any]) -> Study:
     if "accuracy" in settings:
         require_kinds("accuracy:", settings["accuracy"], _ACCURACY)
         settings["accuracy"] = Accuracy(**settings["accuracy"])
+    if "name_plate" in settings:
+        require_kinds("name_plate:", settings["name_plate"], _NAME_PLATE)
+        settings["name_plate"] = NamePlate(**settings["name_plate"])
     terms = terms_of(settings.get("terms", ()))
     if "inverter" in entries:  # a word for dead time, which is otherwise left to the data
         settings["candidates"] = ()

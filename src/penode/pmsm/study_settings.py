@@ -10,8 +10,6 @@ from penode.errors import InputError
 from penode.horizon.held_out import LOOK_AHEADS, HeldOut
 from penode.horizon.ladder import HORIZONS, fitting_plan, ladder_plan
 from penode.horizon.selection import Longest, Plateau, Selector
-from penode.pmsm.balance.calibration import Calibration
-from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.term_selection import CANDIDATES, is_open, structure_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
@@ -21,6 +19,7 @@ from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.recording.accuracy import DEFAULT_ACCURACY, Accuracy
 from penode.pmsm.recording.channels import electrical, require_channels
+from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
 from penode.training.plan import Plan
 from penode.training.second_order import LevenbergMarquardt
 
@@ -68,6 +67,10 @@ class Study:
         Most samples that are used; of more, stretches are (`penode.data.excerpt`).
     accuracy : Accuracy
         Of the recording chain, for the uncertainty budget; an ordinary bench's by default.
+    name_plate : NamePlate
+        What the data sheet says; against it peak and rms values are distinguished.
+    train_anyway : bool
+        Train though a convention of the channels is broken; the verdict then names it.
 
     Raises
     ------
@@ -87,6 +90,8 @@ class Study:
     samples: int = 10 * STRETCH
     purpose: str = "parameters"
     accuracy: Accuracy = DEFAULT_ACCURACY
+    name_plate: NamePlate = NO_PLATE
+    train_anyway: bool = False
 
     def __post_init__(self) -> None:
         if self.flux_map not in FLUX_MAPS:
@@ -148,12 +153,6 @@ class Study:
             study = replace(study, angle_orders=structure.angle_orders)
             reasons += structure.angle_reasons
         return study, reasons, structure.doubts
-
-    def calibration(self, experiments: Sequence[Experiment]) -> Calibration:
-        """Return what the channels of recordings have to be corrected by."""
-        if self.hold is not None:
-            return Calibration(hold=self.hold)
-        return calibration_of(experiments, self.terms)
 
     def selector(self, experiments: Sequence[Experiment]) -> Selector:
         """Return the rule that picks the horizon, given what it may predict."""

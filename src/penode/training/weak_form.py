@@ -161,7 +161,7 @@ class HannWindow:
 
     def of_store(self, values: FloatArray) -> FloatArray:
         """Return the integral of w' s over each window, (time, ...) to (window, ...)."""
-        return self._sums(values, self._slope)
+        return self._sums(values, self.slope)
 
     def of_held(self, values: FloatArray) -> FloatArray:
         """Return the integral of w r_0, held from each sample to the next."""
@@ -185,7 +185,7 @@ class HannWindow:
         """
         states, coefficients = values.shape[1:]
         along = self._windows(matrices, self.length + 1, self._stride)
-        weights = along * self._weight + np.eye(states)[..., None] * self._slope
+        weights = along * self._weight + np.eye(states)[..., None] * self.slope
         rows = np.moveaxis(weights, -1, 2).reshape(len(weights), states, -1)
         each = values.reshape(-1, coefficients)
         columns = self._windows(each, states * (self.length + 1), states * self._stride)
@@ -204,7 +204,8 @@ class HannWindow:
         return np.sin(np.pi * self._phase) ** 2 * self.time_step
 
     @property
-    def _slope(self) -> FloatArray:
+    def slope(self) -> FloatArray:
+        """Slope of w times the time step at each sample, (length + 1,), without a unit."""
         return np.pi / self.length * np.sin(2 * np.pi * self._phase)
 
     def _sums(self, values: FloatArray, weight: FloatArray) -> FloatArray:

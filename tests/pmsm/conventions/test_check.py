@@ -7,7 +7,6 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from penode.data.experiment import Experiment
-from penode.pmsm.balance.calibration import AS_RECORDED
 from penode.pmsm.bench.current_sensors import CurrentSensors
 from penode.pmsm.bench.drive import Drive
 from penode.pmsm.bench.inverter import DeadTime, Inverter
@@ -16,7 +15,7 @@ from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
 from penode.pmsm.bench.sensors import Resolver, SpeedSensor
 from penode.pmsm.conventions.balance import judge_delay
-from penode.pmsm.conventions.check import check_all, check_conventions
+from penode.pmsm.conventions.check import check_conventions, judge
 from penode.pmsm.conventions.motion import find_stepped_angle
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.recording.name_plate import NamePlate
@@ -218,7 +217,7 @@ def test_a_recording_shorter_than_a_window_leaves_the_delay_untold(slow_run, cou
 def test_a_delay_is_named_from_five_deviations(slow_run, monkeypatch, lag, deviation, late):
     module = "penode.pmsm.conventions.balance.lag_of_voltage"
     monkeypatch.setattr(module, lambda run, in_phases: (lag, deviation))
-    found, _, why = judge_delay(slow_run, False)
+    found, _, why = judge_delay([slow_run], False)
     assert (found is not None) == late
     assert why == ""
 
@@ -248,11 +247,9 @@ def test_the_angle_of_hall_sensors_is_refused_by_name(drawn, unit):
 
 @pytest.mark.slow
 def test_the_verdict_on_hall_sensors_is_that_name(unseen_run):
-    objections = [b for one in check_all([hall(unseen_run)], AS_RECORDED) for b in one.broken]
-    assert [b.name for b in objections] == ["stepped angle"]
-    fit = identify(
-        [hall(unseen_run)], study=Study(horizon=1, candidates=(), angle_orders=(), hold="dq")
-    )
+    study = Study(horizon=1, candidates=(), angle_orders=(), hold="dq", train_anyway=True)
+    assert [b.name for b in judge([hall(unseen_run)], study)[0].broken] == ["stepped angle"]
+    fit = identify([hall(unseen_run)], study=study)
     assert not fit.horizon.answered
     assert fit.horizon.objections[0].name == "stepped angle"
 

@@ -9,12 +9,12 @@ from penode import Experiment
 from penode.fit.fit import Estimate, HorizonChoice, HorizonSummary
 from penode.fit.outcome import Objection, horizon_of
 from penode.horizon.objections import CHECKS, few_samples_decide, objections, with_objections
-from penode.pmsm.balance.calibration import Calibration
-from penode.pmsm.conventions.check import check_all
+from penode.pmsm.conventions.check import check_conventions, judge
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.machine.holds import turned_voltage
 from penode.pmsm.precheck.objections import machine_checks, per_unit, voltage_limit
 from penode.pmsm.precheck.recording_check import check_recordings
+from penode.pmsm.study_settings import Study
 from penode.validation.comparison import Comparison
 
 COUNT, STEP = 4000, 1e-4
@@ -140,20 +140,48 @@ def test_per_unit(fit, run):
     assert "u_base and i_base, what 1 is in V and A" in objection.repair
 
 
+def and_at_rest(run):
+    """Return a recording in two stretches, the second a thousandth of the first."""
+    quiet = replace(run, channels={n: 1e-3 * v for n, v in run.channels.items()})
+    return [one.between(0, COUNT) for one in (run, quiet)]
+
+
+def test_a_stretch_at_rest_is_not_taken_for_per_unit(fit, run):
+    stretches = and_at_rest(run)
+    assert list(per_unit(fit, stretches)) == []
+    (found,) = per_unit(fit, [stretches[1], stretches[1]])
+    assert found.reason.startswith("run.csv: ")
+
+
+def test_errors_at_the_largest_voltages_are_those_of_the_whole_recording(fit, run, rng):
+    """The stretch at rest errs at its own largest voltages, which are small ones."""
+    stretches, seen = and_at_rest(run), fit.comparisons[0]
+    own = np.hypot(*stretches[1].stack(("u_d", "u_q")).T)
+    high = np.roll(own > np.quantile(own, 0.9), 1)[:, None]
+    measured = stretches[1].stack(("i_d", "i_q"))
+    ahead = measured + np.where(high, 0.1, 0.01) * np.array([1.0, -1.0])
+    alone = replace(seen, measured=measured, one_step=ahead, recording="run.csv")
+    whole = replace(fit, comparisons=(replace(seen, recording="run.csv"), alone))
+    assert objections(whole, stretches, (voltage_limit,)) == ()
+    by_itself = replace(fit, comparisons=(alone,))
+    assert len(objections(by_itself, stretches[1:], (voltage_limit,))) == 1
+
+
 def test_a_convention_that_the_recording_breaks(fit, slow_run):
     u_d, u_q = (np.roll(slow_run.channels[n], 3) for n in ("u_d", "u_q"))
     late = replace(slow_run, channels={**slow_run.channels, "u_d": u_d, "u_q": u_q})
-    assert names(fit, slow_run, machine_checks([slow_run])[:1]) == []
-    (found,) = objections(fit, [late], machine_checks([late])[:1])
+    assert names(fit, slow_run, machine_checks(check_conventions(slow_run).broken)[:1]) == []
+    (found,) = objections(fit, [late], machine_checks(check_conventions(late).broken)[:1])
     assert found.name == "delay of 3 samples"
 
 
-def test_conventions_are_tested_where_the_voltage_acts(fit, slow_run):
+def test_conventions_are_tested_where_the_voltage_acts(slow_run):
     """At 6000 rpm half a sample's turn looks like an angle with an offset of more than 5 deg."""
     fast = turned_voltage(slow_run, 2.0)  # as half a sample does at four times the speed
-    assert names(fit, fast, machine_checks([fast])[:1]) == ["offset angle"]
-    calibration = Calibration(turn=-2.0)
-    assert names(fit, fast, machine_checks([fast], calibration)[:1]) == []
+    assert [b.name for b in check_conventions(fast).broken] == ["offset angle"]
+    found, calibration = judge([fast], Study())
+    assert found.broken == ()
+    assert calibration.turn == pytest.approx(-2.0, abs=0.05)
 
 
 def in_phases(run, kinds):
@@ -177,7 +205,7 @@ def test_a_recording_that_cannot_be_mapped_has_its_convention_named(slow_run):
 
 
 def test_phases_that_dq_was_made_from_are_no_second_measurement(slow_run):
-    (found,) = check_all([in_phases(slow_run, "u")], Calibration(hold="stationary"))
+    found, _ = judge([in_phases(slow_run, "u")], Study(hold="stationary"))
     assert any("Rms values cannot be distinguished" in sentence for sentence in found.untold)
 
 

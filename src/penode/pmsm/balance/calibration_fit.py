@@ -87,13 +87,13 @@ def _placed(balance: Balance) -> tuple[Calibration, Estimate]:
     errors = tuple(name for name in ERRORS if _credible(whole, name, balance.experiments))
     while errors and whole.evidence < timed.evidence - CLEAR:
         free, plain = balance.rounds((*TIMING, *errors), first), balance.rounds(errors, first)
-        found = timing_of(free, plain.evidence)
+        found = timing_of(free, plain.evidence, balance.experiments)
         chosen = plain if found == AS_RECORDED else free
         credible = tuple(name for name in errors if _credible(chosen, name, balance.experiments))
         if credible == errors:
             return replace(found, angle=chosen.values.get("angle", 0.0)), free
         errors = credible  # what is left is estimated without it
-    return timing_of(timed, balance.rounds((), first).evidence), timed
+    return timing_of(timed, balance.rounds((), first).evidence, balance.experiments), timed
 
 
 def _refined(found: Calibration, free: Estimate, balance: Balance) -> Calibration:

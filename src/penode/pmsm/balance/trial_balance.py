@@ -4,9 +4,10 @@ A low polynomial coenergy, R and the mean of a dead time by the current's direct
 weak form. The rotor's angle is not used, so that a wrong one cannot spoil the judgement.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
@@ -24,7 +25,7 @@ from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.machine.terms import Term
 from penode.training.covariance import bartlett_variance
-from penode.training.weak_form import WeakRegression, join
+from penode.training.weak_form import HannWindow, WeakRegression, join
 
 #: Degree of the coenergy: enough for factors and the magnet, and for timing and R.
 _DEGREE, FINE_DEGREE = 4, 8
@@ -38,8 +39,14 @@ _TIMING_WINDOWS = (1, 3, 6, 12)
 _FEWEST = 16
 #: Turn of the voltage in rad that need not be a delay: dead time, resolver, hold.
 _OTHER_TURN = 0.01
+#: Order of the differences that show noise.
+_ORDER = 6
 #: Equations that share samples with one: two axes, windows overlapping by three quarters.
 _OVERLAPPING = 16
+
+
+#: Returns the samples of a window for a recording.
+Window: TypeAlias = Callable[[Experiment], int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,28 +184,72 @@ def lag_of_voltage(experiment: Experiment, in_phases: bool) -> tuple[float, floa
     for length in (n * window for n in _TIMING_WINDOWS if n * window <= longest):
         for columns, ambiguity in tried:
             equations = balance_equations(experiment, terms, basis, length, columns)
-            deviation, lag = _first_coefficient(equations)
-            estimates.append((float(np.hypot(deviation, ambiguity)), lag))
+            deviation, lag, size = _first_coefficient(equations)
+            noise = _noise_products(experiment, length) / size**2
+            estimates.append((float(np.linalg.norm([deviation, ambiguity, noise])), lag))
     deviation, lag = min(estimates)
     return lag, deviation
 
 
-def _first_coefficient(equations: WeakRegression) -> tuple[float, float]:
-    """Return the HAC deviation of the first coefficient, and its least-squares value.
+def imitated_lag(experiments: Sequence[Experiment], window: Window) -> float:
+    """Return the lag in samples that a controller's answer to noise can imitate, at most.
 
-    What `WeakRegression` computes by a singular value decomposition, here by one QR, ten times
-    faster.
+    Noise n of a measured current is L dn/dt in the balance. The voltage that answers it stands in
+    the regressor of the lag, du/dt, with the size that the voltage's own noise shows; if the two
+    are in phase, their product over the square of the regressor is taken for a lag.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        As in `try_balance`.
+    window : callable
+        Returns the samples of a window for a recording.
+    """
+    products, squares = 0.0, 0.0
+    for experiment in experiments:
+        currents, voltage = experiment.stack(CURRENTS), experiment.stack(VOLTAGES)
+        basis, length = _polynomial(currents, FINE_DEGREE).basis(currents), window(experiment)
+        columns = [(-experiment.time_step * voltage, np.zeros_like(voltage))]
+        equations = balance_equations(experiment, _terms(currents), basis, length, columns)
+        size = _first_coefficient(equations)[2]
+        count = len(equations.target)
+        products += count * _noise_products(experiment, length)
+        squares += count * size**2
+    return products / max(squares, 1e-300)
+
+
+def _noise_products(experiment: Experiment, length: int) -> float:
+    """Return the product of what noise leaves in an equation and in the lag's regressor, in V^2."""
+    inductance = float(np.abs(try_balance(experiment).inductance).max())
+    slope = np.linalg.norm(HannWindow(experiment.time_step, length).slope)
+    current, voltage = (_noise(experiment.stack(names)) for names in (CURRENTS, VOLTAGES))
+    return float(inductance * current * slope * experiment.time_step * voltage * slope)
+
+
+def _noise(values: FloatArray) -> float:
+    """Return the deviation of white noise from sixth differences, which harmonics hardly have."""
+    differences = np.diff(values, _ORDER, axis=0)
+    return float(np.median(np.abs(differences)) / 0.6745 / math.sqrt(math.comb(2 * _ORDER, _ORDER)))
+
+
+def _first_coefficient(equations: WeakRegression) -> tuple[float, float, float]:
+    """Return the HAC deviation of the first coefficient, its value, and its column's rms.
+
+    Of the column what the others do not explain. What `WeakRegression` computes by a singular value
+    decomposition, here by one QR, ten times faster.
     """
     others = equations.matrix[:, 1:]
     basis = np.linalg.qr(others / np.maximum(np.linalg.norm(others, axis=0), 1e-300))[0]
     own, target = (
         part - basis @ (basis.T @ part) for part in (equations.matrix[:, 0], equations.target)
     )
-    gain = own / max(float(own @ own), 1e-300)
+    square = max(float(own @ own), 1e-300)
+    gain = own / square
     value = float(gain @ target)
     lags = max(2 * int((len(own) / 2) ** 0.6), _OVERLAPPING)
     influence = gain * (target - value * own)
-    return float(np.sqrt(bartlett_variance(influence[None], lags)[0])), value
+    deviation = float(np.sqrt(bartlett_variance(influence[None], lags)[0]))
+    return deviation, value, float(np.sqrt(square / len(own)))
 
 
 def _terms(currents: FloatArray) -> tuple[Term, ...]:

@@ -7,7 +7,8 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_equations import Estimate
-from penode.pmsm.balance.trial_balance import lag_of_voltage
+from penode.pmsm.balance.trial_balance import imitated_lag, lag_of_voltage
+from penode.pmsm.balance.voltage_balance import harmonic_window
 
 #: What is estimated, in samples.
 TIMING = ("delay", "turn")
@@ -23,7 +24,7 @@ _NEAR = 0.1
 _MOST, _SURE = 3.0, 0.1
 
 
-def timing_of(free: Estimate, plain: float) -> Calibration:
+def timing_of(free: Estimate, plain: float, experiments: Sequence[Experiment]) -> Calibration:
     """Return the timing of the voltages where it is clear, else none.
 
     Parameters
@@ -32,13 +33,16 @@ def timing_of(free: Estimate, plain: float) -> Calibration:
         With delay and turn.
     plain : float
         Evidence without them.
+    experiments : sequence of Experiment
+        That they are of; a delay that the controller's answer to noise imitates is none.
     """
     values = {name: free.values[name] for name in TIMING}
     if max(map(abs, values.values())) > _MOST or free.evidence > plain - CLEAR:
         return AS_RECORDED
     sure = {name: value for name, value in values.items() if free.deviation[name] < _SURE}
     delay, turn = sure.get("delay", 0.0), sure.get("turn", 0.0)
-    delay = 0.0 if abs(delay) < SIGNIFICANT * free.deviation["delay"] else near_whole(delay)
+    own = np.hypot(free.deviation["delay"], imitated_lag(experiments, harmonic_window))
+    delay = 0.0 if abs(delay) < SIGNIFICANT * own else near_whole(delay)
     behind = turn + 0.5  # what a voltage held in the stationary frame is turned by at the sample
     hold = "stationary" if abs(behind) < _DIFFERENT or not near_whole(behind) % 1.0 else "dq"
     left = behind if hold == "stationary" else turn

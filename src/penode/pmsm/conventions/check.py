@@ -1,25 +1,25 @@
 """Conventions of a drive recording, tested against physics before anything is trained.
 
-An angle in steps ends the tests. Angle and speed come first, then the order of phases, signs, the
-speed's side, timing, the angle's zero and scales: what is found is mended for the judgement of the
-next.
+An angle in steps ends the tests. First what the channels are, as they were recorded: angle and
+speed, the order of phases, signs, exchanged channels, pole pairs. Only where nothing of that is
+wrong, when the voltages act, where the magnet lies and how large things are: a wrong sign or wrong
+pole pairs imitate all of these. What is found is set right for the judgement of the next.
 """
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
+from penode.errors import InputError
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
+from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.trial_balance import try_balance
-from penode.pmsm.conventions.balance import (
-    judge_delay,
-    judge_magnet,
-    judge_signs,
-    judge_speed_factor,
-)
+from penode.pmsm.conventions.balance import judge_delay, judge_magnet
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judge
+from penode.pmsm.conventions.cures import judge_cures
 from penode.pmsm.conventions.motion import (
     find_stepped_angle,
     judge_angle_unit,
@@ -27,7 +27,9 @@ from penode.pmsm.conventions.motion import (
 )
 from penode.pmsm.conventions.phases import judge_phases, judge_turns
 from penode.pmsm.conventions.scales import judge_rms_by_phases, judge_rms_by_plate, judge_units
-from penode.pmsm.recording.channels import drive_recording
+from penode.pmsm.machine.holds import DEFAULT_HOLD
+from penode.pmsm.machine.terms import Term
+from penode.pmsm.recording.channels import drive_recording, require_channels
 from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
 from penode.pmsm.recording.stationary_frame import with_phases
 
@@ -36,6 +38,10 @@ from penode.pmsm.recording.stationary_frame import with_phases
 _JUDGED = 2000
 #: Shorter ones that are asked where there is no longer one.
 _SHORT_ONES = 5
+_RMS_UNTOLD = (
+    "Rms values cannot be distinguished from peak values; give magnet_flux_linkage and "
+    "resistance in [name_plate] of the study file, or record phase channels beside."
+)
 
 
 @dataclass(frozen=True)
@@ -50,8 +56,49 @@ class Conventions:
         What could not be judged, and why, a sentence each.
     """
 
-    broken: tuple[BrokenConvention, ...]
-    untold: tuple[str, ...]
+    broken: tuple[BrokenConvention, ...] = ()
+    untold: tuple[str, ...] = ()
+
+    @property
+    def refusal(self) -> str:
+        """The first broken convention as its sentence, and the names of the others."""
+        first, *others = self.broken
+        names = ", ".join(dict.fromkeys(b.name for b in others if b.name != first.name))
+        return f"{first.sentence} Broken too: {names}." if names else first.sentence
+
+    def __add__(self, other: "Conventions") -> "Conventions":
+        return Conventions(self.broken + other.broken, self.untold + other.untold)
+
+
+class AskedModel(Protocol):
+    """What a model was asked to be; a `penode.pmsm.Study` is one."""
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Terms of the voltage equation that are certain."""
+
+    @property
+    def hold(self) -> str | None:
+        """Frame in which the voltage of a row is held; None decides from the data."""
+
+    @property
+    def pole_pairs(self) -> int | None:
+        """Of the machine, where it is known."""
+
+    @property
+    def name_plate(self) -> NamePlate:
+        """Of the machine."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Recorded:
+    """One stretch as it was recorded, and what its channels turn out to be."""
+
+    found: Conventions
+    drive: Experiment
+    kinds: str
+    pole_pairs_known: bool = True
+    ended: bool = False
 
 
 def check_conventions(
@@ -78,42 +125,12 @@ def check_conventions(
         If a channel is missing or never moves; see
         `penode.pmsm.recording.channels.drive_recording`.
     """
-    stepped = "theta_el" in experiment.channels and find_stepped_angle(experiment)
-    if stepped:
-        return Conventions((stepped,), ("With a stepped angle nothing else was tested.",))
-    experiment = with_phases(experiment)
-    kinds = "".join(kind for kind in "ui" if _in_phases(experiment, kind))
-    broken, mended = _judge_motion(experiment, kinds)
-    broken += judge_rms_by_phases(mended)
-    drive = drive_recording(mended)
-    steps: list[Judge] = [judge_signs]
-    if "theta_el" not in drive.channels:
-        steps.append(lambda run: judge_speed_factor(run, pole_pairs))
-    for judge in steps:
-        finding, drive = judge(drive)
-        broken += (finding,) if finding else ()
-    late, drive, why = judge_delay(drive, "u" in kinds)
-    aside, why_not = judge_magnet(drive, kinds == "ui")
-    broken += tuple(finding for finding in (late, aside) if finding)
-    untold = tuple(reason for reason in (why, why_not) if reason)
-    trial = try_balance(drive)
-    broken += judge_units(drive, trial)
-    broken += judge_rms_by_plate(drive, plate)
-    if plate.magnet_flux_linkage is None and not _has_both(experiment):
-        untold += (
-            "Rms values cannot be distinguished from peak values; give magnet_flux_linkage and "
-            "resistance in [name_plate] of the study file, or record phase channels beside.",
-        )
-    return Conventions(broken, untold)
+    recorded = _as_recorded(experiment, pole_pairs)
+    return recorded.found if recorded.ended else recorded.found + _placed([recorded], plate)
 
 
-def check_all(
-    experiments: Sequence[Experiment],
-    calibration: Calibration,
-    pole_pairs: int | None = None,
-    plate: NamePlate = NO_PLATE,
-) -> list[Conventions]:
-    """Test the conventions of recordings, corrected as far as they need it.
+def judge(experiments: Sequence[Experiment], study: AskedModel) -> tuple[Conventions, Calibration]:
+    """Test the conventions of recordings, and estimate what their channels are corrected by.
 
     Of a recording in stretches those are looked at that are long enough not to mislead; where there
     are none, what most of the longest say is taken.
@@ -122,53 +139,126 @@ def check_all(
     ----------
     experiments : sequence of Experiment
         As in `check_conventions`.
-    calibration : Calibration
-        Of their channels.
-    pole_pairs : int, optional
-        Of the machine.
-    plate : NamePlate
-        Of the machine.
+    study : AskedModel
+        Terms, hold, pole pairs and name plate.
+
+    Returns
+    -------
+    Conventions
+        Of all recordings.
+    Calibration
+        Nothing where a convention is broken, or pole pairs cannot be determined.
+
+    Raises
+    ------
+    InputError
+        If a channel is missing or never moves, and no broken convention explains it.
     """
-    judged: list[Conventions] = []
-    for stretches in by_recording(experiments):
-        enough = [e for e in stretches if e.stretch is None or len(e) >= _JUDGED]
-        tried = enough or sorted(stretches, key=len, reverse=True)[:_SHORT_ONES]
-        corrected = (_corrected(e, calibration) for e in tried)
-        each = [check_conventions(e, pole_pairs, plate) for e in corrected]
-        judged += each if enough else [_by_vote(each, stretches[0].place.recording)]
-    return judged
+    recordings = [_long_enough(stretches) for stretches in by_recording(experiments)]
+    recorded = [[_as_recorded(e, study.pole_pairs) for e in some] for some in recordings]
+    first = [_by_vote([r.found for r in some]) for some in recorded]
+    calibration = Calibration(hold=study.hold or DEFAULT_HOLD)
+    if any(one.broken for one in first):
+        return _sum(first), calibration
+    if study.hold is None and all(r.pole_pairs_known for some in recorded for r in some):
+        drives = [drive_recording(e) for e in experiments]
+        require_channels(drives, study.terms)
+        calibration = calibration_of(drives, study.terms)
+    placed = [
+        _placed([_corrected(r, calibration) for r in some], study.name_plate) for some in recorded
+    ]
+    short = [_few(some) for some in recordings]
+    return _sum([*first, *placed, *short]), calibration
 
 
-def _by_vote(each: Sequence[Conventions], recording: str) -> Conventions:
-    """Return what most short stretches of a recording say."""
+def _long_enough(stretches: Sequence[Experiment]) -> list[Experiment]:
+    enough = [e for e in stretches if e.stretch is None or len(e) >= _JUDGED]
+    return enough or sorted(stretches, key=len, reverse=True)[:_SHORT_ONES]
+
+
+def _few(stretches: Sequence[Experiment]) -> Conventions:
+    """Return what is to be said of a recording whose longest stretches are short."""
+    if stretches[0].stretch is None or len(stretches[0]) >= _JUDGED:
+        return Conventions()
+    reason = (
+        f"{stretches[0].place.recording}: no stretch has {_JUDGED} samples; conventions are what "
+        f"most of the {len(stretches)} longest say."
+    )
+    return Conventions((), (reason,))
+
+
+def _by_vote(each: Sequence[Conventions]) -> Conventions:
+    """Return what most stretches of a recording say, each finding and sentence once."""
     votes = Counter(name for one in each for name in {b.name for b in one.broken})
     found = {b.name: b for one in each for b in one.broken if 2 * votes[b.name] > len(each)}
-    reason = (
-        f"{recording}: no stretch has {_JUDGED} samples; conventions are what most of the "
-        f"{len(each)} longest say."
-    )
-    return Conventions(tuple(found.values()), (reason, *each[0].untold))
+    reasons = Counter(sentence for one in each for sentence in one.untold)
+    untold = tuple(reason for reason, count in reasons.items() if 2 * count > len(each))
+    return Conventions(tuple(found.values()), untold or (each[0].untold if each else ()))
 
 
-def _corrected(experiment: Experiment, calibration: Calibration) -> Experiment:
-    """Return a recording as it came, or corrected in dq with its mean voltages.
+def _sum(each: Sequence[Conventions]) -> Conventions:
+    whole = sum(each, Conventions())
+    return replace(whole, untold=tuple(dict.fromkeys(whole.untold)))
+
+
+def _as_recorded(experiment: Experiment, pole_pairs: int | None) -> _Recorded:
+    """Return what is wrong with the channels as they were recorded, and the drive set right."""
+    stepped = "theta_el" in experiment.channels and find_stepped_angle(experiment)
+    if stepped:
+        found = Conventions((stepped,), ("With a stepped angle nothing else was tested.",))
+        return _Recorded(found, experiment, "", ended=True)
+    experiment = with_phases(experiment)
+    kinds = "".join(kind for kind in "ui" if _in_phases(experiment, kind))
+    broken, fixed = _judge_motion(experiment, kinds)
+    try:
+        broken += judge_rms_by_phases(fixed)
+        drive = drive_recording(fixed)
+    except InputError:
+        if not broken:
+            raise
+        return _Recorded(Conventions(broken), fixed, kinds, ended=True)
+    (finding, drive), untold = judge_cures(drive, pole_pairs)
+    broken += (finding,) if finding else ()
+    return _Recorded(Conventions(broken, (untold,) if untold else ()), drive, kinds, not untold)
+
+
+def _corrected(recorded: _Recorded, calibration: Calibration) -> _Recorded:
+    """Return a stretch corrected in dq with its mean voltages.
 
     Phases that dq was made from are left out: they are no second measurement.
     """
     if calibration == AS_RECORDED:
-        return experiment
-    experiment = with_phases(experiment)
-    made = [kind for kind in "ui" if _in_phases(experiment, kind)]
-    drive = calibration.acting(calibration.applied(drive_recording(experiment)))
-    left_out = {f"{kind}_{phase}" for kind in made for phase in "abc"}
+        return recorded
+    drive = calibration.acting(calibration.applied(recorded.drive))
+    left_out = {f"{kind}_{phase}" for kind in recorded.kinds for phase in "abc"}
     kept = {name: values for name, values in drive.channels.items() if name not in left_out}
-    return replace(drive, channels=kept)
+    return replace(recorded, drive=replace(drive, channels=kept), kinds="")
+
+
+def _placed(stretches: Sequence[_Recorded], plate: NamePlate) -> Conventions:
+    """Return what timing, magnet and scales say of the stretches of one recording."""
+    kinds, drives, late = stretches[0].kinds, [r.drive for r in stretches], Conventions()
+    if all(r.pole_pairs_known for r in stretches):
+        finding, drives, why = judge_delay(drives, "u" in kinds)
+        late = Conventions((finding,) if finding else (), (why,) if why else ())
+    return late + _by_vote([_sized(drive, kinds, plate) for drive in drives])
+
+
+def _sized(drive: Experiment, kinds: str, plate: NamePlate) -> Conventions:
+    """Return where the magnet of a stretch lies, and whether its scales are right."""
+    aside, why_not = judge_magnet(drive, kinds == "ui")
+    broken: tuple[BrokenConvention, ...] = (aside,) if aside else ()
+    broken += judge_units(drive, try_balance(drive)) + judge_rms_by_plate(drive, plate)
+    untold: tuple[str, ...] = (why_not,) if why_not else ()
+    if plate.magnet_flux_linkage is None and not _has_both(drive, kinds):
+        untold += (_RMS_UNTOLD,)
+    return Conventions(broken, untold)
 
 
 def _judge_motion(
     experiment: Experiment, kinds: str
 ) -> tuple[tuple[BrokenConvention, ...], Experiment]:
-    """Judge angle, speed and phases; return what was found and the recording mended."""
+    """Judge angle, speed and phases; return what was found and the recording set right."""
     steps: list[Judge] = []
     if "theta_el" in experiment.channels:
         steps.append(judge_angle_unit)
@@ -178,8 +268,8 @@ def _judge_motion(
         steps.append(lambda run: judge_turns(run, kinds))
         steps.append(lambda run: judge_phases(run, kinds))
     broken: tuple[BrokenConvention, ...] = ()
-    for judge in steps:
-        finding, experiment = judge(experiment)
+    for step in steps:
+        finding, experiment = step(experiment)
         broken += (finding,) if finding else ()
     return broken, experiment
 
@@ -189,6 +279,7 @@ def _in_phases(experiment: Experiment, kind: str) -> bool:
     return f"{kind}_d" not in experiment.channels and f"{kind}_a" in experiment.channels
 
 
-def _has_both(experiment: Experiment) -> bool:
+def _has_both(experiment: Experiment, kinds: str) -> bool:
+    """Return whether phases were recorded beside dq channels."""
     both = (f"{kind}_{axis}" for kind in "ui" for axis in "dabc")
-    return all(name in experiment.channels for name in both)
+    return not kinds and all(name in experiment.channels for name in both)

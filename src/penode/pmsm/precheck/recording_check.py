@@ -9,13 +9,10 @@ from penode.data.excerpt import STRETCH, excerpt
 from penode.data.experiment import Experiment
 from penode.data.quality import Finding, inspect_stretches
 from penode.data.stretches import by_recording, reasons_of
-from penode.errors import InputError
-from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
-from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
 from penode.pmsm.balance.usable import left_out, require_samples, usable_stretches
 from penode.pmsm.conventions.broken_convention import BrokenConvention
-from penode.pmsm.conventions.check import check_all
+from penode.pmsm.conventions.check import AskedModel, judge
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.precheck.excitation import Excitation, excitation_of
 from penode.pmsm.precheck.identifiability import Identifiability, identifiability_of
@@ -137,7 +134,7 @@ class RecordingCheck:
         return document
 
 
-class AskedModel(Protocol):
+class CheckedModel(AskedModel, Protocol):
     """What a model was asked to be; a `penode.pmsm.Study` is one."""
 
     @property
@@ -145,16 +142,8 @@ class AskedModel(Protocol):
         """A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`."""
 
     @property
-    def terms(self) -> tuple[Term, ...]:
-        """Terms of the voltage equation that are certain."""
-
-    @property
     def candidates(self) -> tuple[Term, ...]:
         """Terms that the data decide."""
-
-    @property
-    def hold(self) -> str | None:
-        """Frame in which the voltage of a row is held; None decides from the data."""
 
 
 @dataclass(frozen=True)
@@ -165,15 +154,14 @@ class _DefaultModel:
     terms: tuple[Term, ...] = ()
     candidates: tuple[Term, ...] = CANDIDATES
     hold: str | None = None
+    pole_pairs: int | None = None
+    name_plate: NamePlate = NO_PLATE
 
 
 @one_blas_thread
 def check_recordings(
     recordings: Sequence[Experiment],
-    study: AskedModel = _DefaultModel(),  # frozen
-    *,
-    pole_pairs: int | None = None,
-    plate: NamePlate = NO_PLATE,
+    study: CheckedModel = _DefaultModel(),  # frozen
 ) -> RecordingCheck:
     """Check recordings as an identification would use them.
 
@@ -181,12 +169,9 @@ def check_recordings(
     ----------
     recordings : sequence of Experiment
         As a study file maps them.
-    study : AskedModel
-        Flux map, terms and hold; the defaults of a `penode.pmsm.Study` if not given.
-    pole_pairs : int, optional
-        Of the machine.
-    plate : NamePlate
-        Of the machine.
+    study : CheckedModel
+        Flux map, terms, hold, pole pairs and name plate; the defaults of a `penode.pmsm.Study` if
+        not given.
 
     Raises
     ------
@@ -200,10 +185,8 @@ def check_recordings(
     usable = usable_stretches(recordings)
     used = excerpt(usable, electrical(usable), SAMPLES)
     sentences = (*reasons_of(usable), *filter(None, [used.sentence]))
-    calibration = _calibration(used.experiments, study)
-    judged = check_all(used.experiments, calibration, pole_pairs, plate)
-    broken = tuple(b for one in judged for b in one.broken)
-    untold = tuple(dict.fromkeys(sentence for one in judged for sentence in one.untold))
+    found, calibration = judge(used.experiments, study)
+    broken, untold = found.broken, found.untold
     if broken:
         return RecordingCheck(tuple(recordings), quality, broken, untold, sentences=sentences)
     drives = tuple(
@@ -228,13 +211,3 @@ def _drives(recordings: Sequence[Experiment], terms: Sequence[Term]) -> list[Exp
     drives = [drive_recording(e) for e in recordings]
     require_channels(drives, terms)
     return drives
-
-
-def _calibration(recordings: Sequence[Experiment], study: AskedModel) -> Calibration:
-    """Return when the voltage acts; of what cannot be mapped yet a convention is named first."""
-    if study.hold is not None:
-        return Calibration(hold=study.hold)
-    try:
-        return calibration_of(_drives(recordings, study.terms), study.terms)
-    except InputError:
-        return AS_RECORDED

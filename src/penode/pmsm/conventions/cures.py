@@ -1,0 +1,291 @@
+"""Signs, order and speed: every single cure of a recording is tried by one voltage balance.
+
+A cure is advised where the balance with it is clearly better than as recorded, and than with every
+other cure; cures that are as good are named beside it. The best is applied before the next is
+looked for.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import TypeAlias
+
+import numpy as np
+
+from penode.data.experiment import Experiment
+from penode.pmsm.balance.trial_balance import trial_window
+from penode.pmsm.conventions.broken_convention import BrokenConvention, Judged, with_channels
+from penode.pmsm.conventions.motion import MOST_POLE_PAIRS, angle_over_speed
+from penode.pmsm.conventions.speed_balance import SpeedBalance, Trial
+from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
+from penode.pmsm.machine.standstill import stands_still
+
+#: Misfit with a cure over that of the recording as it is.
+_CLEARER = 0.7
+#: Misfit with another cure over that with the best, up to which it is as good.
+_AS_GOOD = 1.1
+#: Misfit at the next pole pairs over that as recorded from which the pole pairs are determined.
+_DETERMINED = 1.05
+#: Fraction of the voltages that no cure explains in a recording that is of no such machine: of
+#: right ones at most 0.05 is left, at 60 rpm behind a dead time.
+_UNEXPLAINED = 0.12
+#: Fraction of the currents below which no inductance is positive in a recording of no machine.
+_NOWHERE = 0.1
+#: Misfit with other pole pairs over that as recorded, where an angle agrees with the speed.
+_MUCH_CLEARER = 0.35
+#: Fewest windows in a recording.
+_FEWEST = 16
+#: Angle in rad up to which the magnet lies along an axis.
+_ALONG = np.deg2rad(20.0)
+#: Factors of the speed beside the whole ones: pole pairs taken for others, up to so many.
+_RATIO_OF = 8
+_SPEED = "omega_el"
+#: What d and q components are multiplied by, row by row.
+Matrix: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+_SAME: Matrix = ((1.0, 0.0), (0.0, 1.0))
+_SWAP: Matrix = ((0.0, 1.0), (1.0, 0.0))
+_D: Matrix = ((-1.0, 0.0), (0.0, 1.0))
+_Q: Matrix = ((1.0, 0.0), (0.0, -1.0))
+_BOTH: Matrix = ((-1.0, 0.0), (0.0, -1.0))
+
+
+@dataclass(frozen=True)
+class Cure:
+    """One thing that may be wrong with the channels, as what sets it right.
+
+    Attributes
+    ----------
+    name : str
+        Of the broken convention.
+    channels : tuple of str
+        Channels concerned.
+    fix : str
+        An entry of the study file, or what to do.
+    currents, voltages : Matrix
+        What the d and q components are multiplied by.
+    factor : float
+        Of the speed.
+    exchanged : str
+        Kinds, of u and i, of which two phases change places; needs theta_el.
+    axis : float
+        Direction of the third phase, in rad.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    fix: str
+    currents: Matrix = _SAME
+    voltages: Matrix = _SAME
+    factor: float = 1.0
+    exchanged: str = ""
+    axis: float = 0.0
+
+    def applied(self, experiment: Experiment) -> Experiment:
+        """Return the recording with this set right."""
+        i_d, i_q = np.array(self.currents) @ experiment.stack(CURRENTS).T
+        u_d, u_q = np.array(self.voltages) @ experiment.stack(VOLTAGES).T
+        speed = self.factor * experiment.channels[_SPEED]
+        changed = {"i_d": i_d, "i_q": i_q, "u_d": u_d, "u_q": u_q, _SPEED: speed}
+        for kind in self.exchanged:
+            d, q = f"{kind}_d", f"{kind}_q"
+            turn = np.exp(2j * (self.axis - experiment.channels["theta_el"]))
+            mirrored = turn * (changed[d] - 1j * changed[q])
+            changed |= {d: mirrored.real, q: mirrored.imag}
+        return with_channels(experiment, changed)
+
+
+AS_RECORDED = Cure("", (), "")
+#: The first of equals is named first.
+_SIGNS = (
+    Cure("reversed speed", (_SPEED,), "give omega_el sign = -1", factor=-1.0),
+    Cure("negative q current", ("i_q",), "give i_q sign = -1", _Q),
+    Cure("negative q voltage", ("u_q",), "give u_q sign = -1", voltages=_Q),
+    Cure("negative d current", ("i_d",), "give i_d sign = -1", _D),
+    Cure("negative d voltage", ("u_d",), "give u_d sign = -1", voltages=_D),
+    Cure("currents counted out of the machine", CURRENTS, "give i_d and i_q sign = -1", _BOTH),
+    Cure("exchanged currents", CURRENTS, "exchange the columns of i_d and i_q", _SWAP),
+    Cure("exchanged voltages", VOLTAGES, "exchange the columns of u_d and u_q", voltages=_SWAP),
+)
+
+
+def _exchanges() -> tuple[Cure, ...]:
+    """Return cures of two phases exchanged; which two shows where only one kind is."""
+    one = [
+        Cure(
+            "swapped phases",
+            names,
+            f"exchange phases {pair} of the {word} before they are turned into dq",
+            exchanged=kind,
+            axis=axis * np.pi / 3,
+        )
+        for kind, word, names in (("i", "currents", CURRENTS), ("u", "voltages", VOLTAGES))
+        for pair, axis in (("b and c", 0), ("a and c", 2), ("a and b", 4))
+    ]
+    both = "exchange two phases of currents and voltages before they are turned into dq"
+    return (Cure("swapped phases", (*CURRENTS, *VOLTAGES), both, exchanged="ui"), *one)
+
+
+_PHASES = _exchanges()
+
+
+def judge_cures(experiment: Experiment, pole_pairs: int | None) -> tuple[Judged, str]:
+    """Find channels that count the other way or are exchanged, and a speed that is not electrical.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With i_d, i_q (A), u_d, u_q (V), omega_el (rad/s), and theta_el (rad) if it was recorded.
+    pole_pairs : int or None
+        Of the machine.
+
+    Returns
+    -------
+    tuple of BrokenConvention or None and Experiment
+        The finding, and the recording with it set right.
+    str
+        Why pole pairs cannot be determined, empty where they can or an angle shows them.
+    """
+    phases = _PHASES if "theta_el" in experiment.channels else ()
+    cures = (*_SIGNS, *phases, *_factors(pole_pairs))
+    trials = _trials(experiment, (AS_RECORDED, *cures))
+    standing, others = trials[0], trials[1:]
+    best = min(range(len(cures)), key=lambda k: float(f"{others[k].misfit:.3g}"))
+    angle, cure = _angle_sign(experiment), cures[best]
+    clear = _MUCH_CLEARER if angle and abs(cure.factor) != 1.0 else _CLEARER
+    if others[best].misfit > clear * standing.misfit:
+        return _as_recorded(experiment, standing, angle), _untold(experiment, cures, trials)
+    if _is_no_machine(others[best]):
+        return _as_recorded(experiment, others[best], angle), ""
+    like = [
+        other
+        for other, trial in zip(cures, others, strict=True)
+        if trial.misfit < _AS_GOOD * others[best].misfit and other is not cure
+    ]
+    return _found(experiment, cure, like, standing, others[best]), ""
+
+
+def _as_recorded(experiment: Experiment, standing: Trial, angle: int) -> Judged:
+    """Return what is wrong with a recording that no cure of currents, voltages or speed helps."""
+    if _is_no_machine(standing):
+        finding = BrokenConvention(
+            "no synchronous machine",
+            experiment.name,
+            (*CURRENTS, *VOLTAGES, _SPEED),
+            "the voltage balance of a machine whose flux linkage follows its currents leaves "
+            f"{100 * standing.residual:.2g} % of the voltages and an inductance that is positive "
+            f"at {100 * standing.definite:.0f} % of the currents, whatever sign, order or factor "
+            "of the speed is tried",
+            "check that all channels are of one recording of one PMSM or reluctance machine, in "
+            "its rotor's frame",
+        )
+        return finding, experiment
+    if angle >= 0:
+        return None, experiment
+    finding = BrokenConvention(
+        "reversed angle",
+        experiment.name,
+        ("theta_el",),
+        "the angle turns against the speed, which the voltage balance confirms",
+        "give theta_el sign = -1",
+    )
+    return finding, with_channels(experiment, {"theta_el": -experiment.channels["theta_el"]})
+
+
+def _is_no_machine(trial: Trial) -> bool:
+    return trial.residual > _UNEXPLAINED or trial.definite < _NOWHERE
+
+
+def _found(
+    experiment: Experiment, cure: Cure, like: Sequence[Cure], standing: Trial, best: Trial
+) -> Judged:
+    """Return the finding of a cure, and the recording with it."""
+    angle = _angle_sign(experiment)
+    name, channels, fix = cure.name, cure.channels, cure.fix
+    aside = abs(np.arctan2(best.magnet[1], best.magnet[0]))
+    if cure.factor == -1.0 and abs(aside - np.pi / 2) < _ALONG:
+        name, channels = "exchanged axes", (*CURRENTS, *VOLTAGES)
+        fix = "exchange the columns of i_d and i_q, and of u_d and u_q"
+    elif cure.factor == -1.0 and angle > 0:
+        fix = "give omega_el and theta_el sign = -1, or i_q and u_q if it is the q axis"
+    elif cure.factor == -1.0 and angle == 0:
+        fix += ", or i_q and u_q if it is the q axis that points backwards"
+    names = list(dict.fromkeys(other.name for other in like if other.name != cure.name))
+    if names:
+        fix += f" (as good: {', '.join(names)})"
+    against = "the angle turns against the speed, and " if angle < 0 else ""
+    evidence = (
+        f"{against}the voltage balance leaves {100 * standing.residual:.2g} % of the voltages and "
+        f"an inductance that is positive at {100 * standing.definite:.0f} % of the currents; with "
+        f"this set right {100 * best.residual:.2g} % and {100 * best.definite:.0f} %"
+    )
+    return BrokenConvention(name, experiment.name, channels, evidence, fix), cure.applied(
+        experiment
+    )
+
+
+def _untold(experiment: Experiment, cures: Sequence[Cure], trials: Sequence[Trial]) -> str:
+    """Return why pole pairs cannot be determined: others leave as little, and there is no angle."""
+    if "theta_el" in experiment.channels or stands_still([experiment]):
+        return ""
+    near = [
+        trial.misfit
+        for cure, trial in zip(cures, trials[1:], strict=True)
+        if cure.factor in (0.8, 1.25)
+    ]
+    if min(near) > _DETERMINED * trials[0].misfit:
+        return ""
+    return (
+        f"{experiment.place.recording}: whether omega_el counts with the right pole pairs cannot "
+        "be determined without theta_el, and so no delay of the voltage; record theta_el beside, "
+        "or faster currents."
+    )
+
+
+def _factors(pole_pairs: int | None) -> list[Cure]:
+    """Return cures of a speed of the shaft, or with other pole pairs."""
+    whole = {Fraction(n) for n in range(2, MOST_POLE_PAIRS + 1)}
+    ratios = {Fraction(p, q) for p in range(1, _RATIO_OF + 1) for q in range(1, _RATIO_OF + 1)}
+    given = {Fraction(n, pole_pairs) for n in range(1, 2 * pole_pairs)} if pole_pairs else set()
+    factors = whole | {f for f in ratios if f > Fraction(1, 3)} | given - {Fraction(1)}
+    if pole_pairs:
+        factors |= {Fraction(pole_pairs), Fraction(1, pole_pairs)}
+    return [_of_factor(f, pole_pairs) for f in sorted(factors) if f != 1]
+
+
+def _of_factor(factor: Fraction, pole_pairs: int | None) -> Cure:
+    name, fix = (
+        "wrong pole pairs",
+        (f"count omega_el with {factor.numerator} pole pairs for {factor.denominator}"),
+    )
+    if factor == pole_pairs or (pole_pairs is None and factor.denominator == 1):
+        name = "mechanical speed for electrical"
+        fix = "give omega_el mechanical = true"
+        fix += "" if pole_pairs else f", and pole_pairs (about {factor.numerator})"
+    elif pole_pairs and factor == Fraction(1, pole_pairs):
+        name, fix = "pole pairs counted twice", "leave out mechanical = true of omega_el"
+    elif pole_pairs and (factor * pole_pairs).denominator == 1:
+        fix = f"give pole_pairs = {factor * pole_pairs}, of which omega_el looks like"
+    return Cure(name, (_SPEED,), fix, factor=float(factor))
+
+
+def _trials(experiment: Experiment, cures: Sequence[Cure]) -> list[Trial]:
+    """Return the balance with each cure, all in the same windows.
+
+    Windows null the sixth harmonic of the speed as recorded. Those of one that is larger are
+    shorter, and longer ones of it leave less of anything.
+    """
+    length = min(trial_window(experiment), max(len(experiment) // _FEWEST, 1))
+    balances: dict[Cure, SpeedBalance] = {}
+    trials = []
+    for cure in cures:
+        key = replace(cure, name="", channels=(), fix="", factor=1.0)
+        if key not in balances:
+            balances[key] = SpeedBalance(key.applied(experiment), length)
+        trials.append(balances[key].at(cure.factor))
+    return trials
+
+
+def _angle_sign(experiment: Experiment) -> int:
+    if "theta_el" not in experiment.channels:
+        return 0
+    return -1 if angle_over_speed(experiment) < 0 else 1
