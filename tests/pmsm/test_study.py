@@ -10,12 +10,15 @@ import pytest
 
 import penode
 from penode.errors import InputError
+from penode.horizon.objections import CHECKS, objections, with_objections
 from penode.pmsm import result_files
 from penode.pmsm import study as study_module
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.result_files import GRID, flux_map_csv, write
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
+from penode.predictors.base import Predictor
+from penode.validation.free_run import compare
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +55,24 @@ def test_free_run_on_unseen_speed_stays_close(fit):
     unseen = next(c for c in fit.comparisons if c.role == "validation")
     ripple = 6.0  # the unmodelled harmonics alone leave about 3 A
     assert unseen.free_run_rmse < ripple
+
+
+@pytest.mark.parametrize(
+    ("factors", "fails"),
+    [({}, False), ({"i_q": -1.0}, True), ({"i_d": -1.0, "i_q": -1.0}, True), ({"u_d": 1.5}, True)],
+)
+def test_an_unseen_recording_with_another_sign_or_scale_fails(
+    fit, slow_run, unseen_run, factors, fails
+):
+    plan = Study(horizon=27).plan([slow_run])
+    predictor = Predictor(slow_run.time_step, plan.solver, plan.hold)
+    channels = {n: factors.get(n, 1.0) * v for n, v in unseen_run.channels.items()}
+    unseen = compare(predictor, fit.model, replace(unseen_run, channels=channels))
+    trained = [c for c in fit.comparisons if c.role == "train"]
+    fit = replace(fit, comparisons=(*trained, unseen))
+    judged = with_objections(fit, objections(fit, [slow_run], CHECKS))
+    assert (judged.horizon.verdict == "implausible") == fails
+    assert ("Validation fails: " in judged.horizon.reason) == fails
 
 
 @pytest.mark.slow
