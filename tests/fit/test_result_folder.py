@@ -107,6 +107,29 @@ def test_a_kill_at_any_step_leaves_one_result_to_the_next_reader(folder, step, l
     assert files(folder) == of(left) | NOTES
 
 
+@pytest.mark.parametrize("step", range(1, 9))
+def test_a_kill_at_any_step_leaves_no_report_beside_the_result_of_another(folder, step):
+    """Before the first file of the new result is moved to its place, that report is removed."""
+    (folder / "report.html").write_text("report old")
+
+    def work():
+        kill_at(step)
+        write(folder)
+
+    os.waitpid(forked(work), 0)
+    require_one_result(folder)
+    left = json.loads((folder / "result.json").read_text())["version"]
+    assert left == ("old" if step < 5 else "new")
+    assert (folder / "report.html").exists() == (left == "old")
+
+
+def test_files_of_no_result_leave_the_report(folder):
+    (folder / "report.html").write_text("report old")
+    with claimed(folder):
+        replace_together(folder, {"notes.txt": b"other"})
+    assert (folder / "report.html").exists()
+
+
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
 def test_a_writing_that_fails_leaves_the_old_result(folder, monkeypatch, error):
     whole = Path.write_bytes
