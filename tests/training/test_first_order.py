@@ -10,6 +10,8 @@ from penode.training.first_order import FirstOrder
 from penode.training.plan import DIVERGED
 
 RATE = 1e-2
+# One object each: programs are compiled for it.
+ADAM, TOO_FAR = optax.adam(RATE), optax.sgd(1e6)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,7 @@ def hand_run(machine, problem, raw, optimiser):
 @pytest.mark.parametrize("groups", [None, ("physical",)])
 def test_adam_is_the_hand_run_loop(machine, problem, groups):
     problem = replace(problem, moving=problem.objective.layout.members(groups))
-    optimiser = FirstOrder(optax.adam(RATE), epochs=4, batches=5, seed=3, physical_scale=0.5)
+    optimiser = FirstOrder(ADAM, epochs=4, batches=5, seed=3, physical_scale=0.5)
     start, seen = machine.raw + 0.1, []
     solution = optimiser.minimise(problem, start, lambda raw, loss: seen.append((raw, loss)))
     expected, losses = hand_run(machine, problem, start, optimiser)
@@ -69,7 +71,7 @@ def test_adam_is_the_hand_run_loop(machine, problem, groups):
 
 
 def test_the_loss_falls_and_the_seed_alone_decides(machine, problem):
-    optimiser = FirstOrder(optax.adam(RATE), epochs=30, batches=5, seed=1)
+    optimiser = FirstOrder(ADAM, epochs=30, batches=5, seed=1)
     start = machine.raw + 0.2
     first, again, other = (
         o.minimise(problem, start) for o in (optimiser, optimiser, replace(optimiser, seed=2))
@@ -81,7 +83,7 @@ def test_the_loss_falls_and_the_seed_alone_decides(machine, problem):
 
 def test_more_batches_than_windows_are_one_each(machine, problem):
     few = first_windows(problem, 3)
-    solution = FirstOrder(optax.adam(RATE), epochs=2, batches=20).minimise(few, machine.raw)
+    solution = FirstOrder(ADAM, epochs=2, batches=20).minimise(few, machine.raw)
     expected, _ = hand_run(machine, few, machine.raw, FirstOrder(epochs=2, batches=3))
     np.testing.assert_allclose(solution.raw, expected, rtol=1e-10)
 
@@ -94,7 +96,7 @@ def test_a_start_that_diverges_is_given_back(machine, problem):
 
 
 def test_a_step_into_divergence_gives_back_the_parameters_before_it(machine, problem):
-    solution = FirstOrder(optax.sgd(1e6), epochs=2, batches=5).minimise(problem, machine.raw)
+    solution = FirstOrder(TOO_FAR, epochs=2, batches=5).minimise(problem, machine.raw)
     assert solution.outcome == DIVERGED
     assert solution.evaluations < 2
     assert solution.terms.finite
@@ -102,12 +104,12 @@ def test_a_step_into_divergence_gives_back_the_parameters_before_it(machine, pro
 
 def test_a_last_step_into_divergence_is_told(machine, problem):
     few = first_windows(problem, 10)
-    solution = FirstOrder(optax.sgd(1e6), epochs=1, batches=1).minimise(few, machine.raw)
+    solution = FirstOrder(TOO_FAR, epochs=1, batches=1).minimise(few, machine.raw)
     assert solution.outcome == DIVERGED
 
 
 def test_starts_side_by_side_are_what_each_is_alone(machine, problem):
-    optimiser = FirstOrder(optax.adam(RATE), epochs=3, batches=5, seed=4)
+    optimiser = FirstOrder(ADAM, epochs=3, batches=5, seed=4)
     raws = machine.raw + np.array([[0.1], [-30.0], [0.05]])
     together = optimiser.minimise_together(problem, raws)
     for k, (found, raw) in enumerate(zip(together, raws, strict=True)):

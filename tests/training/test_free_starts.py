@@ -6,7 +6,6 @@ complex steps, with respect to the parameters and to each window's start.
 
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import AB2, EULER
 from penode.training import free_starts
-from penode.training.chunks import CHUNK
+from penode.training.chunks import CHUNK, _sum_over_chunks
 from penode.training.free_starts import estimated_starts
 from penode.training.loss import DEFAULT_LOSS, Loss, equation
 from penode.training.prediction_error import Batch
@@ -124,7 +123,11 @@ def part_of(windows, starts):
     return Windows(states, inputs, starts, np.zeros(len(starts)), horizon, 1, STEP)
 
 
-@pytest.fixture(scope="module", params=list(CASES))
+#: Both kinds of prior at once in the last one.
+REPEATING = pytest.param("the speed near its guess", marks=pytest.mark.slow)
+
+
+@pytest.fixture(scope="module", params=["the unmeasured speed", REPEATING, list(CASES)[-1]])
 def case(request, windows):
     return Case(request.param, windows)
 
@@ -133,10 +136,10 @@ def case(request, windows):
 def exact(monkeypatch):
     """Start over wherever one step is not enough to rounding."""
     monkeypatch.setattr(free_starts, "_ACCEPTED", 0.0)
-    jax.clear_caches()
+    _sum_over_chunks.clear_cache()
     yield
     monkeypatch.undo()
-    jax.clear_caches()
+    _sum_over_chunks.clear_cache()
 
 
 def test_estimated_starts_are_those_of_scipy(case, windows):

@@ -141,7 +141,14 @@ LOSSES = {
 }
 
 
-@pytest.mark.parametrize("name", LOSSES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "discounted",
+        pytest.param("all at once", marks=pytest.mark.slow),
+        "all at once, longer above",
+    ],
+)
 def test_gauss_newton_terms_and_gradient_are_those_of_the_explicit_residual(name, windows):
     loss, weights = LOSSES[name]
     residual, jacobian = explicit(windows, loss, weights)

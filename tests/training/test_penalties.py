@@ -65,8 +65,9 @@ def regressors(x):
 
 def residuals_of(penalty, model=PLANE):
     layout = Layout(model)
+    residuals = jax.jit(lambda raw: penalty.residuals(layout, layout.values(raw)))
     with float64():
-        return np.asarray(penalty.residuals(layout, layout.values(jnp.asarray(layout.raw(model)))))
+        return np.asarray(residuals(layout.raw(model)))
 
 
 def assert_residuals(penalty, expected):
@@ -176,7 +177,8 @@ def test_gradient_and_gauss_newton_terms_have_the_penalties(rng):
         return jnp.concatenate([p.residuals(objective.layout, values) for p in ALL])
 
     with float64():
-        penalty, slope = np.asarray(stacked(raw)), np.asarray(jax.jacfwd(stacked)(raw))
+        both = jax.jit(lambda raw: (stacked(raw), jax.jacfwd(stacked)(raw)))
+        penalty, slope = map(np.asarray, both(raw))
     assert terms.count == bare.count
     assert terms.loss - bare.loss == pytest.approx(penalty @ penalty, rel=1e-10)
     np.testing.assert_allclose(terms.normal - bare.normal, terms.count * slope.T @ slope, atol=1e-9)

@@ -13,6 +13,7 @@ from penode.training.gauss_newton_terms import GaussNewtonTerms
 from penode.training.residuals import Objective
 
 HORIZONS = (1, 7, 23)
+SYSTEMS = ("duffing", "linear machine", "coenergy machine", "mlp machine")
 
 
 def expected_terms(system, solver, windows):
@@ -43,8 +44,17 @@ def test_window_counts_are_not_whole_chunks(systems):
 
 
 @pytest.mark.parametrize("horizon", HORIZONS)
-@pytest.mark.parametrize("solver", ["euler", "rk4"])
-def test_gauss_newton_terms(system, solver, horizon, objective_of):
+@pytest.mark.parametrize(
+    ("name", "solver"),
+    [
+        pytest.param(name, solver, marks=pytest.mark.slow if repeating else ())
+        for name in SYSTEMS
+        for solver in ("euler", "rk4")
+        for repeating in [solver == "euler" and name != "duffing"]
+    ],
+)
+def test_gauss_newton_terms(systems, name, solver, horizon, objective_of):
+    system = systems[name]
     windows = system.windows(horizon)
     found = objective_of(system, solver).gauss_newton(system.raw, windows)
     assert_terms_equal(found, expected_terms(system, solver, windows), accuracy=1e-10)

@@ -39,10 +39,14 @@ def network(rng):
     return CoenergySplines((even, odd), (cosine,), (sine,))
 
 
+@jax.jit
+def compiled_at(flux, x, theta):
+    return with_batch_axis(flux).at_angle(x, theta)
+
+
 def at(network, x, theta):
-    flux = FluxMap(network, 1.0, 1.0, ORDERS)
     with float64():
-        found = with_batch_axis(flux).at_angle(jnp.asarray(x), jnp.asarray(theta))
+        found = compiled_at(FluxMap(network, 1.0, 1.0, ORDERS), x, theta)
         return tuple(np.asarray(part) for part in found)
 
 
@@ -103,9 +107,9 @@ def test_the_angle_average_is_the_map_without_waves(network, rng):
     turn = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     every = [at(network, x, np.full(4, angle))[0] for angle in turn]
     flux = FluxMap(network, 1.0, 1.0, ORDERS)
+    mean_of = jax.jit(lambda flux: with_batch_axis(flux).flux_and_inductance(jnp.asarray(x))[0])
     with float64():
-        mean = with_batch_axis(flux).flux_and_inductance(jnp.asarray(x))[0]
-        averaged = with_batch_axis(flux.averaged()).flux_and_inductance(jnp.asarray(x))[0]
+        mean, averaged = mean_of(flux), mean_of(flux.averaged())
     np.testing.assert_allclose(np.mean(every, axis=0), mean, atol=1e-12)
     np.testing.assert_array_equal(averaged, mean)
 
@@ -118,7 +122,7 @@ def test_columns_are_what_each_coefficient_adds(even, rng):
     weights = part.coefficients.ravel()
     with float64():
         network = with_batch_axis(CoenergySplines((part,)))
-        value, slopes = network.value_and_jacobian(jnp.asarray(points.T))
+        value, slopes = jax.jit(lambda x: network.value_and_jacobian(x))(points.T)
     np.testing.assert_allclose(gradient @ weights, np.asarray(value).T, atol=1e-12)
     rows = np.stack([slopes[0, 0], slopes[0, 1], slopes[1, 1]])
     np.testing.assert_allclose(hessian @ weights, rows.T, atol=1e-11)
@@ -156,8 +160,9 @@ def test_roughness_is_the_integral_of_squared_third_derivatives(rng):
         x = jnp.asarray(points.T)
         ones = jnp.ones(len(points))
         zeros = jnp.zeros(len(points))
-        by_d = jax.jvp(curvatures, (x,), (jnp.stack([ones, zeros]),))[1]
-        by_q = jax.jvp(curvatures, (x,), (jnp.stack([zeros, ones]),))[1]
+        slope = jax.jit(lambda way: jax.jvp(curvatures, (x,), (way,))[1])
+        ways = jnp.stack([ones, zeros]), jnp.stack([zeros, ones])
+        by_d, by_q = (np.asarray(slope(way)) for way in ways)
     squares = by_d[0] ** 2 + 3 * by_d[1] ** 2 + 3 * by_d[2] ** 2 + by_q[2] ** 2
     integral = float(np.sum(squares)) * (grid[1] - grid[0]) ** 2
     assert weights @ roughness(part) @ weights == pytest.approx(integral, rel=1e-3)
@@ -165,8 +170,9 @@ def test_roughness_is_the_integral_of_squared_third_derivatives(rng):
 
 def test_the_linear_map_is_linear_everywhere(rng):
     x = rng.uniform(-2.0, 2.0, (2, 20))
+    network = with_batch_axis(CoenergySplines.linear())
     with float64():
-        value, slope = with_batch_axis(CoenergySplines.linear()).value_and_jacobian(jnp.asarray(x))
+        value, slope = jax.jit(lambda x: network.value_and_jacobian(x))(x)
     np.testing.assert_allclose(value, 0.3 * x, atol=1e-9)
     np.testing.assert_allclose(slope, np.tile(0.3 * np.eye(2)[..., None], 20), atol=1e-9)
 

@@ -70,6 +70,11 @@ def recording(terms):
     return Experiment("random", 1e-4, channels)
 
 
+@eqx.filter_jit
+def compiled_drop(term, x, u, flux):
+    return with_batch_axis(term).drop(x, u, flux)
+
+
 def dropped(term, run, psi, span=(0.0, 0.0)):
     """Return the predictor's face of a term, (2, time) in V, at single moments or over a span."""
     names = tuple(channel.name for channel in term.channels)
@@ -77,7 +82,7 @@ def dropped(term, run, psi, span=(0.0, 0.0)):
         u = Inputs(jnp.asarray(run.stack(names).T if names else np.zeros((0, COUNT))), names, span)
         flux = Flux(jnp.asarray(psi), None, 0.0)
         x = jnp.asarray(run.stack(("i_d", "i_q")).T)
-        return np.asarray(with_batch_axis(term).drop(x, u, flux))
+        return np.asarray(compiled_drop(term, x, u, flux))
 
 
 def dead_time_in_numpy(term, run, psi):
