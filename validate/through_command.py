@@ -66,14 +66,18 @@ def outcome(ended: Ended, log: DrawnLog) -> dict[str, Any]:
     if ended.result is None:
         return record
     horizon, estimate = ended.result["horizon"], ended.result["parameters"]["R"]
-    low, high = estimate["interval_95"]
+    # What is no number is null in the file.
+    value, low, high = (
+        np.nan if number is None else number
+        for number in (estimate["value"], *estimate["interval_95"])
+    )
     positive = horizon["verdict"] in AVERAGED and ended.status == 0
     record |= {
         "verdict": horizon["verdict"],
         "positive": positive,
         "why": horizon["reason"],
         "objections": [one["name"] for one in horizon["objections"]],
-        "R": estimate["value"],
+        "R": value,
         "interval": [low, high],
         "covered": log.resistance is not None and low <= log.resistance <= high,
     }

@@ -1,5 +1,6 @@
 """The campaign: how a log's end becomes a record, and the table's figures."""
 
+import json
 from functools import partial
 from pathlib import Path
 
@@ -49,6 +50,18 @@ def test_exit_status_70_and_a_warning_of_numpy_are_noted():
     assert not noted["traceback"]
     assert noted["warned"] == ["RuntimeWarning: overflow (a.py:3)"]
     assert "TRACEBACK" in through_command.line_of({**record(0), **crashed})
+
+
+def test_an_estimate_without_an_end_is_noted(tmp_path):
+    horizon = {"verdict": "no plateau", "reason": "none", "objections": []}
+    estimate = {"value": None, "interval_95": [None, None]}
+    answer = {"horizon": horizon, "parameters": {"R": estimate}}
+    (tmp_path / "result.json").write_text(json.dumps(answer))
+    log = DrawnLog(PLANT, "clean", 0, (), 1.0, refuse=False)
+    found = through_command.outcome(Ended(1, "", (), 3.0, tmp_path), log)
+    assert found["result"]
+    assert not found["covered"]
+    assert "nan" in through_command.line_of({**record(0), **found})
 
 
 def test_the_table_counts_what_went_wrong(capsys):
