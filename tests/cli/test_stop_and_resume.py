@@ -122,9 +122,9 @@ def test_the_same_command_with_resume_climbs_to_the_end(runs, folder, penode, mo
     def computed_anew(*_):
         raise AssertionError("What the stopped fit began with is in its checkpoint.")
 
-    monkeypatch.setattr(study, "_start", computed_anew)
-    for name in ("structure_of", "calibration_of"):
-        monkeypatch.setattr(study_settings, name, computed_anew)
+    for name in ("_start", "judge", "calibration_of"):
+        monkeypatch.setattr(study, name, computed_anew)
+    monkeypatch.setattr(study_settings, "structure_of", computed_anew)
     stopped = json.loads((folder / "result.json").read_text())["horizon"]["ladder"]
     begun = told(folder, "rung")
     done = penode("identify", runs[0], "--horizon", 40, "--out", folder, "--resume")

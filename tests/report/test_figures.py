@@ -209,3 +209,11 @@ def test_a_state_that_nothing_predicts_is_drawn(comparison):
     nothing = np.full_like(comparison.measured, np.nan)
     lost = dataclasses.replace(comparison, one_step=nothing, free_run=nothing)
     assert np.isfinite(overlay(lost).layout.yaxis2.range).all()
+
+
+def test_a_close_up_is_not_taken_over_by_a_free_run_that_explodes(comparison):
+    free_run = comparison.free_run.copy()
+    free_run[100:] += 1e38
+    figure = overlay(dataclasses.replace(comparison, free_run=free_run))
+    assert np.abs(figure.layout.yaxis2.range).max() < 10
+    assert overlay(comparison).layout.yaxis2.range is None

@@ -234,3 +234,8 @@ def test_settings_are_shown_to_six_digits_and_nothing_is_lost():
         ["plan.seeds", "1, a"],
         ["none", "{}"],
     ]
+
+
+def test_an_interval_without_ends_is_called_so(fit):
+    fit.parameters["mass"] = Estimate(1.0, np.inf, (-np.inf, np.inf), "kg")
+    assert "unbounded" in texts(parameter_table(fit).rows[0])

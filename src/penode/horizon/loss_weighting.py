@@ -145,6 +145,7 @@ def _pushed(
     return pushed
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def weight_matrix(
     transitions: FloatArray,
     states: int,
@@ -176,18 +177,6 @@ def weight_matrix(
         Hermitian, at the frequencies of ``numpy.fft.fftfreq(samples)``; NaN where errors grow
         without bound.
     """
-    with np.errstate(over="ignore", invalid="ignore"):
-        weight = _from_transitions(transitions, states, horizon, samples, starts)
-        return weight if np.abs(weight).max() < _BOUND else np.full_like(weight, np.nan)
-
-
-def _from_transitions(
-    transitions: FloatArray,
-    states: int,
-    horizon: int,
-    samples: int,
-    starts: FloatArray | None,
-) -> ComplexArray:
     power = np.broadcast_to(np.eye(transitions.shape[-1]), transitions.shape)
     impulse = np.empty((horizon, len(transitions), states, states))
     for j in range(horizon):
@@ -206,7 +195,8 @@ def _from_transitions(
     # W_H is a trigonometric polynomial of degree H - 1; few samples fold it.
     np.add.at(lags, np.arange(horizon) % samples, products)
     np.add.at(lags, -np.arange(1, horizon) % samples, products[1:].swapaxes(1, 2))
-    return np.asarray(np.fft.fft(lags / (horizon * len(transitions)), axis=0))
+    weight = np.asarray(np.fft.fft(lags / (horizon * len(transitions)), axis=0))
+    return weight if np.abs(weight).max() < _BOUND else np.full_like(weight, np.nan)
 
 
 def _correlated(first: FloatArray, second: FloatArray) -> FloatArray:

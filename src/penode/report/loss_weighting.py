@@ -19,8 +19,7 @@ from penode.validation.residual_lines import Line
 _POINTS = 1500
 #: Lines named at most, and the fraction of the loss at one of the horizons from which one is named.
 _NAMED, _WORTH = 8, 1e-3
-#: Pixels above the panels: the legend, and below it the names of lines.
-_TOP = 56
+_TOP = 56  # pixels above the panels: the legend, and below it the names of lines
 _TITLE = "How each horizon weighs the residual"
 _LEAD = (
     "Training H steps ahead is training one step ahead through a filter: the longer the horizon, "
@@ -32,7 +31,6 @@ _CAPTION = (
     "largest is drawn. Below: the weight of each frequency in the loss, as a multiple of the mean "
     "over all frequencies. The loss adds up the product of residual and weight."
 )
-_PEAK = "The weight of a long horizon peaks at {peak}, where errors grow most over the horizon."
 
 
 @dataclass(frozen=True)
@@ -113,8 +111,8 @@ def weighting_section(
     """
     whole, view = view, view.at(view.available)
     if not view.horizons:
-        notice = Notice("caution", "Not available", weighting_sentence(whole, []))
-        return Section(_TITLE, _LEAD, [notice])
+        why = weighting_sentence(whole, [])
+        return Section(_TITLE, _LEAD, [Notice("caution", "Not available", why)])
     largest = [float(view.fractions(name.line).max()) for name in names]
     order = sorted(
         (k for k in range(len(names)) if largest[k] >= _WORTH), key=lambda k: -largest[k]
@@ -123,8 +121,8 @@ def weighting_section(
     caption = " ".join(filter(None, [_CAPTION, _peak(view), note]))
     title = "The residual has no lines"
     if worth:
-        count = "one line" if len(worth) == 1 else f"{len(worth)} lines"
-        title = f"The residual has {count}, the strongest at {worth[0].label}"
+        count = "one line," if len(worth) == 1 else f"{len(worth)} lines, the strongest"
+        title = f"The residual has {count} at {worth[0].label}"
     return Section(
         _TITLE,
         f"{_LEAD} {weighting_sentence(whole, [(name.line, name.label) for name in worth])}",
@@ -136,12 +134,12 @@ def weighting_section(
 
 
 def _peak(view: LossWeighting) -> str:
-    """Say where the weight of the longest horizon peaks; that of H = 1 does nowhere."""
+    """Say where the weight of the longest horizon peaks; at H = 1 it is flat."""
     longest = int(np.argmax(view.horizons))
     if view.horizons[longest] == 1:
         return ""
-    peak = view.frequency[view.weight[longest, :, 0].argmax()]
-    return _PEAK.format(peak=with_unit(float(peak), "Hz"))
+    peak = with_unit(float(view.frequency[view.weight[longest, :, 0].argmax()]), "Hz")
+    return f"The weight of a long horizon peaks at {peak}, where errors grow most over the horizon."
 
 
 def weighting_figure(view: LossWeighting, names: Sequence[Name], units: Sequence[str]) -> go.Figure:

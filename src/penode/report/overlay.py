@@ -8,6 +8,8 @@ from penode.report import palette, panels
 from penode.report.quantities import symbol
 from penode.validation.comparison import Comparison
 
+#: A free run so many times beyond the limits of the whole is cut off in the close-up too.
+_FAR = 10.0
 _POINTS = 2000
 _CLOSE_UP = 200
 
@@ -136,7 +138,7 @@ def _set_axes(figure: go.Figure, comparison: Comparison, parts: list[slice]) -> 
             )
             figure.layout[panels.axis_key("y", panel)].update(
                 anchor=panels.axis_id("x", panel),
-                range=limits if column == 0 else None,
+                range=limits if column == 0 or _beyond(comparison, state, part, limits) else None,
                 nticks=4 if is_error else 6,
                 zeroline=bool(is_error),
                 title_text=f"{name} in {comparison.units[state]}" if column == 0 else None,
@@ -163,6 +165,12 @@ def _limits(comparison: Comparison, state: int, is_error: bool) -> list[float]:
     low, high = (float(np.clip(end, -usual, usual)) for end in (values.min(), values.max()))
     margin = 0.06 * ((high - low) or 1.0)
     return [low - margin + centre, high + margin + centre]
+
+
+def _beyond(comparison: Comparison, state: int, part: slice, limits: list[float]) -> bool:
+    """Return whether a free run leaves the limits so far that nothing else could be seen."""
+    run = comparison.free_run[part, state]
+    return bool(np.nanmax(np.abs(run), initial=0.0) > _FAR * np.abs(limits).max())
 
 
 def _mark_window(figure: go.Figure, comparison: Comparison, window: slice, rows: int) -> None:

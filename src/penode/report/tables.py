@@ -188,11 +188,13 @@ def _parameter_row(name: str, estimate: Estimate) -> tuple[Cell, ...]:
     value, std = estimate.value * scale.factor, estimate.std * scale.factor
     decimals = decimals_for(std, value)
     low, high = (bound * scale.factor for bound in estimate.interval_95)
+    bounded = math.isfinite(low) or math.isfinite(high)
+    interval = f"{fixed(low, decimals)} to {fixed(high, decimals)}" if bounded else "unbounded"
     return (
         Cell(f"{name}, {estimate.meaning}" if estimate.meaning else name),
         _number(fixed(value, decimals), estimate.value),
         _number(fixed(std, decimals), estimate.std),
-        Cell(f"{fixed(low, decimals)} to {fixed(high, decimals)}", kind="number"),
+        Cell(interval, kind="number"),
         Cell(scale.unit or "1"),
     )
 

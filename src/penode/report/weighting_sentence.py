@@ -32,7 +32,11 @@ def weighting_sentence(view: LossWeighting, lines: Sequence[tuple[Line, str]]) -
     if not np.isfinite(view.power).all():
         return "The weighting is not available, as the one-step residual is not finite."
     known = view.at(view.available)
-    missing = [f"H = {one}" for one in view.horizons if one not in known.horizons]
+    missing = [
+        f"H\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}{one}"
+        for one in view.horizons
+        if one not in known.horizons
+    ]
     sentences = [_most(known, lines)] if known.horizons else []
     if missing:
         sentences.append(
