@@ -1,12 +1,14 @@
-"""Every numbered script in examples/ runs and finds what it says it finds."""
+"""Every numbered script in examples/ runs, finds what it says it finds, and goes through penode."""
 
-import importlib.util
+import importlib
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from validate.command import identify, run
 
+from penode.data.save import save
 from penode.predictors.base import Predictor
 from penode.validation.free_run import compare
 
@@ -15,12 +17,25 @@ DATA = Path(os.environ.get("PENODE_DATA", ROOT.parent / "shared" / "data")) / "b
 SCRIPTS = sorted((ROOT / "examples").glob("[0-9]*.py"))
 
 
+@pytest.fixture(autouse=True)
+def importable(monkeypatch):
+    """Let the scripts be imported by name, as in their folder."""
+    monkeypatch.syspath_prepend(ROOT / "examples")
+
+
 def example(name):
     """Return a script as a module."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return importlib.import_module(name)
+
+
+def report_of(fit, folder):
+    """Save a fit of an own model and return what ``penode report`` makes of it."""
+    fit.save(folder)
+    ended = run("report", folder, "--trust-classes")
+    assert ended.status == 0, ended.printed
+    assert not [line for line in ended.warned if line.startswith("RuntimeWarning")]
+    assert "please send in" not in ended.printed
+    return (folder / "report.html").read_text()
 
 
 def needed(*parts):
@@ -35,18 +50,21 @@ def test_there_are_five_scripts_of_at_most_a_hundred_lines():
     assert all(len(script.read_text().splitlines()) <= 100 for script in SCRIPTS)
 
 
-def test_rlc_circuit():
+def test_rlc_circuit(tmp_path):
     rlc = example("01_rlc")
     run = rlc.load(needed("rlc", "RLC_data_id.csv"))
     fit = rlc.identify(run, horizons=(30, 100))
     assert fit.parameters["R"].value == pytest.approx(3.0, rel=0.03)
     assert fit.parameters["C"].value == pytest.approx(270e-9, rel=0.03)
     assert rlc.inductance_error(fit, run) < 0.05
+    assert "Left out" not in report_of(fit, tmp_path)
 
 
-def test_positioner_mass_is_right_at_short_horizons_and_drifts_at_long_ones():
+def test_positioner_mass_is_right_at_short_horizons_and_drifts_at_long_ones(tmp_path):
     emps = example("02_emps")
-    ladder = emps.sweep(emps.load(needed("emps", "DATA_EMPS.mat"))).horizon.ladder
+    fit = emps.sweep(emps.load(needed("emps", "DATA_EMPS.mat")))
+    assert "Left out" not in report_of(fit, tmp_path)
+    ladder = fit.horizon.ladder
     error = {rung.horizon: rung.parameters["M"] / 95.11 - 1 for rung in ladder}
     assert all(abs(error[h]) < 0.005 for h in (1, 2, 5, 10, 20))
     assert -0.035 < error[1000] < -0.015
@@ -62,7 +80,9 @@ def test_positioner_with_learned_friction_simulates_a_recording_it_has_not_seen(
 
 def test_temperature_lab_heat_transfer_over_the_horizon(tmp_path):
     lab = example("03_tclab")
-    ladder = lab.sweep(lab.load(needed("tclab", "data.csv"))).horizon.ladder
+    fit = lab.sweep(lab.load(needed("tclab", "data.csv")))
+    assert "Left out" not in report_of(fit, tmp_path)
+    ladder = fit.horizon.ladder
     found = {rung.horizon: rung.parameters["U"] for rung in ladder}
     assert found[1] == pytest.approx(1.1, abs=0.1)
     assert found[10] == pytest.approx(1.3, abs=0.1)
@@ -77,6 +97,19 @@ def test_machine(tmp_path, capsys):
     assert (tmp_path / "fit" / "result.json").exists()
 
 
+def test_recordings_of_the_machine_go_through_the_command(tmp_path):
+    machine, files = example("04_pmsm"), [tmp_path / "train.csv", tmp_path / "unseen.csv"]
+    for file, speed, duration in zip(files, (1500.0, 900.0), (0.4, 0.2), strict=True):
+        save(machine.record(speed, duration), file)
+    few = ("--horizon", 3, "--no-inverter", "--angle-orders", "none", "--hold", "dq")
+    ended = identify(files[:1], tmp_path / "result", "--validate", files[1], *few)
+    assert ended.status in (0, 1), ended.printed
+    assert not [line for line in ended.warned if line.startswith("RuntimeWarning")]
+    assert "please send in" not in ended.printed
+    assert ended.result["parameters"]["R"]["value"] > 0
+    assert [one.role for one in ended.fit().comparisons] == ["train", "validation"]
+
+
 def test_own_equation(tmp_path, capsys):
     pendulum = example("05_own_ode")
     fit = pendulum.identify(pendulum.record(1), horizons=(12, 50))
@@ -85,3 +118,6 @@ def test_own_equation(tmp_path, capsys):
     speed = np.linspace(-2.5, 2.5, 40)
     learned = np.asarray(fit.friction_at(speed))
     assert np.abs(learned - pendulum.true_friction(speed)).max() < 0.15
+    page = report_of(fit, tmp_path)
+    assert "stiffness" in page
+    assert "Left out" not in page

@@ -82,7 +82,7 @@ def identified(
 def outcome(ended: Ended) -> Identified:
     """Return how a command ended, its fit loaded."""
     noted = [] if ended.status in _PROMISED else [f"exit status {ended.status}: {ended.last_line}"]
-    noted += [line.strip() for line in ended.printed.splitlines() if "left out" in line.lower()]
+    noted += [line.strip() for line in ended.printed.splitlines() if "please send in" in line]
     noted += dict.fromkeys(line for line in ended.warned if line.startswith("RuntimeWarning"))
     text = "; ".join(noted)
     if ended.result is None:

@@ -28,6 +28,7 @@ from validate.other_simulators.wrong_logs import WRONG
 import validate
 from penode import Experiment
 from penode.data.save import save
+from penode.fit.left_out import left_out
 from penode.pmsm.exports.formats import export
 from validate import (
     aliasing,
@@ -130,8 +131,9 @@ def test_what_no_run_should_show_is_noted(ended):
     assert crashed.told == "  !! exit status 70: internal error"
     warned = outcome(replace(ended, warned=("RuntimeWarning: overflow (a.py:3)", "UserWarning: x")))
     assert warned.noted == "RuntimeWarning: overflow (a.py:3)"
-    partly = outcome(replace(ended, printed="The picture is left out (x.txt)."))
-    assert partly.noted == "The picture is left out (x.txt)."
+    sentence = left_out("the picture", ValueError("x"))
+    partly = outcome(replace(ended, printed=f"Dead time was left out.\n{sentence}"))
+    assert partly.noted == sentence
 
 
 # --- tables of runs of the command ---------------------------------------------------------------
