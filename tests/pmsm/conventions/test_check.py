@@ -7,6 +7,9 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from penode.data.experiment import Experiment
+from penode.pmsm.balance.calibration import AS_RECORDED
+from penode.pmsm.balance.trial_balance import imitated_lag
+from penode.pmsm.balance.voltage_balance import harmonic_window
 from penode.pmsm.bench.current_sensors import CurrentSensors
 from penode.pmsm.bench.drive import Drive
 from penode.pmsm.bench.inverter import DeadTime, Inverter
@@ -17,7 +20,7 @@ from penode.pmsm.bench.sensors import Resolver, SpeedSensor
 from penode.pmsm.conventions.balance import judge_delay
 from penode.pmsm.conventions.check import check_conventions, judge
 from penode.pmsm.conventions.motion import find_stepped_angle
-from penode.pmsm.machine.frames import abc_from_dq
+from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc
 from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
@@ -150,6 +153,78 @@ def test_one_sample_delay(drawn, samples):
     assert found.mend.endswith(f"delay = {samples}")
     late = shifted(in_phases(run), samples, "u_a", "u_b", "u_c")
     assert names_of(late) == ["one-sample delay"]
+
+
+def test_exchanged_channels(drawn):
+    run = drawn[1]
+    assert names_of(exchanged(run, "i_d", "i_q")) == ["exchanged currents"]
+    assert names_of(exchanged(run, "u_d", "u_q")) == ["exchanged voltages"]
+    both = exchanged(exchanged(run, "i_d", "i_q"), "u_d", "u_q")
+    assert names_of(both) == ["exchanged axes"]
+
+
+@pytest.mark.parametrize("kinds", ["i", "u", "ui"])
+def test_phases_exchanged_before_dq_was_made(drawn, kinds):
+    """What is logged in dq still shows it, where the angle is logged beside."""
+    theta = drawn[1].channels["theta_el"]
+    run = exchanged(in_phases(drawn[1]), f"{kinds[0]}_a", f"{kinds[0]}_b")
+    if kinds == "ui":
+        run = exchanged(run, "i_a", "i_b")
+    dq = {"theta_el": theta, "omega_el": drawn[1].channels["omega_el"]}
+    for kind in "ui":
+        three = run.stack([f"{kind}_{phase}" for phase in "abc"])
+        dq[f"{kind}_d"], dq[f"{kind}_q"] = dq_from_abc(three, theta).T
+    (found,) = check_conventions(replace(run, channels=dq)).broken
+    assert found.name == "swapped phases"
+    assert "phases a and b of the" in found.mend
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_wrong_pole_pairs_without_an_angle(drawn, known):
+    """One pole pair too few, whether the number is given or not; a delay is not claimed beside."""
+    machine, run = drawn
+    taken = machine.pole_pairs - 1
+    wrong = without(scaled(run, taken / machine.pole_pairs, "omega_el"), "theta_el")
+    found = check_conventions(wrong, taken if known else None)
+    if machine.name == "traction_300A":  # too slow: dead time and delay explain as much
+        assert found.broken == () or found.broken[0].name == "wrong pole pairs"
+        return
+    assert [b.name for b in found.broken][:1] == ["wrong pole pairs"]
+    number = f"pole_pairs = {machine.pole_pairs}" if known else f"with {machine.pole_pairs} pole"
+    assert number in found.broken[0].mend
+
+
+def test_pole_pairs_that_slow_currents_do_not_show_are_said_to_be_undetermined():
+    drive = Drive(inverter=Inverter(dead_time=DeadTime(1.0e-6)), current_noise=0.5)
+    slow = Lissajous(150.0, 9.0, 10.0)
+    run = simulate(TRACTION_300A, slow, speed_rpm=2000.0, duration=1.0, drive=drive, seed=3)
+    found = check_conventions(without(run, "theta_el"))
+    assert found.broken == ()
+    assert "whether omega_el counts with the right pole pairs cannot" in found.untold[0]
+    assert not any("pole pairs" in sentence for sentence in check_conventions(run).untold)
+    assert judge([without(run, "theta_el")], Study())[1] == AS_RECORDED
+
+
+@pytest.mark.parametrize("what", ["noise", "currents of another recording"])
+def test_what_is_no_synchronous_machine(drawn, what):
+    random, run = np.random.default_rng(1), drawn[1]
+    currents = run.stack(("i_d", "i_q"))
+    other = currents[::-1] if what != "noise" else 50.0 * random.normal(size=currents.shape)
+    (found,) = check_conventions(changed(run, i_d=other[:, 0], i_q=other[:, 1])).broken
+    assert found.name == "no synchronous machine"
+
+
+def test_a_delay_that_feedback_of_noise_imitates_is_not_claimed():
+    """Currents nearly at rest, so that the controller answers noise; the lag alone has 1.6 %."""
+    drive = Drive(current_noise=1.0, tuning=1.0)
+    quiet = Lissajous(15.0, 6.0, 7.0)
+    run = simulate(TRACTION_300A, quiet, speed_rpm=400.0, duration=0.5, drive=drive, seed=1)
+    assert imitated_lag([run], harmonic_window) > 1.0
+    found, _, why = judge_delay([run], in_phases=False)
+    assert found is None
+    assert "cannot be determined here" in why
+    calibration = judge([run], Study())[1]
+    assert calibration.delay == 0.0
 
 
 def test_reversed_speed(drawn):

@@ -17,6 +17,7 @@ from penode.errors import InputError
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.trial_balance import try_balance
+from penode.pmsm.conventions.agreement import disagreement_of
 from penode.pmsm.conventions.balance import judge_delay, judge_magnet
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judge
 from penode.pmsm.conventions.cures import judge_cures
@@ -164,11 +165,11 @@ def judge(experiments: Sequence[Experiment], study: AskedModel) -> tuple[Convent
         drives = [drive_recording(e) for e in experiments]
         require_channels(drives, study.terms)
         calibration = calibration_of(drives, study.terms)
-    placed = [
-        _placed([_corrected(r, calibration) for r in some], study.name_plate) for some in recorded
-    ]
+    corrected = [[_corrected(r, calibration) for r in some] for some in recorded]
+    placed = [_placed(some, study.name_plate) for some in corrected]
+    apart = disagreement_of([r.drive for some in corrected for r in some], study.terms)
     short = [_few(some) for some in recordings]
-    return _sum([*first, *placed, *short]), calibration
+    return _sum([*first, *placed, Conventions(apart), *short]), calibration
 
 
 def _long_enough(stretches: Sequence[Experiment]) -> list[Experiment]:

@@ -35,8 +35,6 @@ _NOWHERE = 0.1
 _MUCH_CLEARER = 0.35
 #: Fewest windows in a recording.
 _FEWEST = 16
-#: Angle in rad up to which the magnet lies along an axis.
-_ALONG = np.deg2rad(20.0)
 #: Factors of the speed beside the whole ones: pole pairs taken for others, up to so many.
 _RATIO_OF = 8
 _SPEED = "omega_el"
@@ -105,12 +103,24 @@ _SIGNS = (
     Cure("currents counted out of the machine", CURRENTS, "give i_d and i_q sign = -1", _BOTH),
     Cure("exchanged currents", CURRENTS, "exchange the columns of i_d and i_q", _SWAP),
     Cure("exchanged voltages", VOLTAGES, "exchange the columns of u_d and u_q", voltages=_SWAP),
+    Cure(
+        "exchanged axes",
+        (*CURRENTS, *VOLTAGES),
+        "exchange the columns of i_d and i_q, and of u_d and u_q",
+        _SWAP,
+        _SWAP,
+    ),
 )
 
 
 def _exchanges() -> tuple[Cure, ...]:
-    """Return cures of two phases exchanged; which two shows where only one kind is."""
-    one = [
+    """Return cures of two phases exchanged; of all quantities only the magnet shows which two."""
+    kinds = (
+        ("ui", "currents and voltages", (*CURRENTS, *VOLTAGES)),
+        ("i", "currents", CURRENTS),
+        ("u", "voltages", VOLTAGES),
+    )
+    return tuple(
         Cure(
             "swapped phases",
             names,
@@ -118,11 +128,9 @@ def _exchanges() -> tuple[Cure, ...]:
             exchanged=kind,
             axis=axis * np.pi / 3,
         )
-        for kind, word, names in (("i", "currents", CURRENTS), ("u", "voltages", VOLTAGES))
+        for kind, word, names in kinds
         for pair, axis in (("b and c", 0), ("a and c", 2), ("a and b", 4))
-    ]
-    both = "exchange two phases of currents and voltages before they are turned into dq"
-    return (Cure("swapped phases", (*CURRENTS, *VOLTAGES), both, exchanged="ui"), *one)
+    )
 
 
 _PHASES = _exchanges()
@@ -149,7 +157,11 @@ def judge_cures(experiment: Experiment, pole_pairs: int | None) -> tuple[Judged,
     cures = (*_SIGNS, *phases, *_factors(pole_pairs))
     trials = _trials(experiment, (AS_RECORDED, *cures))
     standing, others = trials[0], trials[1:]
-    best = min(range(len(cures)), key=lambda k: float(f"{others[k].misfit:.3g}"))
+    # Of cures that differ by the direction of the d axis the magnet shows which is right.
+    best = min(
+        range(len(cures)),
+        key=lambda k: (float(f"{others[k].misfit:.3g}"), -float(f"{others[k].magnet[0]:.3g}")),
+    )
     angle, cure = _angle_sign(experiment), cures[best]
     clear = _MUCH_CLEARER if angle and abs(cure.factor) != 1.0 else _CLEARER
     if others[best].misfit > clear * standing.misfit:
@@ -159,7 +171,8 @@ def judge_cures(experiment: Experiment, pole_pairs: int | None) -> tuple[Judged,
     like = [
         other
         for other, trial in zip(cures, others, strict=True)
-        if trial.misfit < _AS_GOOD * others[best].misfit and other is not cure
+        if trial.misfit < _AS_GOOD * others[best].misfit
+        and trial.magnet[0] > others[best].magnet[0] / _AS_GOOD
     ]
     return _found(experiment, cure, like, standing, others[best]), ""
 
@@ -200,12 +213,8 @@ def _found(
 ) -> Judged:
     """Return the finding of a cure, and the recording with it."""
     angle = _angle_sign(experiment)
-    name, channels, fix = cure.name, cure.channels, cure.fix
-    aside = abs(np.arctan2(best.magnet[1], best.magnet[0]))
-    if cure.factor == -1.0 and abs(aside - np.pi / 2) < _ALONG:
-        name, channels = "exchanged axes", (*CURRENTS, *VOLTAGES)
-        fix = "exchange the columns of i_d and i_q, and of u_d and u_q"
-    elif cure.factor == -1.0 and angle > 0:
+    fix = cure.fix
+    if cure.factor == -1.0 and angle > 0:
         fix = "give omega_el and theta_el sign = -1, or i_q and u_q if it is the q axis"
     elif cure.factor == -1.0 and angle == 0:
         fix += ", or i_q and u_q if it is the q axis that points backwards"
@@ -218,7 +227,7 @@ def _found(
         f"an inductance that is positive at {100 * standing.definite:.0f} % of the currents; with "
         f"this set right {100 * best.residual:.2g} % and {100 * best.definite:.0f} %"
     )
-    return BrokenConvention(name, experiment.name, channels, evidence, fix), cure.applied(
+    return BrokenConvention(cure.name, experiment.name, cure.channels, evidence, fix), cure.applied(
         experiment
     )
 
