@@ -49,7 +49,7 @@ def load(path, noise=(10.0, 1.0), seed=0):
     time, v, i, u = np.loadtxt(path, delimiter=",", skiprows=1, usecols=range(4)).T
     random = np.random.default_rng(seed)
     v, i = (c + s * random.normal(size=len(c)) for c, s in zip((v, i), noise, strict=True))
-    return penode.Experiment(path, float(np.mean(np.diff(time))), {"v": v, "i": i, "u": u})
+    return penode.Experiment(str(path), float(np.mean(np.diff(time))), {"v": v, "i": i, "u": u})
 
 
 def true_inductance(current):
