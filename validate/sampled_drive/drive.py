@@ -32,7 +32,7 @@ class Drive:
         Current, as a fraction of the machine's, that just recharges a leg's node within the dead
         time; larger ones lose the whole of it.
     on_state : float
-        Drop of a device at the machine's current, in V.
+        Drop of a device at the machine's current, as a fraction of the machine's voltage.
     switched : bool
         Whether legs switch, by a triangle as long as a period, or supply their mean.
     ripple : float
@@ -67,14 +67,15 @@ class Drive:
 
     def inverter(self, machine: Machine) -> InverterRecord:
         """Return the inverter as the plant reads it."""
-        thermal = 0.05  # of the slope of a junction's law, in V
+        drop = self.on_state * machine.rated_voltage
+        thermal = drop / 16  # of 0.8 V; a junction's law rises by it with each e-fold of current
         link = 2 * machine.rated_voltage
-        at_rest = machine.rated_current * np.exp(-self.on_state / thermal)
+        at_rest = machine.rated_current * np.exp(-16)
         return InverterRecord(
             period=1 / self.rate,
             dead_time=self.dead_time,
             node_capacitance=self.swing * machine.rated_current * self.dead_time / link,
-            thermal=thermal if self.on_state else 0.0,
+            thermal=thermal,
             saturation=at_rest,
             switched=self.switched,
         )

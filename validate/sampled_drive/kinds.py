@@ -108,7 +108,7 @@ KINDS: dict[str, Kind] = {
     "sensorless angle": Kind(drive={"angle_per_load": 0.12}),
     "switched at 60 rpm": Kind(
         machine={**_LOW, "pole_pairs": 5},
-        drive={"switched": True, "dead_time": 2e-6, "swing": 0.03, "on_state": 0.8},
+        drive={"switched": True, "dead_time": 2e-6, "swing": 0.03, "on_state": 4e-3},
         rpm=60.0,
     ),
     "link ripple": Kind(drive={"ripple": 0.03}),
@@ -119,7 +119,10 @@ KINDS: dict[str, Kind] = {
     "skewed harmonics": Kind(machine={"harmonics": 0.02, "skewed": True}),
     "current in 5 % of the time": Kind(reference="pulses", duration=2.0),
     "oscillating control": Kind(drive={"bandwidth": 0.125}),
-    "dead time": Kind(drive={"dead_time": 1.5e-6, "swing": 0.02, "on_state": 0.7}),
+    "dead time": Kind(drive={"dead_time": 1.5e-6, "swing": 0.02, "on_state": 3e-3}),
+    "junctions at 20 V": Kind(
+        machine={"voltage": 20.0}, drive={"dead_time": 1.5e-6, "swing": 0.02, "on_state": 0.035}
+    ),
     "iron loss": Kind(drive={"iron_loss": 0.01}),
     "offset of phase b": Kind(drive={"offset": 0.01}),
     "gain of phase b": Kind(drive={"gain": 1.01}),
