@@ -126,7 +126,7 @@ KINDS: dict[str, Kind] = {
     "iron loss": Kind(drive={"iron_loss": 0.01}),
     "offset of phase b": Kind(drive={"offset": 0.01}),
     "gain of phase b": Kind(drive={"gain": 1.01}),
-    "currents in kA": Kind(change=wrong_logs.in_kiloamperes, scale=1e3),
+    "currents in kA": Kind(refuse=True, change=wrong_logs.in_kiloamperes, scale=1e3),
     "induction machine": Kind(refuse=True, other=other_machines.induction),
     "dc machine": Kind(refuse=True, other=other_machines.direct_current),
     "exchanged phases": Kind(refuse=True, change=wrong_logs.exchanged_phases),

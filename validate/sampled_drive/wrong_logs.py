@@ -38,7 +38,7 @@ def jitter(log: Log, _machine: Machine, random: Random) -> Log:
 
 
 def in_kiloamperes(log: Log, _machine: Machine, _random: Random) -> Log:
-    """Return the log with currents in kA: that of another machine, for all that it contains."""
+    """Return the log with currents in kA."""
     return replace(log, current=1e-3 * log.current)
 
 
