@@ -290,7 +290,7 @@ def test_a_recording_shorter_than_a_window_leaves_the_delay_untold(slow_run, cou
 
 @pytest.mark.parametrize(("lag", "deviation", "late"), [(0.7, 0.19, False), (0.7, 0.1, True)])
 def test_a_delay_is_named_from_five_deviations(slow_run, monkeypatch, lag, deviation, late):
-    module = "penode.pmsm.conventions.balance.lag_of_voltage"
+    module = "penode.pmsm.conventions.balance.mean_lag"
     monkeypatch.setattr(module, lambda run, in_phases: (lag, deviation))
     found, _, why = judge_delay([slow_run], False)
     assert (found is not None) == late

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.calibration import AS_RECORDED, SLOPE, Calibration, with_speed_from_angle
 from penode.pmsm.balance.calibration_equations import (
@@ -25,6 +26,7 @@ from penode.pmsm.balance.voltage_timing import (
     timing_at_rest,
     timing_of,
     timing_sentences,
+    turns_far,
 )
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES, in_frame_ahead
 from penode.pmsm.machine.terms import ANGLE, SPEED, Term
@@ -39,6 +41,8 @@ _MATTERS, _ABSURD = 1e-4, 0.1
 _USUAL = 0.01
 #: Angle in rad, and share of the current, below which none is, and above which none is believed.
 _ANGLES, _SHARES = (np.deg2rad(0.05), np.deg2rad(12.0)), (1e-4, 0.2)
+#: Part of an angle by which a turn may differ from it where the two cancel.
+_CANCELS = 0.2
 #: Angle in rad above which the rest is estimated again, in the frame that it is turned to.
 _FIRST_ORDER = np.deg2rad(1.0)
 #: Share of the speed from which the slope of the angle is tried, and up to which it is one speed.
@@ -85,10 +89,14 @@ def _placed(balance: Balance) -> tuple[Calibration, Estimate]:
     first = balance.solved(TIMING)
     whole, timed = (balance.rounds((*TIMING, *names), first) for names in (ERRORS, ()))
     errors = tuple(name for name in ERRORS if _credible(whole, name, balance.experiments))
+    if _cancel(whole, balance.experiments) or turns_far(balance.experiments):
+        errors = tuple(name for name in errors if name != "angle")
     while errors and whole.evidence < timed.evidence - CLEAR:
         free, plain = balance.rounds((*TIMING, *errors), first), balance.rounds(errors, first)
         found = timing_of(free, plain.evidence, balance.experiments)
         chosen = plain if found == AS_RECORDED else free
+        if chosen.evidence > timed.evidence - CLEAR:
+            break  # timing alone explains as much
         credible = tuple(name for name in errors if _credible(chosen, name, balance.experiments))
         if credible == errors:
             return replace(found, angle=chosen.values.get("angle", 0.0)), free
@@ -105,7 +113,8 @@ def _refined(found: Calibration, free: Estimate, balance: Balance) -> Calibratio
     deviation, angle = {**rest.deviation, **loss.deviation}, found.angle
     shown = (found.delay + rest.values["delay"], rest.deviation["delay"])
     delay = near_whole(shown[0], SIGNIFICANT * shown[1]) if found.delay else 0.0
-    if angle or _credible(rest, "angle", balance.experiments):
+    far = turns_far(balance.experiments)
+    if angle or (_credible(rest, "angle", balance.experiments) and not far):
         angle += rest.values["angle"]
     if not delay % 1.0:
         deviation["delay"] = float(np.hypot(shown[0] - delay, shown[1]))
@@ -201,6 +210,26 @@ def _credible(estimate: Estimate, name: str, experiments: Sequence[Experiment]) 
     if name == "angle":
         return bool(_ANGLES[0] < abs(size) < _ANGLES[1])
     return bool(_SHARES[0] < size * _share(experiments) < _SHARES[1])
+
+
+def _cancel(estimate: Estimate, experiments: Sequence[Experiment]) -> bool:
+    """Return whether turn and angle leave the voltages where they are, and turn the currents alone.
+
+    That is no angle of the rotor; a delay, or voltages that are not all logged, looks like it.
+    """
+    samples = float(np.sqrt(np.mean(np.concatenate([_turns(e) for e in experiments]) ** 2)))
+    turn, angle = abs(estimate.values["turn"]) * samples, estimate.values["angle"]
+    same_way = np.sign(estimate.values["turn"] * _mean_turn(experiments)) == np.sign(angle)
+    return bool(same_way and abs(turn - abs(angle)) < _CANCELS * abs(angle))
+
+
+def _turns(experiment: Experiment) -> FloatArray:
+    """Return the angle that the rotor turns by in each sample, in rad."""
+    return np.asarray(experiment.channels[SPEED.name] * experiment.time_step)
+
+
+def _mean_turn(experiments: Sequence[Experiment]) -> float:
+    return float(np.mean(np.concatenate([_turns(e) for e in experiments])))
 
 
 def _likelihood(one: Estimate, other: float) -> float:

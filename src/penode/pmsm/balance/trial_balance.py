@@ -191,6 +191,22 @@ def lag_of_voltage(experiment: Experiment, in_phases: bool) -> tuple[float, floa
     return lag, deviation
 
 
+def mean_lag(experiments: Sequence[Experiment], in_phases: bool) -> tuple[float, float]:
+    """Return the mean lag over recordings or stretches, and its deviation with that between them.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+    in_phases : bool
+        As in `lag_of_voltage`.
+    """
+    lags, deviations = np.array([lag_of_voltage(e, in_phases) for e in experiments]).T
+    weights = 1.0 / np.maximum(deviations, 1e-9) ** 2
+    mean, own = float(np.average(lags, weights=weights)), float(np.sum(weights) ** -0.5)
+    apart = np.sum(weights * (lags - mean) ** 2) / max(len(lags) - 1, 1)
+    return mean, own * float(np.sqrt(max(apart, 1.0)))
+
+
 def imitated_lag(experiments: Sequence[Experiment], window: Window) -> float:
     """Return the lag in samples that a controller's answer to noise can imitate, at most.
 

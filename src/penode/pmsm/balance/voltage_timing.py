@@ -7,8 +7,9 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_equations import Estimate
-from penode.pmsm.balance.trial_balance import imitated_lag, lag_of_voltage
+from penode.pmsm.balance.trial_balance import imitated_lag, mean_lag
 from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.machine.terms import SPEED
 
 #: What is estimated, in samples.
 TIMING = ("delay", "turn")
@@ -20,6 +21,8 @@ SIGNIFICANT = 5.0
 _DIFFERENT = 0.2
 #: Samples from a whole number, and from half a turn back, that are taken for these.
 _NEAR = 0.1
+#: Angle in rad that a turn has to amount to where the rotor turns by more than another in a sample.
+_ANGLE, _COARSE = np.deg2rad(0.05), 0.35
 #: Samples beyond which, and deviation above which, an estimate is not believed.
 _MOST, _SURE = 3.0, 0.1
 
@@ -41,13 +44,37 @@ def timing_of(free: Estimate, plain: float, experiments: Sequence[Experiment]) -
         return AS_RECORDED
     sure = {name: value for name, value in values.items() if free.deviation[name] < _SURE}
     delay, turn = sure.get("delay", 0.0), sure.get("turn", 0.0)
-    own = np.hypot(free.deviation["delay"], imitated_lag(experiments, harmonic_window))
-    delay = 0.0 if abs(delay) < SIGNIFICANT * own else near_whole(delay)
+    clear = abs(delay) > SIGNIFICANT * free.deviation["delay"]
+    delay = near_whole(delay) if clear and _acts_late(delay, experiments) else 0.0
+    far = turns_far(experiments)
+    different = _ANGLE / far if far else _DIFFERENT
     behind = turn + 0.5  # what a voltage held in the stationary frame is turned by at the sample
     hold = "stationary" if abs(behind) < _DIFFERENT or not near_whole(behind) % 1.0 else "dq"
     left = behind if hold == "stationary" else turn
-    left = 0.0 if abs(left) < _DIFFERENT else near_whole(left)
+    left = 0.0 if abs(left) < different else near_whole(left, min(_NEAR, different))
     return Calibration(delay, hold, left)
+
+
+def turns_far(experiments: Sequence[Experiment]) -> float:
+    """Return the rotor's turn in a sample, rad, where what happens inside counts.
+
+    Voltages that are held in another frame than was thought leave a small turn there, which an
+    angle of the rotor imitates. Zero where the turn is small.
+    """
+    turns = [float(np.median(np.abs(e.channels[SPEED.name]))) * e.time_step for e in experiments]
+    return max(turns) if max(turns) > _COARSE else 0.0
+
+
+def _acts_late(delay: float, experiments: Sequence[Experiment]) -> bool:
+    """Return whether a delay is none that the controller's answer to noise imitates.
+
+    It is either larger than noise can imitate in these windows, or that of longer ones too, which
+    have less of the noise.
+    """
+    if abs(delay) > SIGNIFICANT * imitated_lag(experiments, harmonic_window):
+        return True
+    lag, own = mean_lag(experiments, in_phases=True)
+    return own < _SURE and abs(delay + lag) < max(_NEAR, SIGNIFICANT * own)
 
 
 def timing_sentences(
@@ -83,9 +110,7 @@ def timing_at_rest(experiments: Sequence[Experiment]) -> Calibration:
     experiments : sequence of Experiment
         With i_d, i_q, u_d and u_q.
     """
-    lags, deviations = np.array([lag_of_voltage(e, in_phases=False) for e in experiments]).T
-    weights = 1.0 / np.maximum(deviations, 1e-9) ** 2
-    lag, own = float(np.average(lags, weights=weights)), float(np.sum(weights) ** -0.5)
+    lag, own = mean_lag(experiments, in_phases=False)
     if not (_DIFFERENT < abs(lag) < _MOST and own < _SURE):
         return AS_RECORDED
     delay = near_whole(-lag)

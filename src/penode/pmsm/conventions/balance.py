@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from penode.data.experiment import Experiment
-from penode.pmsm.balance.trial_balance import lag_of_voltage, try_balance
+from penode.pmsm.balance.trial_balance import mean_lag, try_balance
 from penode.pmsm.conventions.broken_convention import BrokenConvention, with_channels
 from penode.pmsm.machine.holds import turned_voltage
 from penode.pmsm.machine.standstill import stands_still
@@ -49,7 +49,7 @@ def judge_delay(
             "for longer."
         )
         return None, list(stretches), few
-    lag, deviation = _lag_of(stretches, in_phases)
+    lag, deviation = mean_lag([e for e in stretches if len(e) >= _SHORTEST], in_phases)
     if not deviation < _DETERMINED:
         why = (
             f"{name}: a delay of the voltage cannot be determined here ({lag:.2g} ± "
@@ -69,16 +69,6 @@ def judge_delay(
         f"give {', '.join(names)} delay = {samples}",
     )
     return finding, [_in_place(e, samples, in_phases) for e in stretches], ""
-
-
-def _lag_of(stretches: Sequence[Experiment], in_phases: bool) -> tuple[float, float]:
-    """Return the mean lag over stretches, and its deviation with that between them."""
-    each = [lag_of_voltage(e, in_phases) for e in stretches if len(e) >= _SHORTEST]
-    lags, deviations = np.array(each).T
-    weights = 1.0 / np.maximum(deviations, 1e-9) ** 2
-    mean, own = float(np.average(lags, weights=weights)), float(np.sum(weights) ** -0.5)
-    apart = np.sum(weights * (lags - mean) ** 2) / max(len(lags) - 1, 1)
-    return mean, own * float(np.sqrt(max(apart, 1.0)))
 
 
 def _in_place(experiment: Experiment, samples: int, in_phases: bool) -> Experiment:
