@@ -185,11 +185,10 @@ def weighting_figure(view: LossWeighting, names: Sequence[Name], units: Sequence
 def _draw(figure: go.Figure, view: LossWeighting, column: tuple[int, str], factor: float) -> None:
     signal, unit = column
     amplitude = np.sqrt(view.power[:, signal])
-    chosen = _largest(amplitude)
     weight = view.weight[:, :, signal]  # zero of a signal that the loss does not see
     relative = weight / np.maximum(weight.mean(axis=1, keepdims=True), np.finfo(float).tiny)
     drawn = np.arange(0, len(view.frequency), max(len(view.frequency) // _POINTS, 1))
-    curves = [(2 * signal, "residual", palette.MEASURED.light, chosen, amplitude)]
+    curves = [(2 * signal, "residual", palette.MEASURED.light, _largest(amplitude), amplitude)]
     for horizon, colour, weight in zip(view.horizons, _COLOURS, relative, strict=False):
         curves.append((2 * signal + 1, f"H = {horizon}", colour, drawn, weight))
     for panel, name, colour, at, values in curves:
