@@ -210,7 +210,7 @@ def _draw(figure: go.Figure, view: LossWeighting, column: tuple[int, str], facto
         )
     name = "residual" if len(view.signals) == 1 else symbol(view.signals[signal])
     titles = (f"{name} in {unit}" if unit else name, "weight")
-    spans = (_decades(amplitude[chosen]), _decades(relative))
+    spans = (_decades(amplitude[_largest(amplitude)]), _decades(relative))
     for panel, title, span in zip((2 * signal, 2 * signal + 1), titles, spans, strict=True):
         figure.layout[panels.axis_key("y", panel)].update(
             anchor=panels.axis_id("x", panel), type="log", range=span, dtick=1, title_text=title
