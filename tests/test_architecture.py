@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "penode"
 WORDS = re.findall(r"`([^`\s]+)`", (ROOT / "ARCHITECTURE.md").read_text())
 #: Lines of a module.
-LONGEST = 300
+LONGEST = 500
 PATHS = sorted({word for word in WORDS if word.endswith(("/", ".py", ".toml"))})
 
 
@@ -25,6 +25,6 @@ def test_the_table_of_changes_stays_short():
     assert len(rows.split("\n\n")[0].splitlines()) <= 15
 
 
-def test_modules_have_at_most_300_lines():
+def test_modules_have_at_most_500_lines():
     lengths = {path: len(path.read_text().splitlines()) for path in PACKAGE.rglob("*.py")}
     assert not {str(path): n for path, n in lengths.items() if n > LONGEST}

@@ -78,6 +78,10 @@ def fitting_plan(plan: Plan, experiments: Sequence[Experiment]) -> Plan:
     return replace(plan, stages=tuple(itertools.compress(plan.stages, enough)))
 
 
+#: Error of a horizon over that of the first from which predictions have exploded.
+_EXPLODED = 1e6
+
+
 @dataclass(frozen=True, eq=False)
 class HorizonFit:
     """One rung of a climbed ladder.
@@ -215,7 +219,7 @@ class LadderProblem:
             if rungs and not rungs[-1].solution.converged:  # what follows would be lost too
                 raw = problem.better(raw, first)
             solution = stage.optimiser.minimise(problem, raw, self._progress(stage.horizon, place))
-            if solution.outcome == DIVERGED:
+            if solution.outcome == DIVERGED or (rungs and _explodes(solution, rungs[0])):
                 break
             raw = solution.raw
             rungs.append(self._finish(stage.horizon, problem, solution))
@@ -296,3 +300,8 @@ class LadderProblem:
             )
 
         return report
+
+
+def _explodes(solution: Solution, first: HorizonFit) -> bool:
+    """Return whether predictions err beyond all bounds, so that longer horizons show nothing."""
+    return bool(solution.terms.loss > _EXPLODED**2 * first.solution.terms.loss)

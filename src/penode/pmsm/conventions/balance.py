@@ -12,6 +12,8 @@ from penode.pmsm.machine.standstill import stands_still
 
 #: Lag in samples that is one, and its deviation up to which it is reported.
 _LATE, _DETERMINED = 0.6, 0.2
+#: Samples, or deviations, up to which a lag is a whole number of samples.
+_WHOLE, _CLOSE = 0.25, 3.0
 #: Samples of which the shortest window that times a voltage can be cut.
 _SHORTEST = 16
 #: Angle in deg and deviations from which the magnet lies beside the d axis.
@@ -50,7 +52,7 @@ def judge_delay(
         )
         return None, list(stretches), few
     lag, deviation = mean_lag([e for e in stretches if len(e) >= _SHORTEST], in_phases)
-    if not deviation < _DETERMINED:
+    if not deviation < _DETERMINED or _between(lag, deviation):
         why = (
             f"{name}: a delay of the voltage cannot be determined here ({lag:.2g} ± "
             f"{deviation:.2g} samples); faster currents or a higher speed would show it."
@@ -69,6 +71,11 @@ def judge_delay(
         f"give {', '.join(names)} delay = {samples}",
     )
     return finding, [_in_place(e, samples, in_phases) for e in stretches], ""
+
+
+def _between(lag: float, deviation: float) -> bool:
+    """Return whether a lag is no whole number of samples: something else may imitate it."""
+    return abs(lag) >= _LATE and abs(lag - round(lag)) > max(_WHOLE, _CLOSE * deviation)
 
 
 def _in_place(experiment: Experiment, samples: int, in_phases: bool) -> Experiment:
