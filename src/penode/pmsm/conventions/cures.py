@@ -29,6 +29,8 @@ _DETERMINED = 1.05
 #: Fraction of the voltages that no cure explains in a recording that is of no such machine: of
 #: right ones at most 0.05 is left, at 60 rpm behind a dead time.
 _UNEXPLAINED = 0.12
+#: Fraction of the voltages that is left at least where currents or voltages spin.
+_SPINS = 0.05
 #: Fraction of the currents below which no inductance is positive in a recording of no machine.
 _NOWHERE = 0.1
 #: Misfit with other pole pairs over that as recorded, where an angle agrees with the speed.
@@ -153,10 +155,12 @@ def judge_cures(experiment: Experiment, pole_pairs: int | None) -> tuple[Judged,
     str
         Why pole pairs cannot be determined, empty where they can or an angle shows them.
     """
-    phases = _PHASES if "theta_el" in experiment.channels else ()
-    cures = (*_SIGNS, *phases, *_factors(pole_pairs))
+    cures = (*_SIGNS, *_factors(pole_pairs))
     trials = _trials(experiment, (AS_RECORDED, *cures))
-    standing, others = trials[0], trials[1:]
+    standing = trials[0]
+    if standing.residual > _SPINS and "theta_el" in experiment.channels:
+        cures, trials = (*cures, *_PHASES), [*trials, *_trials(experiment, _PHASES)]
+    others = trials[1:]
     # Of cures that differ by the direction of the d axis the magnet shows which is right.
     best = min(
         range(len(cures)),

@@ -23,6 +23,8 @@ _DEGREE = 6
 _FADE = 0.02
 #: Deviation in samples of the prior of delay and turn.
 _TIMING = 2.0
+#: Added to normal equations of unit columns, so that a column of zeros does no harm.
+_RIDGE = 1e-12
 #: Currents at which the differential inductance is looked at.
 _POINTS = 200
 
@@ -71,15 +73,18 @@ class SpeedBalance:
         matrix = np.concatenate(
             [self._others, factor * self._turn, factor * self._rotating + self._stored], axis=1
         )
-        solution = _solved(matrix, self._target)
-        own = _norm(self._target - matrix @ solution) / np.sqrt(len(self._target))
-        # Delay and turn stand last of the physical columns; equations that overlap count as one.
-        places = np.arange(2, 4)
-        prior = np.zeros((2, matrix.shape[1]))
-        prior[np.arange(2), places] = max(own, 1e-300) * np.sqrt(4 * OVERLAP) / _TIMING
-        whole = np.concatenate([matrix, prior])
-        solution = _solved(whole, np.append(self._target, [0.0, 0.0]))
-        left = self._target - matrix @ solution
+        size = np.linalg.norm(matrix, axis=0)
+        scaled = matrix / np.where(size > 0, size, 1.0)
+        gram = scaled.T @ scaled + _RIDGE * np.eye(len(size))
+        moment = scaled.T @ self._target
+        left = self._target - scaled @ np.linalg.solve(gram, moment)
+        # Delay and turn stand third and fourth; equations that overlap count as one.
+        prior = _norm(left) * np.sqrt(4 * OVERLAP / len(left)) / _TIMING
+        timing = np.arange(2, 4)
+        gram[timing, timing] += (prior / np.maximum(size[timing], 1e-300)) ** 2
+        solution = np.linalg.solve(gram, moment)
+        left = self._target - scaled @ solution
+        solution = solution / np.where(size > 0, size, 1.0)
         map_of = solution[4:]
         slopes = self._slopes @ map_of
         symmetric = 0.5 * (slopes + slopes.transpose(0, 2, 1))
@@ -159,9 +164,3 @@ def _rows(sums: FloatArray) -> FloatArray:
 
 def _norm(vector: FloatArray) -> float:
     return float(np.linalg.norm(vector))
-
-
-def _solved(matrix: FloatArray, target: FloatArray) -> FloatArray:
-    size = np.linalg.norm(matrix, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    return np.asarray(np.linalg.lstsq(matrix / size, target, rcond=1e-10)[0] / size)

@@ -65,8 +65,8 @@ class RecordingCheck:
         if self.broken:
             names = ", ".join(dict.fromkeys(finding.name for finding in self.broken))
             return (
-                f"Mend the conventions first ({names}), then check again; the entries count from "
-                "the channels as they are mapped now."
+                f"These recordings cannot be used as they are ({names}). Fix that and check again; "
+                "entries count from the channels as they are mapped now."
             )
         if any(finding.severity == "error" for finding in self.quality):
             return "A channel cannot serve; record again."
