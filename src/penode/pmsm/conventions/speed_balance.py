@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from penode.arrays import FloatArray
+from penode.arrays import FloatArray, IntArray
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.machine.frames import quarter_turned
@@ -25,6 +25,8 @@ _FADE = 0.02
 _TIMING = 2.0
 #: Added to normal equations of unit columns, so that a column of zeros does no harm.
 _RIDGE = 1e-12
+#: Range of one current over that of the other below which its axis is not excited.
+_AT_REST = 0.01
 #: Currents at which the differential inductance is looked at.
 _POINTS = 200
 
@@ -81,12 +83,12 @@ class SpeedBalance:
         # Delay and turn stand third and fourth; equations that overlap count as one.
         prior = _norm(left) * np.sqrt(4 * OVERLAP / len(left)) / _TIMING
         timing = np.arange(2, 4)
-        gram[timing, timing] += (prior / np.maximum(size[timing], 1e-300)) ** 2
+        gram[timing, timing] += (prior / np.where(size > 0, size, np.inf)[timing]) ** 2
         solution = np.linalg.solve(gram, moment)
         left = self._target - scaled @ solution
         solution = solution / np.where(size > 0, size, 1.0)
         map_of = solution[4:]
-        slopes = self._slopes @ map_of
+        slopes = (self._slopes @ map_of)[:, self._moving][:, :, self._moving]
         symmetric = 0.5 * (slopes + slopes.transpose(0, 2, 1))
         return Trial(
             residual=_norm(left) / max(_norm(self._target), 1e-300),
@@ -97,6 +99,12 @@ class SpeedBalance:
     @cached_property
     def _currents(self) -> FloatArray:
         return self.experiment.stack(CURRENTS)
+
+    @cached_property
+    def _moving(self) -> IntArray:
+        """Which axes have current that moves: of the other no inductance is in the recording."""
+        ranges = np.ptp(self._currents, axis=0)
+        return np.flatnonzero(ranges > _AT_REST * ranges.max())
 
     @cached_property
     def _reach(self) -> float:
