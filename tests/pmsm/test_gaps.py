@@ -9,15 +9,16 @@ from typer.testing import CliRunner
 
 from penode import Fit
 from penode.cli.main import app
-from penode.pmsm.balance.calibration import AS_RECORDED
 from penode.pmsm.balance.usable import usable_stretches
 from penode.pmsm.bench.drive import Drive
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
-from penode.pmsm.conventions.check import check_all
+from penode.pmsm.conventions.check import judge
 from penode.pmsm.machine.standstill import stands_still
+from penode.pmsm.study_settings import Study
 
+STUDY = Study(hold="dq")
 LOST = ((3000, 3400), (5601, 5602), (5700, 6000))
 
 
@@ -77,13 +78,13 @@ def test_a_check_says_it_and_judges_the_stretches(paused):
 def test_conventions_of_short_stretches_are_what_most_of_them_say(run):
     """Of stretches of this length every tenth would be called broken by itself."""
     short = [(first, first + 700) for first in range(0, 9000, 1000)]
-    (judged,) = check_all([run.part(*span) for span in short], AS_RECORDED)
+    judged, _ = judge([run.part(*span) for span in short], STUDY)
     assert judged.broken == ()
-    assert "no stretch has 2000 samples; conventions are what most of the 5" in judged.untold[0]
+    assert "no stretch has 2000 samples; conventions are what most of the 5" in judged.untold[-1]
     turned = replace(run, channels={**run.channels, "i_q": -run.channels["i_q"]})
-    (judged,) = check_all([turned.part(*span) for span in short], AS_RECORDED)
+    judged, _ = judge([turned.part(*span) for span in short], STUDY)
     assert [b.name for b in judged.broken] == ["negative q current"]
-    (judged,) = check_all([turned.part(0, 700), turned.part(1000, 5000)], AS_RECORDED)
+    judged, _ = judge([turned.part(0, 700), turned.part(1000, 5000)], STUDY)
     assert [b.name for b in judged.broken] == ["negative q current"]
     assert not any("no stretch has" in sentence for sentence in judged.untold)
 

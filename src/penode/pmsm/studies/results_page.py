@@ -56,7 +56,8 @@ def _summary(results: Sequence[StudyResult]) -> str:
     for result in results:
         name = f"[{result.title}](#{_anchor(result.title)})"
         held, differ = result.count(True), result.count(False)
-        counts = (held, differ) if held or differ else ("not judged", "not judged")
+        untried = any(claim.holds is None for claim in result.claims)
+        counts = ("not judged", "not judged") if untried else (held, differ)
         lines.append(f"| {name} | {counts[0]} | {counts[1]} |")
     return "\n".join(lines)
 
