@@ -277,7 +277,7 @@ def _of_factor(factor: Fraction, pole_pairs: int | None) -> Cure:
     elif pole_pairs and factor == Fraction(1, pole_pairs):
         name, fix = "pole pairs counted twice", "leave out mechanical = true of omega_el"
     elif pole_pairs and (factor * pole_pairs).denominator == 1:
-        fix = f"give pole_pairs = {factor * pole_pairs}, of which omega_el looks like"
+        fix = f"give pole_pairs = {factor * pole_pairs} in place of {pole_pairs}"
     return Cure(name, (_SPEED,), fix, factor=float(factor))
 
 
