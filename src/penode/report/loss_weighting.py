@@ -186,7 +186,8 @@ def _draw(figure: go.Figure, view: LossWeighting, column: tuple[int, str], facto
     signal, unit = column
     amplitude = np.sqrt(view.power[:, signal])
     weight = view.weight[:, :, signal]  # zero of a signal that the loss does not see
-    relative = weight / np.maximum(weight.mean(axis=1, keepdims=True), np.finfo(float).tiny)
+    least = np.maximum(1e-12 * np.abs(weight).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    relative = weight / np.maximum(weight.mean(axis=1, keepdims=True), least)
     drawn = np.arange(0, len(view.frequency), max(len(view.frequency) // _POINTS, 1))
     curves = [(2 * signal, "residual", palette.MEASURED.light, _largest(amplitude), amplitude)]
     for horizon, colour, weight in zip(view.horizons, _COLOURS, relative, strict=False):
