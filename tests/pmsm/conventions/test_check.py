@@ -215,7 +215,7 @@ def test_what_is_no_synchronous_machine(drawn, what):
 
 
 def test_a_delay_that_feedback_of_noise_imitates_is_not_claimed():
-    """Currents nearly at rest, so that the controller answers noise; the lag alone has 1.6 %."""
+    """Currents are nearly at rest, so that the voltage is mostly the answer to their noise."""
     drive = Drive(current_noise=1.0, tuning=1.0)
     quiet = Lissajous(15.0, 6.0, 7.0)
     run = simulate(TRACTION_300A, quiet, speed_rpm=400.0, duration=0.5, drive=drive, seed=1)
