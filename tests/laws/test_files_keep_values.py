@@ -104,6 +104,7 @@ CALIBRATIONS = st.builds(
     delay=NUMBERS,
     hold=st.sampled_from(sorted(HOLDS)),
     turn=NUMBERS,
+    ripple=NUMBERS,
     angle=NUMBERS,
     iron=NUMBERS,
     rotation_alone=st.booleans() | st.booleans().map(np.bool_),

@@ -11,6 +11,7 @@ from penode.pmsm import Accuracy
 from penode.pmsm.balance.calibration import Calibration, with_speed_from_angle
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.bench.drive import Drive
+from penode.pmsm.bench.inverter import Inverter, RotorHold, StationaryHold
 from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.bench.references import Lissajous
 from penode.pmsm.bench.run import simulate
@@ -64,6 +65,20 @@ def test_a_hold_in_the_stationary_frame(slow_run):
     assert (result.delay, result.hold, result.turn) == (0.0, "stationary", 0.0)
     acting = result.acting(result.applied(run)).stack(VOLTAGES)
     np.testing.assert_allclose(acting, slow_run.stack(VOLTAGES), rtol=1e-3, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("hold", "expected"),
+    [(StationaryHold(0.5), ("stationary", 0.5)), (RotorHold(), ("dq", 0.0))],
+)
+def test_a_hold_about_the_middle_of_a_sample(hold, expected):
+    """Of 12 samples a turn: the balance sees a small turn, about R T / (12 L) of a sample."""
+    machine = replace(TRACTION_300A, resistance=0.1)
+    drive = Drive(dc_voltage=2000.0, current_noise=0.2, inverter=Inverter(hold=hold))
+    way = Lissajous(150.0, 30.0, 25.0)
+    result = calibration_of([simulate(machine, way, speed_rpm=10000, duration=0.5, drive=drive)])
+    assert (result.delay, result.hold, result.turn, result.angle) == (0.0, *expected, 0.0)
+    assert (result.ripple < 0) == (expected[0] == "stationary")
 
 
 @pytest.mark.parametrize("turn", [1, -1])

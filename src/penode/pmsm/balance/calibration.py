@@ -48,6 +48,9 @@ class Calibration:
         `penode.pmsm.machine.holds.HOLDS`.
     turn : float
         Samples of rotation by which it is turned beside that.
+    ripple : float
+        Samples of rotation by which a balance of whole samples sees it turned beside that, as
+        currents curve within a sample.
     angle : float
         By which the d axis of the machine lies before that of the recording, rad.
     iron : float
@@ -76,6 +79,7 @@ class Calibration:
     delay: float = 0.0
     hold: str = "dq"
     turn: float = 0.0
+    ripple: float = 0.0
     angle: float = 0.0
     iron: float = 0.0
     rotation_alone: bool = False
@@ -107,7 +111,10 @@ class Calibration:
 
     def acting(self, experiment: Experiment) -> Experiment:
         """Return an applied recording with each sample's mean voltage in the turning frame."""
-        return mean_over_samples(experiment) if self.hold == "stationary" else experiment
+        if self.hold != "stationary":
+            return experiment
+        mean = mean_over_samples(experiment)
+        return turned_voltage(mean, self.ripple) if self.ripple else mean
 
     def accuracy(self, declared: Accuracy) -> Accuracy:
         """Return a declared accuracy, narrowed by what the recording shows of it."""

@@ -30,6 +30,10 @@ _MOST, _SURE = 3.0, 0.1
 def timing_of(free: Estimate, plain: float, experiments: Sequence[Experiment]) -> Calibration:
     """Return the timing of the voltages where it is clear, else none.
 
+    No inverter turns a voltage by hundredths of a sample. Where the rotor turns far in one, a
+    voltage of its middle that is held in the stationary frame seems to be turned back by about
+    R T / (12 L) of it: the current curves in between, which windows over samples do not see.
+
     Parameters
     ----------
     free : Estimate
@@ -52,6 +56,8 @@ def timing_of(free: Estimate, plain: float, experiments: Sequence[Experiment]) -
     hold = "stationary" if abs(behind) < _DIFFERENT or not near_whole(behind) % 1.0 else "dq"
     left = behind if hold == "stationary" else turn
     left = 0.0 if abs(left) < different else near_whole(left, min(_NEAR, different))
+    if far and hold == "dq" and -_NEAR < left < 0.0:
+        return Calibration(delay, "stationary", 0.5, ripple=left)
     return Calibration(delay, hold, left)
 
 
@@ -92,8 +98,9 @@ def timing_sentences(
         With the turn.
     """
     taken = [f"a delay of {timing.delay:.3g}"] if timing.delay else []
-    taken += [f"a turn of {timing.turn:.3g}"] if timing.turn else []
-    taken += ["a hold in the stationary frame"] if timing.hold == "stationary" else []
+    taken += [f"a turn of {timing.turn:.3g}"] if timing.turn and not timing.ripple else []
+    middle = " about the middle of the sample" if timing.ripple else ""
+    taken += [f"a hold in the stationary frame{middle}"] if timing.hold == "stationary" else []
     if taken:
         yield (
             f"The voltage acts {delay[0]:.3f} ± {delay[1]:.3f} samples after it is recorded, "
