@@ -1,13 +1,16 @@
-"""Run the command line as a person does, and once the whole demo."""
+"""Run the command line as a person does, and the demo once."""
 
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from validate.command import run
 
 from penode.cli.main import main
+from penode.pmsm import demo as story
 
 
 def run_penode(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -39,10 +42,25 @@ def penode(monkeypatch, capsys):
     return run
 
 
-@pytest.fixture(scope="session")
-def demo(tmp_path_factory):
-    """Return the folder ``penode demo`` wrote, and what it printed."""
+@pytest.fixture(scope="session", params=["short", pytest.param("whole", marks=pytest.mark.slow)])
+def demo(request, tmp_path_factory):
+    """Return the folder ``penode demo`` wrote, and what it printed.
+
+    The short one has a quarter of the recordings and two horizons.
+    """
     folder = tmp_path_factory.mktemp("demo")
-    done = run_penode("demo", "--out", folder)
-    assert done.returncode == 0, done.stderr
-    return folder, done.stdout
+    if request.param == "whole":
+        done = run_penode("demo", "--out", folder)
+        assert done.returncode == 0, done.stderr
+        return folder, done.stdout
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(story, "simulate", partial(quarter, story.simulate))
+        patch.setattr("penode.pmsm.study_settings.HORIZONS", (1, 4, 12))
+        ended = run("demo", "--out", folder)
+    assert ended.status == 0, ended.printed
+    return folder, ended.printed
+
+
+def quarter(simulate, *arguments, duration, **options):
+    """Simulate a quarter of the time."""
+    return simulate(*arguments, duration=duration / 4, **options)

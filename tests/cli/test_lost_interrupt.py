@@ -5,18 +5,22 @@ import sys
 
 import pytest
 
+from penode.cli import lost_interrupt
+
 CODE = """
-import sys, time
-from penode.cli.lost_interrupt import raise_lost_interrupts
+import importlib.util, sys, time
+spec = importlib.util.spec_from_file_location("lost_interrupt", sys.argv[1])
+module = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(module)
 
 class Gone:
     def __del__(self):
         raise {error}
 
-raise_lost_interrupts()
+module.raise_lost_interrupts()
 try:
     Gone()
-    for _ in range(300):
+    for _ in range(100):
         time.sleep(0.01)
     print("went on")
 except KeyboardInterrupt:
@@ -29,7 +33,8 @@ except KeyboardInterrupt:
 )
 def test_an_interrupt_that_python_drops_comes_again(error, printed):
     code = CODE.format(error=error)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    command = [sys.executable, "-c", code, lost_interrupt.__file__]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.stdout == printed
     assert ("ValueError" in done.stderr) == (error == "ValueError")
     assert "KeyboardInterrupt" not in done.stderr

@@ -14,6 +14,8 @@ import pytest
 
 import penode as library
 
+WHOLE = pytest.mark.parametrize("demo", ["whole"], indirect=True)
+
 
 def test_demo_prints_the_answer_beside_the_truth(demo):
     folder, printed = demo
@@ -73,6 +75,8 @@ def test_identify_fixed_horizon_and_parquet(demo, penode, tmp_path):
     assert result["provenance"]["command"].startswith("penode identify")
 
 
+@pytest.mark.slow
+@WHOLE
 def test_unanswerable_question_exits_with_1_and_says_why(demo, penode, tmp_path):
     run = demo[0] / "recordings" / "train_1500rpm.csv"
     plain = ("--no-inverter", "--angle-orders", "none", "--horizon", 1)
@@ -118,6 +122,8 @@ def deviations(penode, demo, tmp_path, machine) -> list[float]:
     return [float(x) for x in re.findall(r"[iu]_[dq] ([\d.]+) [AV]", done.stdout)]
 
 
+@pytest.mark.slow
+@WHOLE
 def test_the_identified_machine_drives_like_the_true_one(demo, penode, tmp_path):
     """On the recording's own reference: 240 A and 100 V, the ripple of the slots is the rest."""
     sheet = "pole_pairs = 5, inductance_d = 180e-6, inductance_q = 450e-6"
@@ -198,7 +204,11 @@ def test_wrong_usage_exits_with_2(penode):
 
 def test_interrupt_leaves_nothing_and_exits_with_130(demo, tmp_path):
     run = demo[0] / "recordings" / "train_1500rpm.csv"
-    command = [Path(sys.executable).with_name("penode"), "identify", run, "--out", tmp_path / "out"]
+    program, plain = (
+        Path(sys.executable).with_name("penode"),
+        ("--no-inverter", "--angle-orders", "none"),
+    )
+    command = [program, "identify", run, *plain, "--out", tmp_path / "out"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     log = tmp_path / "out" / "events.jsonl"
     for _ in range(3000):
