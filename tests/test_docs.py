@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ from penode.pmsm.recording.guess import guess_study
 from penode.pmsm.recording.study_text import study_text
 from penode.pmsm.result_files import flux_map_csv
 from penode.pmsm.study_file import load_study
+from penode.pmsm.sweep.task import run as do
 
 ROOT = Path(__file__).parents[1]
 HOW_TO = ROOT / "docs" / "how-to"
@@ -166,6 +168,13 @@ def test_ones_own_model_ends_in_its_report(tmp_path, monkeypatch):
     assert "free-run rmse of speed in" in page
 
 
+@contextmanager
+def in_this_process(count):
+    """Give a sweep's tasks to this process."""
+    assert count >= 1
+    yield lambda tasks: ((task, do(task)) for task in tasks)
+
+
 @pytest.mark.parametrize("command", own_commands())
 def test_commands_run(command, recordings, monkeypatch, capsys):
     """In this process, which spares the imports; tests/cli runs commands in one of their own."""
@@ -173,8 +182,9 @@ def test_commands_run(command, recordings, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", command.split())
     if command.startswith("penode init"):
         Path("study.toml").unlink()  # it never overwrites
-    if "fleet.toml" in command:
+    if command.startswith("penode sweep"):
         Path("other.csv").unlink()  # a fleet of one will do
+        monkeypatch.setattr("penode.cli.sweep.processes", in_this_process)
     status = 0
     try:
         main()

@@ -53,7 +53,7 @@ def test_there_are_five_scripts_of_at_most_a_hundred_lines():
 def test_rlc_circuit(tmp_path):
     rlc = example("01_rlc")
     run = rlc.load(needed("rlc", "RLC_data_id.csv"))
-    fit = rlc.identify(run, horizons=(30, 100))
+    fit = rlc.identify(run, horizons=(30,))
     assert fit.parameters["R"].value == pytest.approx(3.0, rel=0.03)
     assert fit.parameters["C"].value == pytest.approx(270e-9, rel=0.03)
     assert rlc.inductance_error(fit, run) < 0.05
@@ -71,6 +71,7 @@ def test_positioner_mass_is_right_at_short_horizons_and_drifts_at_long_ones(tmp_
     assert -0.035 < error[2000] < -0.015
 
 
+@pytest.mark.slow
 def test_positioner_with_learned_friction_simulates_a_recording_it_has_not_seen():
     emps = example("02_emps")
     run, pulses = (emps.load(needed("emps", f"DATA_EMPS{part}.mat")) for part in ("", "_PULSES"))

@@ -174,7 +174,7 @@ def test_harmonics_and_their_slopes(rng):
     np.testing.assert_allclose(slopes, turning, atol=1e-12)
 
 
-@pytest.mark.parametrize("way", ["PATH", library.SWITCH])
+@pytest.mark.parametrize("way", ["PATH", pytest.param(library.SWITCH, marks=pytest.mark.slow)])
 def test_without_a_compiler_jax_answers(way, tmp_path):
     program = (
         "from penode.native import library; from penode.native.harmonics import harmonics; "

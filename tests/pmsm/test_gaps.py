@@ -43,7 +43,7 @@ def paused(run, tmp_path_factory):
 
 
 def test_a_recording_with_gaps_is_identified_and_the_result_says_so(paused, tmp_path):
-    arguments = ["identify", str(paused), "--out", str(tmp_path / "out"), "--horizon", "3"]
+    arguments = ["identify", str(paused), "--out", str(tmp_path / "out"), "--horizon", "1"]
     shown = CliRunner().invoke(app, [*arguments, "--no-inverter"])
     assert shown.exit_code == 0, shown.output
     said = (

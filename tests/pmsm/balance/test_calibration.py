@@ -139,7 +139,10 @@ def test_an_angle_offset_is_estimated_beside_the_timing(fast_run):
         np.testing.assert_allclose(corrected.channels[name], values, atol=1e-9)
 
 
-@pytest.mark.parametrize("degrees", [-5.0, 4.0, 10.0])
+SLOWLY = [pytest.param(degrees, marks=pytest.mark.slow) for degrees in (-5.0, 4.0)]
+
+
+@pytest.mark.parametrize("degrees", [*SLOWLY, 10.0])
 def test_a_large_angle_is_no_delay_and_no_iron_loss(degrees):
     """Taken to first order alone it leaves enough for both."""
     drive = Drive(current_noise=0.05, resolver=Resolver(float(np.deg2rad(degrees))))
@@ -187,7 +190,7 @@ def test_iron_loss_is_estimated_and_taken_off_the_currents(slow_run):
         )
 
 
-@pytest.mark.parametrize("by_rotation", [True, False])
+@pytest.mark.parametrize("by_rotation", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_what_the_iron_takes_current_by_is_decided_by_the_recording(by_rotation):
     """Slow rotation and fast currents: much of the induced voltage is that of changing flux."""
     losses = IronLoss(1 / 0.03) if by_rotation else None

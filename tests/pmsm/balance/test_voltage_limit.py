@@ -88,7 +88,11 @@ def test_the_command_limited_again_is_what_acts(circle):
 
 @pytest.mark.parametrize(
     "inverter",
-    [Inverter(limit=Circle()), Inverter(limit=Circle(), delay=1), Inverter(limit=Hexagon())],
+    [
+        pytest.param(Inverter(limit=Circle()), marks=pytest.mark.slow),
+        pytest.param(Inverter(limit=Circle(), delay=1), marks=pytest.mark.slow),
+        Inverter(limit=Hexagon()),
+    ],
     ids=["circle", "a sample late", "hexagon"],
 )
 def test_all_that_did_not_act_is_left_out_and_counted(inverter):

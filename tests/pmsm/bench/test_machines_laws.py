@@ -15,7 +15,14 @@ from penode.pmsm.bench.machines import MACHINES, machine, torque
 SIXTY_DEGREES = np.linspace(0.0, np.pi / 3, 24, endpoint=False)
 
 
-@pytest.fixture(params=list(MACHINES), scope="module")
+#: One machine in every `make test`, all of them in `make validate`.
+PARAMS = [
+    pytest.param(name, marks=() if name == "traction_300A" else pytest.mark.slow)
+    for name in MACHINES
+]
+
+
+@pytest.fixture(params=PARAMS, scope="module")
 def built(request):
     return MACHINES[request.param]
 

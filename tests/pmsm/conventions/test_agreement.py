@@ -35,7 +35,7 @@ def number_before(unit, text):
     return float(text.split(f" {unit}")[0].split()[-1])
 
 
-@pytest.mark.parametrize("rpm", [600.0, -1500.0])
+@pytest.mark.parametrize("rpm", [600.0, pytest.param(-1500.0, marks=pytest.mark.slow)])
 def test_a_warmer_recording_is_named_with_both_temperatures(rpm):
     """Copper +0.39 %/K and these magnets -0.11 %/K, of which -0.1 %/K is assumed."""
     cold, hot = recorded("cold.csv"), recorded("hot.csv", 80.0, rpm)
@@ -57,6 +57,7 @@ def test_a_colder_one_is_colder():
     assert "warmer" not in found.evidence
 
 
+@pytest.mark.slow
 def test_of_several_those_that_differ_from_the_first_are_named():
     runs = [recorded("a.csv"), recorded("b.csv"), recorded("c.csv", 50.0), recorded("d.csv")]
     assert [found.recording for found in disagreement_of(runs)] == ["c.csv"]
@@ -66,7 +67,9 @@ def test_five_kelvin_are_no_disagreement():
     assert disagreement_of([recorded("a.csv"), recorded("b.csv", 25.0)]) == ()
 
 
-@pytest.mark.parametrize("rpm", [-300.0, 200.0, 1800.0])
+@pytest.mark.parametrize(
+    "rpm", [-300.0, *(pytest.param(rpm, marks=pytest.mark.slow) for rpm in (200.0, 1800.0))]
+)
 def test_another_speed_behind_dead_time_is_no_disagreement(rpm):
     runs = [recorded("a.csv", inverter=DEAD), recorded("b.csv", rpm=rpm, inverter=DEAD)]
     assert disagreement_of(runs) == ()

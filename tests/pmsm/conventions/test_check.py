@@ -33,7 +33,11 @@ DRAWN = {
 }
 
 
-@pytest.fixture(scope="module", params=list(DRAWN))
+#: The two others in `make validate`.
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("traction", "comsol")]
+
+
+@pytest.fixture(scope="module", params=["brusa", *SLOW])
 def drawn(request):
     """Return a machine and its recording behind a drive with every imperfection on."""
     machine, rpm, rate, dead_time = DRAWN[request.param]

@@ -208,7 +208,7 @@ STANDING_FOR_PARTS = {
     "trapezoidal": Trapezoidal(),
 }
 IMPLICIT = (ImplicitMidpoint, Trapezoidal)
-QUICK = [(name, "dq") for name in ("heun", "rk4", "rk4 twice", "implicit midpoint")]
+QUICK = [(name, "dq") for name in ("rk4", "rk4 twice")]
 
 
 def crossed(solver, frame, machine, at, theta, parts=1):
