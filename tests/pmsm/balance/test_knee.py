@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from validate.sampled_drive.kinds import draw
 
+from penode.data.load import load
 from penode.pmsm.balance.doubt import Doubt, probability
 from penode.pmsm.balance.knee import spread_over_knees, with_knee
 from penode.pmsm.balance.term_evidence import judged
@@ -67,6 +69,21 @@ def test_a_knee_of_either_kind_is_in_doubt():
     assert shaped.term.dead_time_softness is None
     assert float(doubt.term.dead_time_softness) == 1.0
     assert 0.1 < doubt.weight**2 < 0.5
+
+
+def test_junctions_in_a_drive_of_20_volts(tmp_path):
+    """Of 0.7 V, another plant's; a knee alone makes R a tenth too large."""
+    drawn = draw("junctions at 20 V", 2)
+    run = load(*drawn.write(tmp_path, "log"))
+    found = judged([run], (), DeadTime())
+    assert found.term.junction_voltage == pytest.approx(0.7 / 16, rel=0.25)
+    assert found.balance.resistance == pytest.approx(drawn.truth["R"], rel=0.03)
+    assert "the drop of junctions rises by" in found.reason
+    (tail,) = found.doubts
+    assert tail.source == "tail of the knee"
+    assert tail.term.junction_folds == 20.0
+    plain = judged([run], (), DeadTime(dead_time_current=0.56, dead_time_softness=1.0))
+    assert plain.balance.resistance > 1.05 * drawn.truth["R"]
 
 
 def test_the_knee_frees_the_resistance_of_its_bias(soft_run):

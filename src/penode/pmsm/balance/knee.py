@@ -18,7 +18,7 @@ from penode.pmsm.balance.doubt import Doubt, probability
 from penode.pmsm.balance.equations import balance_equations, term_columns
 from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.voltage_balance import BalanceForm, short_window, waves
-from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime, PhaseSigns
+from penode.pmsm.machine.dead_time import FOLDS, DeadTime, PhaseDeadTime, PhaseSigns
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import completed, physical_values
 from penode.pmsm.machine.terms import ANGLE, Term
@@ -32,6 +32,10 @@ _WIDTHS = np.geomspace(0.003, 0.3, 10)
 #: cannot become soft. From which its doubt is worth a row of the budget; what would settle it.
 _THIN, _NOTICED = 0.1, 0.01
 _REMEDY = "Record slowly, with amplitudes from near zero to the largest."
+_MEASURE = "Give the inverter's data, or measure its voltage over the current."
+#: Largest rise of a device's drop with each e-fold of the current, V, and e-folds between its
+#: saturation current and the largest current that are as likely as the usual ones.
+_LARGEST_RISE, _OTHER_FOLDS = 0.1, 20.0
 #: -2 log likelihood by which phases have to differ, and the share of their mean.
 _CLEAR, _DIFFERENT = 25.0, 0.02
 
@@ -43,9 +47,9 @@ class Shaped:
     Attributes
     ----------
     term : PhaseSigns
-        With width, voltages and, where the recordings show it, softness.
+        With width, voltages and, where the recordings show it, softness and a junction's law.
     doubts : tuple of Doubt
-        That the knee is soft though it is taken for sharp.
+        That the knee is another, or its tail.
     """
 
     term: PhaseSigns
@@ -68,23 +72,24 @@ def with_knee(
     """
     search = _Search.of(experiments, terms)
     sharp, soft, whole = search.best()
-    phases = {knee: search.by_phase(knee.term) for knee in (sharp, soft, whole)}
-    gain = max(phases[sharp].misfit - phases[soft].misfit, 0.0)
-    share = probability(math.sqrt(gain), len(search.left) / OVERLAP)
+    free = {knee: search.by_phase(knee.term) for knee in (sharp, soft, whole)}
+    share = search.share(free[sharp].misfit, free[soft].misfit)
     same = soft if share > _THIN else sharp
-    free = phases[same]
-    term = free.term if by_phase or search.phases_differ(same, free) else same.term
-    if same is soft:
-        return Shaped(term, ())
-    # A little softness is one parameter more; an arctan in place of a tanh is none, and as likely.
-    odds = 0.5 * (phases[whole].misfit - phases[sharp].misfit)
-    either = 1 / (1 + math.exp(min(odds, 700.0)))
-    share, rival = (either, whole) if either > share else (share, soft)
-    if share < _NOTICED:
-        return Shaped(term, ())
-    other = phases[rival] if term is free.term else rival
-    doubt = Doubt("knee of the dead time", _REMEDY, other.term, term, math.sqrt(share))
-    return Shaped(term, (doubt,))
+    bent = search.with_junctions(FOLDS)
+    if bent and search.clearly(bent, same):
+        return search.shaped(bent, by_phase, search.with_junctions(_OTHER_FOLDS))
+    rivals = [(search.share(same.misfit, bent.misfit), bent)] if bent else []
+    if same is sharp:
+        # A little softness is one parameter more; an arctan for a tanh is none, and as likely.
+        odds = 0.5 * (free[whole].misfit - free[sharp].misfit)
+        rivals += [(share, soft), (1 / (1 + math.exp(min(odds, 700.0))), whole)]
+    share, rival = max(rivals, key=lambda one: one[0], default=(0.0, None))
+    shaped = search.shaped(same, by_phase)
+    if rival is None or share < _NOTICED:
+        return shaped
+    other = rival.term if isinstance(shaped.term, DeadTime) else search.by_phase(rival.term).term
+    doubt = Doubt("knee of the dead time", _REMEDY, other, shaped.term, math.sqrt(share))
+    return replace(shaped, doubts=(doubt,))
 
 
 def spread_over_knees(
@@ -164,10 +169,56 @@ class _Search:
             found.append(_Fitted(DeadTime(dead_time_voltage=voltage, **_knee(width, s)), misfit))
         return tuple(found)
 
+    def with_junctions(self, folds: float) -> _Fitted | None:
+        """Return the best knee beside a junction's law, None where that would be negative."""
+        widths = self.reach * _WIDTHS
+        tried = [self._beside_junctions(width, folds) for width in widths]
+        misfits = [np.inf if one is None else one.misfit for one in tried]
+        if not np.isfinite(min(misfits)):
+            return None
+        return self._beside_junctions(_least(widths, misfits), folds)
+
+    def _beside_junctions(self, width: float, folds: float) -> _Fitted | None:
+        law = {"junction_voltage": 1.0, "junction_folds": folds}
+        sharp, soft = (self._columns(_knee(width, s)).sum(axis=1) for s in (None, 1.0))
+        rise = self._known({**_knee(width, None), **law})
+        (of_sharp, of_soft, _), _ = self._solved(np.stack([sharp, soft, rise], axis=1))
+        softness = float(np.clip(of_soft / (of_sharp + of_soft or 1.0), 0.0, 1.0))
+        column = sharp + softness * (soft - sharp)
+        (voltage, size), misfit = self._solved(np.stack([column, rise], axis=1))
+        if size > _LARGEST_RISE:
+            size = _LARGEST_RISE
+            (voltage,), misfit = self._solved(column[:, None], size * rise)
+        if min(voltage, size) <= 0.0:
+            return None
+        knee = {**_knee(width, softness or None), **law, "junction_voltage": size}
+        return _Fitted(DeadTime(dead_time_voltage=voltage, **knee), misfit)
+
+    def shaped(self, same: _Fitted, by_phase: bool, rival: _Fitted | None = None) -> Shaped:
+        """Return a dead time, of phases that differ where they do; a rival is as likely."""
+        free = self.by_phase(same.term)
+        apart = by_phase or self.phases_differ(same, free)
+        term = free.term if apart else same.term
+        if rival is None:
+            return Shaped(term, ())
+        other = self.by_phase(rival.term).term if apart else rival.term
+        doubt = Doubt("tail of the knee", _MEASURE, other, term, math.sqrt(0.5))
+        return Shaped(term, (doubt,))
+
+    def share(self, plain: float, richer: float) -> float:
+        """Return how probable a further parameter is, by -2 log likelihoods."""
+        gain = max(plain - richer, 0.0)
+        return probability(math.sqrt(gain), len(self.left) / OVERLAP)
+
+    def clearly(self, richer: _Fitted, plain: _Fitted) -> bool:
+        """Return whether a further parameter is needed beyond chance."""
+        return richer.misfit < plain.misfit - np.log(len(self.left) / OVERLAP) - _CLEAR
+
     def by_phase(self, term: PhaseSigns) -> _Fitted:
         """Return a dead time of the same knee with a voltage a phase."""
         knee = knee_of(term)
-        (a, b, c), misfit = self._solved(self._columns(knee))
+        known = self._known(knee) if term.junction_voltage is not None else 0.0
+        (a, b, c), misfit = self._solved(self._columns(knee), known)
         voltages = {"dead_time_voltage_a": a, "dead_time_voltage_b": b, "dead_time_voltage_c": c}
         return _Fitted(PhaseDeadTime(**voltages, **knee), misfit)
 
@@ -180,25 +231,40 @@ class _Search:
 
     def _columns(self, knee: Mapping[str, Any]) -> FloatArray:
         """Return what each phase's voltage adds to the equations, and the rest does not explain."""
+        return self._equations(knee, 1)
+
+    def _known(self, knee: Mapping[str, Any]) -> FloatArray:
+        """Return what a knee's junctions add to the equations, and the rest does not explain."""
+        return self._equations(knee, 0)[:, 0]
+
+    def _equations(self, knee: Mapping[str, Any], part: int) -> FloatArray:
+        """Return columns of a knee, of `term_columns` the known drop or that by parameter."""
         term = PhaseDeadTime(**knee)
-        parts = [
-            _equations(e, term, length)
-            for e, length in zip(self.experiments, self.windows, strict=True)
-        ]
+        if term.junction_voltage is not None:
+            term = term.prepared(self.reach)
+        parts = []
+        for e, length in zip(self.experiments, self.windows, strict=True):
+            drops = term_columns(e, (term,))[part]
+            drops = drops.reshape(*drops.shape[:2], -1)
+            columns = -HannWindow(e.time_step, length).of_supply(drops)
+            parts.append(columns.reshape(-1, columns.shape[2]))
         columns = np.concatenate(parts)
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
-    def _solved(self, columns: FloatArray) -> tuple[FloatArray, float]:
+    def _solved(
+        self, columns: FloatArray, known: FloatArray | float = 0.0
+    ) -> tuple[FloatArray, float]:
         """Return the voltages that fit best, and -2 log likelihood."""
-        voltages = np.asarray(np.linalg.lstsq(columns, self.left, rcond=None)[0], dtype=float)
-        left = self.left - columns @ voltages
+        wanted = self.left - known
+        voltages = np.asarray(np.linalg.lstsq(columns, wanted, rcond=None)[0], dtype=float)
+        left = wanted - columns @ voltages
         squares = max(float(left @ left), 1e-300)
         return voltages, len(left) / OVERLAP * float(np.log(squares))
 
 
 def knee_of(term: PhaseSigns) -> dict[str, Any]:
-    """Return width and softness of a dead time, by the names of its fields."""
-    names = ("dead_time_current", "dead_time_softness")
+    """Return what shapes a dead time, by the names of its fields."""
+    names = ("dead_time_current", "dead_time_softness", "junction_voltage", "junction_folds")
     return {name: getattr(term, name) for name in names}
 
 
@@ -209,18 +275,11 @@ def _knee(width: float, softness: float | None) -> dict[str, Any]:
 def _least(at: FloatArray, values: Sequence[float]) -> float:
     """Return where values on a geometric grid are least, by a parabola through the three least."""
     k = int(np.argmin(values))
-    if not 0 < k < len(values) - 1:
+    if not 0 < k < len(values) - 1 or not np.isfinite(values[k - 1 : k + 2]).all():
         return float(at[k])
     before, here, after = values[k - 1 : k + 2]
     step = 0.5 * (before - after) / (before - 2 * here + after)
     return float(at[k] * (at[1] / at[0]) ** step)
-
-
-def _equations(experiment: Experiment, term: Term, length: int) -> FloatArray:
-    """Return the columns of a term's parameters, shape (equation, parameter)."""
-    _, drops, _ = term_columns(experiment, (term,))
-    columns = -HannWindow(experiment.time_step, length).of_supply(drops)
-    return columns.reshape(-1, columns.shape[2])
 
 
 def _map_columns(experiment: Experiment, reach: float) -> FloatArray:

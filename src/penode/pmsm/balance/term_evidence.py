@@ -124,6 +124,9 @@ def _shape(term: PhaseSigns) -> str:
     values = list(physical_values((term,)).values())
     phases = f", {', '.join(f'{v:.3g}' for v in values)} V by phase" if len(values) > 1 else ""
     kind = "sharp" if term.dead_time_softness is None else "soft"
+    if term.junction_voltage is not None:
+        rise = 1e3 * float(np.asarray(term.junction_voltage))
+        kind = f"{kind}, beside it the drop of junctions rises by {rise:.2g} mV an e-fold"
     return (
         f"Its knee is {kind}, {width:.2g} A wide{phases}; what the inverter drops in proportion to "
         "the current is in R."

@@ -33,6 +33,8 @@ _SHARPEST = 0.003
 _WIDEST = 128.0
 #: Half the width of the narrowest mean; the closed form divides by it.
 _NARROW = 0.02
+#: E-folds between the saturation current of a junction and the largest current, within a few.
+FOLDS = 16.0
 
 
 def _area_of_tanh(x: JaxArray) -> JaxArray:
@@ -47,6 +49,10 @@ def _area_of_arctan(x: JaxArray) -> JaxArray:
 
 def _arctan(x: JaxArray) -> JaxArray:
     return 2 / np.pi * jnp.arctan(x)
+
+
+def _area_of_arsinh(x: JaxArray) -> JaxArray:
+    return x * jnp.arcsinh(x) - jnp.hypot(1.0, x)
 
 
 def _mean(
@@ -78,6 +84,8 @@ class PhaseSigns(Term):
 
     dead_time_current: eqx.AbstractVar[Leaf]
     dead_time_softness: eqx.AbstractVar[Leaf]
+    junction_voltage: eqx.AbstractVar[Leaf]
+    junction_folds: eqx.AbstractVar[float]
     narrowest: eqx.AbstractVar[float]
 
     def lost(self, voltages: JaxArray, x: JaxArray, u: Inputs) -> JaxArray:
@@ -97,15 +105,24 @@ class PhaseSigns(Term):
         if self.narrowest:
             bent = width / jnp.hypot(1.0, width / (_WIDEST * self.narrowest))
             width = jnp.hypot(bent, self.narrowest)
-        phases = _phases(alpha, beta) / width
+        phases, turning = _phases(alpha, beta), u[SPEED.name] * _phases(-beta, alpha)
         middle, half = u.part_for("dead time")
-        rates = u[SPEED.name] * (_phases(-beta, alpha) / width)
-        swept = (phases + middle * rates, half * rates) if half else (phases, None)
-        signs = _mean(jnp.tanh, _area_of_tanh, *swept)
+
+        def swept(width: JaxArray) -> tuple[JaxArray, JaxArray | None]:
+            at, rates = phases / width, turning / width
+            return (at + middle * rates, half * rates) if half else (at, None)
+
+        signs = _mean(jnp.tanh, _area_of_tanh, *swept(width))
         if self.dead_time_softness is not None:
-            soft = _mean(_arctan, _area_of_arctan, *swept)
+            soft = _mean(_arctan, _area_of_arctan, *swept(width))
             signs = signs + self.dead_time_softness * (soft - signs)
-        a, b, c = voltages * signs
+        taken = voltages * signs
+        if self.junction_voltage is not None:
+            largest = (self.narrowest or width) / _SHARPEST
+            twice = jnp.asarray(2 * largest * math.exp(-self.junction_folds))
+            law = _mean(jnp.arcsinh, _area_of_arsinh, *swept(twice))
+            taken = taken + self.junction_voltage * law
+        a, b, c = taken
         lost_alpha, lost_beta = (2 * a - b - c) / 3, (b - c) / np.sqrt(3)
         return jnp.stack(
             [cosine * lost_alpha + sine * lost_beta, cosine * lost_beta - sine * lost_alpha]
@@ -136,6 +153,12 @@ class DeadTime(PhaseSigns):
     dead_time_softness : array, shape (), or None
         s of the knee (1 - s) tanh(i/i_0) + s 2/pi arctan(i/i_0): 1 has long tails. It moves in
         training, so that what is not known of it is in the interval of R. None is sharp, tanh.
+    junction_voltage : array, shape (), or None
+        n k T/q in V, by which the drop of a device rises with each e-fold of the current beside
+        that: the law n k T/q asinh(i/(2 i_s)) of a junction (Shockley, Bell Syst. Tech. J. 28
+        (1949) 435, doi:10.1002/j.1538-7305.1949.tb03645.x). It moves in training. None for none.
+    junction_folds : float
+        Natural logarithm of the largest current over i_s.
     narrowest : float
         Width in A that adds to i_0 in squares; 128 times as wide a knee is the widest. 0 for no
         limits.
@@ -148,6 +171,8 @@ class DeadTime(PhaseSigns):
         unit="A", group="physical", transform=Positive(), default=None
     )
     dead_time_softness: Leaf = parameter(group="physical", default=None)
+    junction_voltage: Leaf = parameter(unit="V", group="physical", default=None)
+    junction_folds: float = eqx.field(static=True, default=FOLDS)
     narrowest: float = eqx.field(static=True, default=0.0)
 
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
@@ -162,7 +187,7 @@ class PhaseDeadTime(PhaseSigns):
     ----------
     dead_time_voltage_a, dead_time_voltage_b, dead_time_voltage_c : array, shape ()
         dU of each phase in V.
-    dead_time_current, dead_time_softness, narrowest
+    dead_time_current, dead_time_softness, junction_voltage, junction_folds, narrowest
         As in `DeadTime`, the same in every phase.
     """
 
@@ -175,6 +200,8 @@ class PhaseDeadTime(PhaseSigns):
         unit="A", group="physical", transform=Positive(), default=None
     )
     dead_time_softness: Leaf = parameter(group="physical", default=None)
+    junction_voltage: Leaf = parameter(unit="V", group="physical", default=None)
+    junction_folds: float = eqx.field(static=True, default=FOLDS)
     narrowest: float = eqx.field(static=True, default=0.0)
 
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
