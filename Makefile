@@ -4,6 +4,8 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 DEV := -c constraints.txt -e '.[dev]'
+# Hundreds of processes start in the tests: what Python compiles is kept, whatever the shell says.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test check format bench validate fuzz setup clean
 
