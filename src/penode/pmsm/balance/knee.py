@@ -207,8 +207,9 @@ class _Search:
 
     def share(self, plain: float, richer: float) -> float:
         """Return how probable a further parameter is, by -2 log likelihoods."""
-        gain = max(plain - richer, 0.0)
-        return probability(math.sqrt(gain), len(self.left) / OVERLAP)
+        if richer > plain:  # another best width may fit worse
+            return probability(0.0, len(self.left) / OVERLAP) * math.exp(0.5 * (plain - richer))
+        return probability(math.sqrt(plain - richer), len(self.left) / OVERLAP)
 
     def clearly(self, richer: _Fitted, plain: _Fitted) -> bool:
         """Return whether a further parameter is needed beyond chance."""

@@ -105,11 +105,11 @@ class PhaseSigns(Term):
         if self.narrowest:
             bent = width / jnp.hypot(1.0, width / (_WIDEST * self.narrowest))
             width = jnp.hypot(bent, self.narrowest)
-        phases, turning = _phases(alpha, beta), u[SPEED.name] * _phases(-beta, alpha)
+        phases, ahead = _phases(alpha, beta), _phases(-beta, alpha)
         middle, half = u.part_for("dead time")
 
         def swept(width: JaxArray) -> tuple[JaxArray, JaxArray | None]:
-            at, rates = phases / width, turning / width
+            at, rates = phases / width, u[SPEED.name] * (ahead / width)
             return (at + middle * rates, half * rates) if half else (at, None)
 
         signs = _mean(jnp.tanh, _area_of_tanh, *swept(width))
