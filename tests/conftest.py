@@ -50,6 +50,21 @@ if folder := use_compilation_cache():
 
 SEED = 20_250_301
 
+#: Files that take longest: begun first, so that both processes end at about one time.
+LONG = (
+    "test_docs.py",
+    "test_shipped_configurations.py",
+    "test_examples.py",
+    "test_notebooks.py",
+    "test_main.py",
+    "test_calibration.py",
+)
+
+
+def pytest_collection_modifyitems(items):
+    """Order the files; within a file nothing changes."""
+    items.sort(key=lambda item: item.path.name not in LONG)
+
 
 @pytest.fixture
 def rng() -> np.random.Generator:

@@ -45,11 +45,15 @@ def commands() -> list[str]:
 
 # The code as printed, on a short ladder: the whole one is climbed by other tests. The tutorial's
 # recordings are as long as those of `page_files`, so that the same programs serve all pages.
-SHORT_LADDER = (1, 4, 12)
+SHORT_LADDER = (1, 2, 4)
 SHORTER = {
     "duration=2.0": "duration=0.5",
+    "identify([run], ": "identify([run], study=penode.pmsm.Study(horizon=1, candidates=()), ",
     "duration=0.6": "duration=0.3",
     "ladder_plan((1, 3, 9, 27))": "ladder_plan((1, 3))",
+    "ladder_plan((1, 5, 20))": "ladder_plan((1, 5))",
+    "step, samples = 0.01, 3000": "step, samples = 0.01, 1500",
+    "for h in (10, 30)": "for h in (10,)",
 }
 
 
@@ -168,6 +172,10 @@ def test_ones_own_model_ends_in_its_report(tmp_path, monkeypatch):
     assert "free-run rmse of speed in" in page
 
 
+#: The shipped configurations are simulated and identified by a test of their own.
+LONG_AND_SHORT = ("simulate paper_simulation", "simulate well_designed")
+
+
 @contextmanager
 def in_this_process(count):
     """Give a sweep's tasks to this process."""
@@ -179,7 +187,7 @@ def in_this_process(count):
 def test_commands_run(command, recordings, monkeypatch, capsys):
     """In this process, which spares the imports; tests/cli runs commands in one of their own."""
     monkeypatch.setattr("penode.pmsm.study_settings.HORIZONS", SHORT_LADDER)
-    monkeypatch.setattr(sys, "argv", command.split())
+    monkeypatch.setattr(sys, "argv", command.replace(*LONG_AND_SHORT).split())
     if command.startswith("penode init"):
         Path("study.toml").unlink()  # it never overwrites
     if command.startswith("penode sweep"):

@@ -55,7 +55,7 @@ def demo(request, tmp_path_factory):
         return folder, done.stdout
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(story, "simulate", partial(quarter, story.simulate))
-        patch.setattr("penode.pmsm.study_settings.HORIZONS", (1, 4, 12))
+        patch.setattr("penode.pmsm.study_settings.HORIZONS", (1, 2, 4))
         ended = run("demo", "--out", folder)
     assert ended.status == 0, ended.printed
     return folder, ended.printed

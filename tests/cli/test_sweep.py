@@ -114,6 +114,7 @@ def test_report_writes_the_page_anew(whole, penode):
     assert (out / "report.html").read_bytes() == page
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_at_once_and_keeps_what_is_finished(recording, tmp_path):
     program = Path(sys.executable).with_name("penode")
     asked = ("--horizons", "1,4,5,6,7,8", "--jobs", "1", "--out", tmp_path)

@@ -428,7 +428,7 @@ def load_or_refuse(path: Path) -> Experiment | None:
     return None
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(bad=st.lists(st.tuples(st.integers(1, 12), st.integers(0, 2), CELLS), max_size=3))
 def test_any_cells_give_a_recording_or_a_refusal(
     tmp_path_factory: pytest.TempPathFactory, bad: list[tuple[int, int, str]]
@@ -445,7 +445,7 @@ def test_any_cells_give_a_recording_or_a_refusal(
             np.testing.assert_array_equal(run.channels[name], [float(cell) for cell in cells])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(content=st.binary(max_size=200), start=st.sampled_from([b"", b"t,x\n"]))
 def test_any_bytes_give_a_refusal(
     tmp_path_factory: pytest.TempPathFactory, start: bytes, content: bytes
@@ -456,7 +456,7 @@ def test_any_bytes_give_a_refusal(
         load(path)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(content=st.binary(max_size=200), start=st.sampled_from([b"", b"t,x\n", b"PAR1"]))
 def test_any_bytes_are_no_parquet(
     decode: Callable[[str, str, bytes], Table], start: bytes, content: bytes
@@ -465,7 +465,7 @@ def test_any_bytes_are_no_parquet(
         decode("parquet", "run.parquet", start + content)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(place=st.integers(4, 2000), value=st.integers(0, 255))
 def test_a_damaged_byte_in_parquet_never_crashes(
     decode: Callable[[str, str, bytes], Table], place: int, value: int

@@ -69,7 +69,10 @@ def test_a_hold_in_the_stationary_frame(slow_run):
 
 @pytest.mark.parametrize(
     ("hold", "expected"),
-    [(StationaryHold(0.5), ("stationary", 0.5)), (RotorHold(), ("dq", 0.0))],
+    [
+        (StationaryHold(0.5), ("stationary", 0.5)),
+        pytest.param(RotorHold(), ("dq", 0.0), marks=pytest.mark.slow),
+    ],
 )
 def test_a_hold_about_the_middle_of_a_sample(hold, expected):
     """Of 12 samples a turn: the balance sees a small turn, about R T / (12 L) of a sample."""

@@ -143,6 +143,7 @@ def test_the_limit_and_gaps_are_one_mechanism(circle):
 STUDY = Study(horizon=1, candidates=(), angle_orders=())
 
 
+@pytest.mark.slow
 def test_resistance_is_right_without_the_samples_at_the_limit(circle):
     _, command = circle
     fit = identify([command], study=STUDY)
