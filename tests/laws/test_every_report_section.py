@@ -114,7 +114,8 @@ FITS = {
 def visible(page):
     """Return the text of a page that a reader sees."""
     for element in ("script", "style", "svg"):
-        page = re.sub(rf"<{element}\b.*?</{element}>", " ", page, flags=re.DOTALL)
+        first, *rest = page.split(f"<{element}")
+        page = " ".join([first, *(part.partition(f"</{element}>")[2] for part in rest)])
     return html.unescape(re.sub(r"<[^>]*>", " ", page))
 
 
