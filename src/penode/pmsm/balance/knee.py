@@ -7,7 +7,7 @@ phases cross zero; in shorter ones the trapezoidal rule shows.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -132,6 +132,7 @@ class _Search:
     reach: float
     basis: FloatArray
     left: FloatArray
+    pairs: dict[float, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, experiments: Sequence[Experiment], terms: Sequence[Term]) -> "_Search":
@@ -159,7 +160,7 @@ class _Search:
 
     def fitted(self, width: float) -> tuple[_Fitted, ...]:
         """Return the knees of a width: sharp, of any softness, and wholly soft."""
-        sharp, soft = (self._columns(_knee(width, s)).sum(axis=1) for s in (None, 1.0))
+        sharp, soft = self._pair(width)
         (of_sharp, of_soft), _ = self._solved(np.stack([sharp, soft], axis=1))
         softness = float(np.clip(of_soft / (of_sharp + of_soft or 1.0), 0.0, 1.0))
         found = []
@@ -172,16 +173,18 @@ class _Search:
     def with_junctions(self, folds: float) -> _Fitted | None:
         """Return the best knee beside a junction's law, None where that would be negative."""
         widths = self.reach * _WIDTHS
-        tried = [self._beside_junctions(width, folds) for width in widths]
+        law = {"junction_voltage": 1.0, "junction_folds": folds}
+        rise = self._known({**_knee(self.reach, None), **law})
+        tried = [self._beside_junctions(width, law, rise) for width in widths]
         misfits = [np.inf if one is None else one.misfit for one in tried]
         if not np.isfinite(min(misfits)):
             return None
-        return self._beside_junctions(_least(widths, misfits), folds)
+        return self._beside_junctions(_least(widths, misfits), law, rise)
 
-    def _beside_junctions(self, width: float, folds: float) -> _Fitted | None:
-        law = {"junction_voltage": 1.0, "junction_folds": folds}
-        sharp, soft = (self._columns(_knee(width, s)).sum(axis=1) for s in (None, 1.0))
-        rise = self._known({**_knee(width, None), **law})
+    def _beside_junctions(
+        self, width: float, law: Mapping[str, float], rise: FloatArray
+    ) -> _Fitted | None:
+        sharp, soft = self._pair(width)
         (of_sharp, of_soft, _), _ = self._solved(np.stack([sharp, soft, rise], axis=1))
         softness = float(np.clip(of_soft / (of_sharp + of_soft or 1.0), 0.0, 1.0))
         column = sharp + softness * (soft - sharp)
@@ -229,6 +232,13 @@ class _Search:
         apart = np.abs(voltages - voltages.mean()).max() > _DIFFERENT * abs(voltages.mean())
         price = 2 * np.log(len(self.left) / OVERLAP) + _CLEAR
         return bool(apart and free.misfit < same.misfit - price)
+
+    def _pair(self, width: float) -> tuple[FloatArray, FloatArray]:
+        """Return what a volt in every phase adds, with a sharp knee of a width and a soft one."""
+        if width not in self.pairs:
+            sharp, soft = (self._columns(_knee(width, s)).sum(axis=1) for s in (None, 1.0))
+            self.pairs[width] = sharp, soft
+        return self.pairs[width]
 
     def _columns(self, knee: Mapping[str, Any]) -> FloatArray:
         """Return what each phase's voltage adds to the equations, and the rest does not explain."""
