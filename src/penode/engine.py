@@ -36,6 +36,7 @@ from penode.fit.outcome import (
 )
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.cross_checks import Anchor
+from penode.horizon.default_plan import default_plan
 from penode.horizon.held_out import HeldOut
 from penode.horizon.ladder import HORIZONS, Climb, HorizonFit, LadderProblem, fitting_plan
 from penode.horizon.loss_weighting import LossWeighting, linearised, loss_weighting, weight_matrix
@@ -214,6 +215,7 @@ __all__ = [
     "check_excitation",
     "compare",
     "cut",
+    "default_plan",
     "equation",
     "every_step",
     "excerpt",

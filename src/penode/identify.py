@@ -10,15 +10,10 @@ from penode.data.stretches import check_lengths
 from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
 from penode.horizon.cross_checks import cross_check
+from penode.horizon.default_plan import default_plan
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import (
-    LadderProblem,
-    Observer,
-    fitting_plan,
-    ignore_events,
-    ladder_plan,
-)
+from penode.horizon.ladder import LadderProblem, Observer, ignore_events
 from penode.horizon.objections import CHECKS, guarded, objections, with_objections
 from penode.horizon.selection import Plateau, Selector, believable, choose
 from penode.models.base import Model
@@ -61,7 +56,7 @@ def identify(
     experiments : sequence of Experiment
         Recordings to train on, of one time step.
     plan : Plan, optional
-        Stages of training; by default Levenberg-Marquardt up a ladder of horizons to 450.
+        Stages of training; by default `penode.engine.default_plan`, made from model and recordings.
     selector : Selector
         Picks the horizon; Lepski's plateau by default.
     validation : sequence of Experiment
@@ -84,7 +79,7 @@ def identify(
     began = time.monotonic()
     require_recordings(experiments, validation)
     start = start if isinstance(start, Start) else Start(start)
-    plan = plan or fitting_plan(ladder_plan(), experiments)
+    plan = plan or default_plan(start.model, experiments)
     plan = start.with_penalties(plan)
     problem = LadderProblem.of(start.model, experiments, plan, observer)
     longest = max(stage.horizon for stage in plan.stages)

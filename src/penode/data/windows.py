@@ -52,6 +52,8 @@ class Jittered:
         keeps their number up where the horizon is long and the recording short.
     shortest : int
         Of a stratum as long as the horizon: short horizons then leave samples between windows.
+    fewest : int
+        Windows that are wanted of a recording: where the horizon leaves fewer, they overlap.
 
     Raises
     ------
@@ -62,6 +64,7 @@ class Jittered:
     seed: int = 0
     stride: int | None = None
     shortest: int = 1
+    fewest: int = 1
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -84,7 +87,8 @@ class Jittered:
         ndarray of int64, shape (ceil((last - first + 1) / stratum),)
             Starts in ascending order.
         """
-        stratum = self.stride or max(horizon, self.shortest)
+        room = max((last - first + 1) // self.fewest, 1)
+        stratum = self.stride or min(max(horizon, self.shortest), room)
         lower = np.arange(first, last + 1, stratum, dtype=np.int64)
         upper = np.minimum(lower + stratum, last + 1)
         # `first` sets the draws of recordings apart, the horizon those of a ladder's rungs.

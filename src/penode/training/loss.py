@@ -156,11 +156,11 @@ class Loss:
         Noise model; none by default.
     penalties : tuple of Penalty
         Their squared sums are added to the mean squared error.
-    free_starts : mapping of str to float
+    free_starts : mapping of str to float or None
         Measured states whose value at each window's start is corrected, with the deviation of
         the correction in SI units that weighs as much as one residual of one scale (infinite: not
-        held at all). With windows as long as the recordings this is simulation-error (NOE)
-        training with estimated initial state.
+        held at all; None: that scale, as the start is one more measured sample). With windows as
+        long as the recordings this is simulation-error (NOE) training with estimated initial state.
     scale : Scale or None
         `channel_deviation`, `increment_deviation` or a function of your own; None divides by the
         channels' deviations where their units differ and by 1 where they share one.
@@ -170,7 +170,7 @@ class Loss:
     weight: StepWeight = every_step
     prefilter: Prefilter = NO_FILTER
     penalties: tuple[Penalty, ...] = ()
-    free_starts: Mapping[str, float] = field(default_factory=dict)
+    free_starts: Mapping[str, float | None] = field(default_factory=dict)
     scale: Scale | None = None
 
 

@@ -167,11 +167,17 @@ class PredictionError:
         freed = {*self.model.unmeasured, *self.loss.free_starts}
         return np.array([k for k, n in enumerate(self.model.states) if n in freed], dtype=np.int64)
 
-    @cached_property
-    def stiffness(self) -> FloatArray:
+    @property
+    def stiffness(self) -> FloatArray | JaxArray:
         """Inverse squared deviations of the starts' corrections, shape (free,)."""
         names = [self.model.states[k] for k in self.free]
-        return np.array([self.loss.free_starts.get(name, np.inf) for name in names]) ** -2.0
+        given = [self.loss.free_starts.get(name, np.inf) for name in names]
+        if None not in given:
+            return np.array(given, dtype=float) ** -2.0
+        as_measured = np.array([one is None for one in given])
+        deviation = np.array([np.inf if one is None else one for one in given])
+        backend = np if isinstance(self.scale, np.ndarray) else jnp
+        return backend.where(as_measured, self.scale[self.free] ** -2.0, deviation**-2.0)
 
     @cached_property
     def compared(self) -> IntArray:

@@ -1,0 +1,58 @@
+"""A plan made from the problem: its horizons, how many windows, which starts are estimated."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from penode.data.experiment import Experiment
+from penode.data.stretches import by_recording
+from penode.data.windows import Jittered
+from penode.horizon.ladder import ladder_plan
+from penode.models.base import Model
+from penode.training.loss import Loss
+from penode.training.plan import Plan
+
+#: Measured values in a window of the first horizon over the states that it estimates at its start.
+_OVERDETERMINED = 4
+#: Factor from a horizon to the next, and windows of a recording, which overlap where few fit.
+_FACTOR, _WINDOWS = 2.0, 40
+#: The longest horizon: so many samples, or a part of a recording where that is more, but no more
+#: than this share of it.
+_LONG, _PART, _SHARE = 1000, 1 / 40, 0.8
+
+
+def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0) -> Plan:
+    """Return a ladder for a model and its recordings.
+
+    A window has to show more than its own start: with unmeasured states a short one is fitted
+    exactly, whatever the parameters are. The ladder begins where each window has four measured
+    values for each state that it estimates at its start, at 1 where all states are measured. It
+    ends at most of a recording that is short, which is simulation-error training, and there the
+    windows overlap. The start of a measured state is one more measured sample: it is estimated too.
+
+    Parameters
+    ----------
+    model : Model
+    experiments : sequence of Experiment
+        Recordings of one time step.
+    seed : int
+        Of the windows' places.
+    """
+    horizons = default_horizons(model, experiments)
+    starts = {name: None for name in model.states if name not in model.unmeasured}
+    plan = ladder_plan(horizons, seed=seed)
+    return replace(plan, placement=Jittered(seed, fewest=_WINDOWS), loss=Loss(free_starts=starts))
+
+
+def default_horizons(model: Model, experiments: Sequence[Experiment]) -> tuple[int, ...]:
+    """Return the horizons of `default_plan`, steps, ascending."""
+    states = len(model.states)
+    measured = states - len(model.unmeasured)
+    first = math.ceil(_OVERDETERMINED * states / measured) - 1 if model.unmeasured else 1
+    # The longest stretch of the shortest recording.
+    samples = min(max(map(len, stretches)) for stretches in by_recording(experiments))
+    last = int(min(_SHARE * samples, max(_LONG, _PART * samples)))
+    if last <= first:
+        return (max(min(first, samples - 1), 1),)
+    steps = max(round(math.log(last / first, _FACTOR)), 1)
+    return tuple(sorted({round(first * (last / first) ** (k / steps)) for k in range(steps + 1)}))

@@ -1,0 +1,125 @@
+"""The default plan: where its ladder begins and ends, how many windows, which starts are free."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from penode import Experiment, Model, Predictor, identify, physical
+from penode.arrays import Leaf
+from penode.data.windows import Jittered, cut
+from penode.engine import LadderProblem, Loss, Positive, default_plan
+from penode.horizon.default_plan import default_horizons
+from penode.predictors.base import DEFAULT_SOLVER
+from penode.training.residuals import Objective
+
+
+class Tanks(Model):
+    """Two tanks in cascade, the level of the lower measured; sizes in V and s."""
+
+    states: ClassVar[tuple[str, ...]] = ("upper", "lower")
+    inputs: ClassVar[tuple[str, ...]] = ("pump",)
+    state_units: ClassVar[tuple[str, ...]] = ("V", "V")
+    unmeasured: ClassVar[tuple[str, ...]] = ("upper",)
+
+    outflow: Leaf = physical("V^0.5/s", Positive())
+    inflow: Leaf = physical("1/s", Positive())
+
+    def derivative(self, x, u):
+        upper, lower = jnp.sqrt(jnp.maximum(x, 1e-3))
+        return jnp.stack(
+            [self.inflow * u[0] - self.outflow * upper, self.outflow * (upper - lower)]
+        )
+
+
+class Whole(Tanks):
+    """The same with both levels measured."""
+
+    unmeasured: ClassVar[tuple[str, ...]] = ()
+
+
+OUTFLOW, INFLOW, STEP, NOISE = 0.05, 0.045, 4.0, 0.03
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Return 600 samples by SciPy, noise on the lower level."""
+    random = np.random.default_rng(2)
+    pump = np.repeat(random.uniform(1.0, 5.0, 40), 15)
+
+    def rate(t, x, u):
+        upper, lower = np.sqrt(np.maximum(x, 0))
+        return [INFLOW * u - OUTFLOW * upper, OUTFLOW * (upper - lower)]
+
+    levels = [np.array([6.0, 5.0])]
+    for u in pump[:-1]:
+        step = solve_ivp(rate, (0.0, STEP), levels[-1], args=(u,), rtol=1e-9, atol=1e-9)
+        levels.append(step.y[:, -1])
+    lower = np.array(levels)[:, 1] + NOISE * random.normal(size=len(pump))
+    return Experiment("tanks", STEP, {"pump": pump, "lower": lower})
+
+
+def recording(samples):
+    k = np.arange(float(samples))
+    return Experiment("run", 1.0, {"pump": k, "lower": k, "upper": k})
+
+
+@pytest.mark.parametrize(
+    ("model", "samples", "first", "last"),
+    [(Tanks, 1024, 7, 819), (Whole, 1024, 1, 819), (Tanks, 20_000, 7, 1000), (Tanks, 9, 7, 7)],
+)
+def test_a_ladder_begins_where_a_start_is_overdetermined_and_ends_at_most_of_a_recording(
+    model, samples, first, last
+):
+    found = default_horizons(model(OUTFLOW, INFLOW), [recording(samples)])
+    assert (found[0], found[-1]) == (first, last)
+    growth = np.array(found[1:]) / np.array(found[:-1])
+    assert ((growth > 1.4) & (growth <= 2.5)).all()
+
+
+def test_a_long_recording_has_forty_windows_of_the_longest_horizon():
+    found = default_horizons(Tanks(OUTFLOW, INFLOW), [recording(400_000)])
+    assert found[-1] == 10_000
+
+
+@pytest.mark.parametrize("horizon", [10, 200, 819])
+def test_windows_overlap_where_few_fit(horizon):
+    starts = Jittered(3, fewest=40).starts(0, 1023 - horizon, horizon)
+    assert len(starts) >= min(40, (1024 - horizon) // horizon + 1)
+    assert len(starts) >= 40
+    assert (starts >= 0).all()
+    assert (starts <= 1023 - horizon).all()
+
+
+def test_a_start_that_is_one_more_sample_weighs_as_one_residual():
+    """A deviation of None is that of the channel's scale; the losses and their slopes agree."""
+    random = np.random.default_rng(1)
+    channels = {name: random.uniform(1, 3, 50) for name in ("pump", "lower", "upper")}
+    model, scale = Whole(OUTFLOW, INFLOW), np.array([0.7, 1.3])
+    windows = cut([Experiment("run", 1.0, channels)], model.states, model.inputs, 5)
+    terms = []
+    for deviations in ((None, None), scale):
+        loss = Loss(free_starts=dict(zip(model.states, deviations, strict=True)))
+        objective = Objective(Predictor(1.0, DEFAULT_SOLVER), model, scale, loss, 1)
+        terms.append(objective.gauss_newton(objective.layout.raw(model), windows))
+    assert terms[0].loss == pytest.approx(terms[1].loss, rel=1e-12)
+    np.testing.assert_allclose(terms[0].normal, terms[1].normal, rtol=1e-9)
+
+
+def test_tanks_of_which_one_is_measured_are_right_by_default(run):
+    """From a start 60 % off. At H = 1 and 2 the free level fits whatever the parameters are."""
+    fit = identify(Tanks(0.08, 0.08), [run])
+    assert fit.horizon.verdict == "plateau"
+    assert fit.parameters["outflow"].value == pytest.approx(OUTFLOW, rel=0.02)
+    assert fit.parameters["inflow"].value == pytest.approx(INFLOW, rel=0.02)
+    assert fit.comparisons[0].free_run_rmse == pytest.approx(NOISE, rel=0.2)
+
+
+def test_the_plan_serves_a_climb(run):
+    plan = default_plan(Tanks(OUTFLOW, INFLOW), [run], seed=4)
+    assert plan.placement == Jittered(4, fewest=40)
+    assert dict(plan.loss.free_starts) == {"lower": None}
+    problem = LadderProblem.of(Tanks(OUTFLOW, INFLOW), [run], plan, lambda event: None)
+    assert len(problem.problem(plan.stages[-1], plan).windows) >= 40
