@@ -177,7 +177,7 @@ class PredictionError:
         as_measured = np.array([one is None for one in given])
         deviation = np.array([np.inf if one is None else one for one in given])
         backend = np if isinstance(self.scale, np.ndarray) else jnp
-        return backend.where(as_measured, self.scale[self.free] ** -2.0, deviation**-2.0)
+        return backend.where(as_measured, self.scale[self.free], deviation) ** -2.0
 
     @cached_property
     def compared(self) -> IntArray:

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from penode.errors import InputError
 from penode.pmsm.balance.usable import usable_stretches
 from penode.pmsm.balance.voltage_limit import below_limit
 from penode.pmsm.bench import run as bench_run
@@ -157,13 +158,11 @@ def test_resistance_is_right_without_the_samples_at_the_limit(circle):
     assert fit.horizon.reason.endswith(f"{left} of 15000 samples were left out.")
 
 
-@pytest.mark.slow
-def test_without_the_dc_link_it_is_refused_by_name(circle):
+def test_without_the_dc_link_it_is_refused_and_the_limiter_named(circle):
     _, command = circle
     blind = {name: values for name, values in command.channels.items() if name != "u_dc"}
-    fit = identify([replace(command, channels=blind)], study=STUDY)
-    assert not fit.horizon.answered
-    assert "voltage limit" in {objection.name for objection in fit.horizon.objections}
+    with pytest.raises(InputError, match="from before the voltage limiter \\(with u_dc"):
+        identify([replace(command, channels=blind)], study=STUDY)
 
 
 def test_a_check_says_how_many(circle):

@@ -19,6 +19,7 @@ from penode.pmsm.conventions.motion import MOST_POLE_PAIRS, angle_over_speed
 from penode.pmsm.conventions.speed_balance import SpeedBalance, Trial
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.standstill import stands_still
+from penode.pmsm.recording.stationary_frame import LINK
 
 #: Misfit with a cure over that of the recording as it is.
 _CLEARER = 0.7
@@ -193,7 +194,8 @@ def _as_recorded(experiment: Experiment, standing: Trial, angle: int) -> Judged:
             f"at {100 * standing.definite:.0f} % of the currents, whatever sign, order or factor "
             "of the speed is tried",
             "check that all channels are of one recording of one PMSM or reluctance machine, in "
-            "its rotor's frame",
+            "its rotor's frame, and that u_d and u_q are not commands from before the voltage "
+            f"limiter (with {LINK} its samples are left out)",
         )
         return finding, experiment
     if angle >= 0:
