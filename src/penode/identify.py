@@ -10,7 +10,7 @@ from penode.data.stretches import check_lengths
 from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
 from penode.horizon.cross_checks import cross_check
-from penode.horizon.default_plan import default_plan
+from penode.horizon.default_plan import default_plan, with_hold
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, Observer, ignore_events
@@ -79,7 +79,8 @@ def identify(
     began = time.monotonic()
     require_recordings(experiments, validation)
     start = start if isinstance(start, Start) else Start(start)
-    plan = plan or default_plan(start.model, experiments)
+    if plan is None:
+        plan = with_hold(default_plan(start.model, experiments), start, experiments)
     plan = start.with_penalties(plan)
     problem = LadderProblem.of(start.model, experiments, plan, observer)
     longest = max(stage.horizon for stage in plan.stages)

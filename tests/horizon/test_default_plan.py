@@ -11,8 +11,10 @@ from penode import Experiment, Model, Predictor, identify, physical
 from penode.arrays import Leaf
 from penode.data.windows import Jittered, cut
 from penode.engine import LadderProblem, Loss, Positive, default_plan
-from penode.horizon.default_plan import default_horizons
+from penode.horizon.default_plan import default_horizons, with_hold
+from penode.horizon.identifiability import Start
 from penode.predictors.base import DEFAULT_SOLVER
+from penode.predictors.holds import FirstOrderHold, ZeroOrderHold
 from penode.training.residuals import Objective
 
 
@@ -115,6 +117,37 @@ def test_tanks_of_which_one_is_measured_are_right_by_default(run):
     assert fit.parameters["outflow"].value == pytest.approx(OUTFLOW, rel=0.02)
     assert fit.parameters["inflow"].value == pytest.approx(INFLOW, rel=0.02)
     assert fit.comparisons[0].free_run_rmse == pytest.approx(NOISE, rel=0.2)
+
+
+class Lag(Model):
+    """x' = a (u - x)."""
+
+    states: ClassVar[tuple[str, ...]] = ("x",)
+    inputs: ClassVar[tuple[str, ...]] = ("u",)
+    state_units: ClassVar[tuple[str, ...]] = ("V",)
+
+    a: Leaf = physical("1/s")
+
+    def derivative(self, x, u):
+        return self.a * (u[0] - x[0])[None]
+
+
+@pytest.mark.parametrize("hold", [ZeroOrderHold(), FirstOrderHold()])
+def test_the_recordings_show_how_the_input_goes_on(hold):
+    """A lag driven through either hold, its answer in closed form; the constant one by default."""
+    random, rate, step = np.random.default_rng(3), 2.0, 0.1
+    u = np.cumsum(random.normal(size=400))
+    x, kept = np.zeros(400), np.exp(-rate * step)
+    for k in range(399):
+        slope = (u[k + 1] - u[k]) / step if hold == FirstOrderHold() else 0.0
+        steady = u[k] - slope / rate  # a ramp is followed 1/a behind
+        x[k + 1] = steady + slope * step + kept * (x[k] - steady)
+    experiment = Experiment("lag", step, {"u": u, "x": x + 0.01 * random.normal(size=400)})
+    start = Start(Lag(1.0))
+    plan = with_hold(default_plan(start.model, [experiment]), start, [experiment])
+    assert plan.hold == hold
+    fit = identify(start.model, [experiment])
+    assert fit.parameters["a"].value == pytest.approx(rate, rel=0.01)
 
 
 def test_the_plan_serves_a_climb(run):

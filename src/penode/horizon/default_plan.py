@@ -7,8 +7,10 @@ from dataclasses import replace
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.data.windows import Jittered
-from penode.horizon.ladder import ladder_plan
+from penode.horizon.identifiability import Start
+from penode.horizon.ladder import LadderProblem, ignore_events, ladder_plan
 from penode.models.base import Model
+from penode.predictors.holds import FirstOrderHold
 from penode.training.loss import Loss
 from penode.training.plan import Plan
 
@@ -19,6 +21,8 @@ _FACTOR, _WINDOWS = 2.0, 40
 #: The longest horizon: so many samples, or a part of a recording where that is more, but no more
 #: than this share of it.
 _LONG, _PART, _SHARE = 1000, 1 / 40, 0.8
+#: Part of a loss by which two holds differ that are as good.
+_TIE = 1e-3
 
 
 def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0) -> Plan:
@@ -42,6 +46,32 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
     starts = {name: None for name in model.states if name not in model.unmeasured}
     plan = ladder_plan(horizons, seed=seed)
     return replace(plan, placement=Jittered(seed, fewest=_WINDOWS), loss=Loss(free_starts=starts))
+
+
+def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:
+    """Return a plan whose hold predicts the recordings best at its first horizon.
+
+    An input that was computed stands still from one sample to the next, one that was sampled does
+    not, and the recordings show which: training at the first horizon ends with a smaller loss.
+
+    Parameters
+    ----------
+    plan : Plan
+        With constant inputs, which stay where no other hold is better.
+    start : Start
+        Where training begins.
+    experiments : sequence of Experiment
+    """
+    if not start.model.inputs:
+        return plan
+    losses = {}
+    for hold in (plan.hold, FirstOrderHold()):
+        tried = replace(plan, stages=plan.stages[:1], hold=hold)
+        problem = LadderProblem.of(start.model, experiments, tried, ignore_events)
+        rung = problem.climb(tried, problem.objective.layout.raw(start.model)).fits[0]
+        losses[hold] = rung.solution.terms.loss
+    best = min(losses, key=lambda hold: losses[hold])
+    return replace(plan, hold=best) if losses[best] < (1 - _TIE) * losses[plan.hold] else plan
 
 
 def default_horizons(model: Model, experiments: Sequence[Experiment]) -> tuple[int, ...]:
