@@ -42,6 +42,7 @@ from validate import (
     ledger,
     map_errors,
     processes,
+    public_sets,
     random_starts,
     repetition,
     sweep_interruption,
@@ -57,7 +58,8 @@ ELSEWHERE = {
 HERE = {
     "aliasing", "bad_files", "conventions", "drawn_recordings", "flux_maps", "full_disk",
     "horizon_choice", "identified", "imperfect_drives", "imperfections", "imported_machine",
-    "interruption", "ledger", "map_errors", "other_simulators", "processes", "random_starts",
+    "interruption", "ledger", "map_errors", "other_simulators", "processes", "public_sets",
+    "random_starts",
     "repetition", "sweep_interruption",
 }  # fmt: skip
 
@@ -374,3 +376,25 @@ def test_bad_files():
     assert bad_files.fault(replace(end, status=70, left=("out",))) == "status 70; left out"
     assert bad_files.same("a 1.00000000001 b", "a 1.0 b")
     assert not bad_files.same("a 1.1 b", "a 1.0 b")
+
+
+def test_public_sets(tmp_path, capsys):
+    """Tanks like the benchmark's, made here; both halves are one."""
+    random, step = np.random.default_rng(2), 4.0
+    pump = np.repeat(random.uniform(1.0, 4.0, 12), 15)
+    level = np.array([[5.0, 5.0]])
+    for u in pump[:-1]:
+        now = level[-1].copy()
+        for _ in range(40):
+            upper, lower = np.sqrt(now)
+            now += step / 40 * np.array([0.05 * u - 0.05 * upper, 0.05 * (upper - lower)])
+        level = np.vstack([level, now])
+    lower = level[:, 1] + 0.01 * random.normal(size=len(pump))
+    (tmp_path / "tanks").mkdir()
+    rows = np.stack([pump, pump, lower, lower], axis=1)
+    file, header = tmp_path / "tanks" / "dataBenchmark.csv", "uEst,uVal,yEst,yVal"
+    np.savetxt(file, rows, delimiter=",", header=header, comments="")
+    public_sets.main([str(tmp_path), "tanks"])
+    (line,) = capsys.readouterr().out.splitlines()
+    assert "ZeroOrderHold" in line
+    assert float(line.split(" test ")[1].split()[0]) < 0.02
