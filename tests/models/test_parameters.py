@@ -43,9 +43,11 @@ def test_transforms_are_bijections_onto_admissible_values(transform, shape, data
         assert value.dtype == np.float64
         assert TRANSFORMS[transform][1](value)
         back = transform.inverse(value)
-        np.testing.assert_allclose(back, raw, rtol=0, atol=1e-9)
         again = np.asarray(transform.forward(jnp.asarray(back), shape))
     np.testing.assert_allclose(again, value, rtol=1e-9, atol=1e-12)
+    # A factor is known to rounding times the matrix's condition; one of 1e14 can be drawn.
+    if not isinstance(transform, PositiveDefinite) or np.linalg.cond(value) < 1e5:
+        np.testing.assert_allclose(back, raw, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(("transform", "shape"), CASES, ids=str)

@@ -43,7 +43,7 @@ def test_what_was_used_is_said(fit, slow_run):
     first = int(seen.name.rpartition(" rows ")[2].split()[0]) - 1
     currents = slow_run.stack(("i_d", "i_q"))[first : first + 4000]
     np.testing.assert_array_equal(seen.measured, currents)
-    assert fit.provenance["placement"] == "Jittered(seed=0, stride=None, shortest=5)"
+    assert fit.provenance["placement"] == "Jittered(seed=0, stride=None, shortest=5, fewest=1)"
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
