@@ -22,7 +22,14 @@ def test_notebook_is_kept_without_outputs(path):
     assert all(cell.outputs == [] and cell.execution_count is None for cell in cells)
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    # The first is the tutorial, whose commands and code run in test_docs, as a notebook.
+    [
+        pytest.param(p, marks=pytest.mark.slow if p == NOTEBOOKS[0] else (), id=p.stem)
+        for p in NOTEBOOKS
+    ],
+)
 def test_notebook_runs(path, tmp_path, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "agg")
     # Compiled in half the time, and run slower: these recordings are short.

@@ -142,7 +142,13 @@ def results(run, tmp_path_factory):
     return find
 
 
-@pytest.mark.parametrize("kind", FILES)
+#: Of these two the results are compared as well.
+QUICK = ("rapid control", "logged signals")
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param(k, marks=() if k in QUICK else pytest.mark.slow) for k in FILES]
+)
 def test_what_init_writes_works_untouched(kind, results, penode):
     told, study, result = results(kind, penode)
     assert "All of this is guessed" in told

@@ -23,6 +23,7 @@ echo "${COMPREPLY[@]}"
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("bash") is None, reason="No bash on this machine.")
 def test_bash_completes_the_names_of_flux_maps():
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"

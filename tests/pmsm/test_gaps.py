@@ -42,6 +42,7 @@ def paused(run, tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_a_recording_with_gaps_is_identified_and_the_result_says_so(paused, tmp_path):
     arguments = ["identify", str(paused), "--out", str(tmp_path / "out"), "--horizon", "1"]
     shown = CliRunner().invoke(app, [*arguments, "--no-inverter"])

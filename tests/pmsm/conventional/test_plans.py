@@ -26,6 +26,7 @@ def test_the_plans_are_those_of_the_papers():
         assert isinstance(plan.placement, Contiguous)
 
 
+@pytest.mark.slow
 def test_the_current_predictor_takes_one_euler_step_with_dead_time(dead_time_run):
     run = Experiment("run", 1e-4, {n: v[:800] for n, v in dead_time_run.channels.items()})
     fit = CurrentPredictor(evaluations=3).identify([run])
