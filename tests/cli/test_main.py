@@ -206,15 +206,16 @@ def test_interrupt_leaves_nothing_and_exits_with_130(demo, tmp_path):
     run = demo[0] / "recordings" / "train_1500rpm.csv"
     program, plain = (
         Path(sys.executable).with_name("penode"),
-        ("--no-inverter", "--angle-orders", "none"),
+        # A network's first horizon takes seconds, beside which a look every hundredth is soon.
+        ("--no-inverter", "--angle-orders", "none", "--flux-map", "mlp"),
     )
     command = [program, "identify", run, *plain, "--out", tmp_path / "out"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     log = tmp_path / "out" / "events.jsonl"
-    for _ in range(3000):
+    for _ in range(30000):
         if log.exists() and "evaluation" in log.read_text():
             break
-        time.sleep(0.1)
+        time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=300)
     assert process.returncode == 130
