@@ -56,7 +56,8 @@ def identify(
     experiments : sequence of Experiment
         Recordings to train on, of one time step.
     plan : Plan, optional
-        Stages of training; by default `penode.engine.default_plan`, made from model and recordings.
+        Stages of training; by default `penode.engine.default_plan`, made from model and recordings,
+        with a zero- or first-order hold of the inputs, whichever predicts better.
     selector : Selector
         Picks the horizon; Lepski's plateau by default.
     validation : sequence of Experiment
@@ -79,9 +80,9 @@ def identify(
     began = time.monotonic()
     require_recordings(experiments, validation)
     start = start if isinstance(start, Start) else Start(start)
-    if plan is None:
-        plan = with_hold(default_plan(start.model, experiments), start, experiments)
-    plan = start.with_penalties(plan)
+    given = plan
+    plan = start.with_penalties(given or default_plan(start.model, experiments))
+    plan = plan if given else with_hold(plan, start, experiments)
     problem = LadderProblem.of(start.model, experiments, plan, observer)
     longest = max(stage.horizon for stage in plan.stages)
     check_lengths(experiments, longest, problem.objective.predictor.past)

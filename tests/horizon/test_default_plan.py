@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from penode import Experiment, Model, Predictor, identify, physical
+from penode import Experiment, InputError, Model, Predictor, identify, physical
 from penode.arrays import Leaf
 from penode.data.windows import Jittered, cut
 from penode.engine import LadderProblem, Loss, Positive, default_plan
@@ -117,6 +117,35 @@ def test_tanks_of_which_one_is_measured_are_right_by_default(run):
     assert fit.parameters["outflow"].value == pytest.approx(OUTFLOW, rel=0.02)
     assert fit.parameters["inflow"].value == pytest.approx(INFLOW, rel=0.02)
     assert fit.comparisons[0].free_run_rmse == pytest.approx(NOISE, rel=0.2)
+
+
+class Blind(Tanks):
+    """The same with no level measured."""
+
+    unmeasured: ClassVar[tuple[str, ...]] = Tanks.states
+
+
+def test_a_model_without_a_measured_state_is_refused():
+    with pytest.raises(InputError, match="no state of Blind is measured"):
+        default_plan(Blind(OUTFLOW, INFLOW), [recording(100)])
+
+
+def test_at_least_one_window_is_wanted():
+    with pytest.raises(InputError, match="fewest must be >= 1 window, got 0"):
+        Jittered(fewest=0)
+
+
+def test_a_hold_whose_predictions_diverge_is_not_taken(run, monkeypatch):
+    start, climb = Start(Tanks(OUTFLOW, INFLOW)), LadderProblem.climb
+
+    def diverging(problem, plan, raw):
+        if plan.hold == FirstOrderHold():
+            raise InputError("the predictions diverge already at horizon 7.")
+        return climb(problem, plan, raw)
+
+    monkeypatch.setattr(LadderProblem, "climb", diverging)
+    plan = default_plan(start.model, [run])
+    assert with_hold(plan, start, [run]) is plan
 
 
 class Lag(Model):

@@ -397,4 +397,4 @@ def test_public_sets(tmp_path, capsys):
     public_sets.main([str(tmp_path), "tanks"])
     (line,) = capsys.readouterr().out.splitlines()
     assert "ZeroOrderHold" in line
-    assert float(line.split(" test ")[1].split()[0]) < 0.02
+    assert float(line.split(" test ")[1].split(";")[0]) < 0.02

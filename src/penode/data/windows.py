@@ -58,7 +58,7 @@ class Jittered:
     Raises
     ------
     InputError
-        If the seed is negative or the stride below 1.
+        If the seed is negative, or the stride or the number of windows below 1.
     """
 
     seed: int = 0
@@ -71,6 +71,8 @@ class Jittered:
             raise InputError(f"seed {self.seed} came where 0 or more was wanted; change the seed.")
         if self.stride is not None and self.stride < 1:
             raise InputError(f"stride {self.stride} came where 1 or more was wanted.")
+        if self.fewest < 1:
+            raise InputError(f"fewest must be >= 1 window, got {self.fewest}.")
 
     def starts(self, first: int, last: int, horizon: int) -> IntArray:
         """Place one window in each stratum; the last stratum may be shorter than the others.

@@ -7,6 +7,7 @@ from dataclasses import replace
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.data.windows import Jittered
+from penode.errors import InputError
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, ignore_events, ladder_plan
 from penode.models.base import Model
@@ -41,6 +42,16 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
         Recordings of one time step.
     seed : int
         Of the windows' places.
+
+    Returns
+    -------
+    Plan
+        With constant inputs; `penode.identify` asks the recordings whether they are (`with_hold`).
+
+    Raises
+    ------
+    InputError
+        If no state of the model is measured.
     """
     horizons = default_horizons(model, experiments)
     starts = {name: None for name in model.states if name not in model.unmeasured}
@@ -57,27 +68,45 @@ def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Pl
     Parameters
     ----------
     plan : Plan
-        With constant inputs, which stay where no other hold is better.
+        With constant inputs, which stay where no other hold is better, and its penalties.
     start : Start
         Where training begins.
     experiments : sequence of Experiment
+        Recordings of one time step.
+
+    Raises
+    ------
+    InputError
+        If the predictions diverge at the first horizon with constant inputs.
     """
     if not start.model.inputs:
         return plan
-    losses = {}
-    for hold in (plan.hold, FirstOrderHold()):
-        tried = replace(plan, stages=plan.stages[:1], hold=hold)
-        problem = LadderProblem.of(start.model, experiments, tried, ignore_events)
-        rung = problem.climb(tried, problem.objective.layout.raw(start.model)).fits[0]
-        losses[hold] = rung.solution.terms.loss
-    best = min(losses, key=lambda hold: losses[hold])
-    return replace(plan, hold=best) if losses[best] < (1 - _TIE) * losses[plan.hold] else plan
+    straight = replace(plan, hold=FirstOrderHold())
+    constant = _first_loss(plan, start, experiments)
+    try:
+        other = _first_loss(straight, start, experiments)
+    except InputError:  # the predictions diverge
+        return plan
+    return straight if other < (1 - _TIE) * constant else plan
+
+
+def _first_loss(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> float:
+    """Return the loss that training ends with at a plan's first horizon."""
+    first = replace(plan, stages=plan.stages[:1])
+    problem = LadderProblem.of(start.model, experiments, first, ignore_events)
+    climb = problem.climb(first, problem.objective.layout.raw(start.model))
+    return climb.fits[0].solution.terms.loss
 
 
 def default_horizons(model: Model, experiments: Sequence[Experiment]) -> tuple[int, ...]:
     """Return the horizons of `default_plan`, steps, ascending."""
     states = len(model.states)
     measured = states - len(model.unmeasured)
+    if not measured:
+        raise InputError(
+            f"no state of {type(model).__name__} is measured; name those that no sensor measures, "
+            "and no others, in `unmeasured`."
+        )
     first = math.ceil(_OVERDETERMINED * states / measured) - 1 if model.unmeasured else 1
     # The longest stretch of the shortest recording.
     samples = min(max(map(len, stretches)) for stretches in by_recording(experiments))

@@ -2,13 +2,14 @@
 
 Windows that null the sixth harmonic show what dead time is worth along the current, and hardly its
 shape: knees that differ by 3 % in R explain them alike. Windows of about one period of it see the
-phases cross zero; in shorter ones the trapezoidal rule shows.
+phases cross zero; in shorter ones the trapezoidal rule shows. Beside a knee, which ends at a
+constant voltage, the law of a junction goes on rising with the logarithm of the current.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -29,10 +30,12 @@ _HARMONICS, _DEGREE = (6, 12), 4
 #: Widths of a knee over the largest current.
 _WIDTHS = np.geomspace(0.003, 0.3, 10)
 #: Probability from which a soft knee is trained: its softness may come out as none, but a sharp one
-#: cannot become soft. From which its doubt is worth a row of the budget; what would settle it.
+#: cannot become soft. From which its doubt is worth a row of the budget.
 _THIN, _NOTICED = 0.1, 0.01
-_REMEDY = "Record slowly, with amplitudes from near zero to the largest."
-_MEASURE = "Give the inverter's data, or measure its voltage over the current."
+#: What is in doubt, and what would settle it.
+_Why: TypeAlias = tuple[str, str]
+_KNEE = "knee of the dead time", "Record slowly, with amplitudes from near zero to the largest."
+_TAIL = "tail of the knee", "Give the inverter's data, or measure its voltage over the current."
 #: Largest rise of a device's drop with each e-fold of the current, V, and e-folds between its
 #: saturation current and the largest current that are as likely as the usual ones.
 _LARGEST_RISE, _OTHER_FOLDS = 0.1, 20.0
@@ -77,19 +80,14 @@ def with_knee(
     same = soft if share > _THIN else sharp
     bent = search.with_junctions(FOLDS)
     if bent and search.clearly(bent, same):
-        return search.shaped(bent, by_phase, search.with_junctions(_OTHER_FOLDS))
+        return search.shaped(bent, by_phase, search.with_junctions(_OTHER_FOLDS), 0.5, _TAIL)
     rivals = [(search.share(same.misfit, bent.misfit), bent)] if bent else []
     if same is sharp:
         # A little softness is one parameter more; an arctan for a tanh is none, and as likely.
         odds = 0.5 * (free[whole].misfit - free[sharp].misfit)
         rivals += [(share, soft), (1 / (1 + math.exp(min(odds, 700.0))), whole)]
     share, rival = max(rivals, key=lambda one: one[0], default=(0.0, None))
-    shaped = search.shaped(same, by_phase)
-    if rival is None or share < _NOTICED:
-        return shaped
-    other = rival.term if isinstance(shaped.term, DeadTime) else search.by_phase(rival.term).term
-    doubt = Doubt("knee of the dead time", _REMEDY, other, shaped.term, math.sqrt(share))
-    return replace(shaped, doubts=(doubt,))
+    return search.shaped(same, by_phase, rival, share, _KNEE)
 
 
 def spread_over_knees(
@@ -184,6 +182,7 @@ class _Search:
     def _beside_junctions(
         self, width: float, law: Mapping[str, float], rise: FloatArray
     ) -> _Fitted | None:
+        """Return the best knee of a width beside a law, None where a voltage would be negative."""
         sharp, soft = self._pair(width)
         (of_sharp, of_soft, _), _ = self._solved(np.stack([sharp, soft, rise], axis=1))
         softness = float(np.clip(of_soft / (of_sharp + of_soft or 1.0), 0.0, 1.0))
@@ -197,16 +196,17 @@ class _Search:
         knee = {**_knee(width, softness or None), **law, "junction_voltage": size}
         return _Fitted(DeadTime(dead_time_voltage=voltage, **knee), misfit)
 
-    def shaped(self, same: _Fitted, by_phase: bool, rival: _Fitted | None = None) -> Shaped:
-        """Return a dead time, of phases that differ where they do; a rival is as likely."""
+    def shaped(
+        self, same: _Fitted, by_phase: bool, rival: _Fitted | None, share: float, why: _Why
+    ) -> Shaped:
+        """Return a dead time, of phases that differ where they do, and the doubt of a rival."""
         free = self.by_phase(same.term)
         apart = by_phase or self.phases_differ(same, free)
         term = free.term if apart else same.term
-        if rival is None:
+        if rival is None or share < _NOTICED:
             return Shaped(term, ())
         other = self.by_phase(rival.term).term if apart else rival.term
-        doubt = Doubt("tail of the knee", _MEASURE, other, term, math.sqrt(0.5))
-        return Shaped(term, (doubt,))
+        return Shaped(term, (Doubt(*why, other, term, math.sqrt(share)),))
 
     def share(self, plain: float, richer: float) -> float:
         """Return how probable a further parameter is, by -2 log likelihoods."""
