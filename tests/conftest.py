@@ -190,9 +190,9 @@ class System:
         experiments = experiments or self.experiments
         return cut(experiments, self.model.states, self.model.inputs, horizon)
 
-    def recorded_again(self, noise=0.0):
+    def recorded_again(self, noise=0.0, seed=SEED):
         """Return the recordings with the inputs kept and the states those of the twin."""
-        random, found = np.random.default_rng(SEED), []
+        random, found = np.random.default_rng(seed), []
         for run in self.experiments:
             start = run.stack(self.model.states)[0]
             states = self.simulate(start, run.stack(self.model.inputs))

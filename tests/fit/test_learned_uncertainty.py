@@ -79,7 +79,7 @@ def test_stated_deviations_are_those_of_repeated_experiments(tank):
             .climb(plan, problem.objective.layout.raw(tank))
             .fits[0]
         )
-        covariance = sandwich(rung.solution.terms, rung.windows)
+        covariance = sandwich(rung.solution.terms, rung.series)
         told = LearnedUncertainty(covariance, rung.solution.raw[None], np.ones(1))
         points = np.quantile(x, [0.1, 0.3, 0.5, 0.7, 0.9])[:, None]
         found = np.polynomial.polynomial.polyval(points[:, 0], rung.solution.raw - true)

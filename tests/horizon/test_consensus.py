@@ -14,7 +14,7 @@ from penode.horizon.ladder import HorizonFit
 from penode.models.layout import Layout
 from penode.models.parameters import physical
 from penode.models.polynomials import Polynomial
-from penode.training.covariance import Reported
+from penode.training.covariance import Reported, ScoreSeries
 from penode.training.plan import DIVERGED, Problem, Solution, ignore_progress
 from penode.training.second_order import LevenbergMarquardt
 
@@ -30,7 +30,9 @@ def rung(horizon, value, deviation, noise):
     influence = noise[None, : len(starts)] * deviation / np.sqrt(len(starts))
     values, known = np.array([value]), np.array([deviation])
     solution = Solution(np.zeros(1), None, 1, "Made by hand.")
-    return HorizonFit(horizon, solution, values, known, known, influence, windows, None, None)
+    series = ScoreSeries.of_windows(windows)
+    given = values, known, known, influence, windows, series
+    return HorizonFit(horizon, solution, *given, None, None)
 
 
 class PolynomialSpring(eqx.Module):

@@ -20,7 +20,7 @@ from penode.training.second_order import LevenbergMarquardt
 
 
 def rung(horizon, value, deviation):
-    nothing = dict.fromkeys(("solution", "influence", "windows", "predictor", "model"))
+    nothing = dict.fromkeys(("solution", "influence", "windows", "series", "predictor", "model"))
     values, working = np.array([value]), np.array([deviation])
     return HorizonFit(horizon=horizon, values=values, deviation=working, working=working, **nothing)
 

@@ -18,7 +18,9 @@ def ladder(systems):
 
     def make(*errors):
         models = [replace(system.model, R=np.array(system.model.R * (1 + e))) for e in errors]
-        unseen = dict.fromkeys(("solution", "values", "deviation", "working", "influence"))
+        unseen = dict.fromkeys(
+            ("solution", "values", "deviation", "working", "influence", "series")
+        )
         return [
             HorizonFit(
                 horizon=2**k,

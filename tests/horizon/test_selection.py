@@ -17,6 +17,7 @@ from penode.horizon.selection import (
     choose,
     paired_deviation,
 )
+from penode.training.covariance import ScoreSeries
 from penode.training.plan import Plan, Solution, Stage
 
 SAMPLES = 4000
@@ -39,7 +40,8 @@ def rung(horizon, values, deviation, influence=None):
         influence = noise * deviation[0] / np.sqrt(count)
     solution = Solution(np.zeros(1), None, 1, "Made by hand.")
     nothing = (None, None)  # neither is looked at
-    return HorizonFit(horizon, solution, values, deviation, deviation, influence, windows, *nothing)
+    given = values, deviation, deviation, influence, windows, ScoreSeries.of_windows(windows)
+    return HorizonFit(horizon, solution, *given, *nothing)
 
 
 def ladder(horizons, values, deviations):

@@ -12,9 +12,8 @@ from penode.data.windows import Windows
 from penode.models.layout import Layout
 from penode.training.covariance import (
     Reported,
-    bandwidth_in_windows,
+    ScoreSeries,
     bartlett,
-    correlation_length,
     influence,
     prior_deviation,
     sandwich_deviation,
@@ -77,13 +76,26 @@ def test_bandwidth_one_is_the_sum_of_squares(rng):
     ("samples", "horizon", "length"), [(1000, 1, 63), (1000, 40, 80), (40, 1, 9), (5, 3, 6)]
 )
 def test_correlation_length_is_samples_to_the_0_6_or_two_horizons(samples, horizon, length):
-    assert correlation_length(windows_of(samples, horizon)) == length
+    assert ScoreSeries.of_windows(windows_of(samples, horizon)).bandwidth == length
 
 
 def test_bandwidth_is_counted_in_windows():
     """1000 samples, one window every 20: 63 samples are 3.15 windows."""
-    assert bandwidth_in_windows(windows_of(1000, horizon=20, spacing=20)) == 3
-    assert bandwidth_in_windows(windows_of(1000, horizon=1, spacing=500)) == 1
+    assert ScoreSeries.of_windows(windows_of(1000, horizon=20, spacing=20)).lags == 3
+    assert ScoreSeries.of_windows(windows_of(1000, horizon=1, spacing=500)).lags == 1
+
+
+def test_a_series_by_sample_is_correlated_over_few_samples_or_as_long_as_it_shows():
+    """Andrews for a first-order series of 0.95: 1.1447 (4 rho^2 / (1 - rho^2)^2 N)^(1/3)."""
+    white = np.random.default_rng(0).normal(size=(2, 10_000))
+    found = ScoreSeries.of_samples(white)
+    assert (found.bandwidth, found.lags, found.long_enough) == (22, 22, True)
+    slow = lfilter([1.0], [1.0, -0.95], np.random.default_rng(0).normal(size=(1, 10_000)))
+    known = 1.1447 * (4 * 0.95**2 / (1 - 0.95**2) ** 2 * 10_000) ** (1 / 3)
+    both = ScoreSeries.of_samples(np.concatenate([white, slow]))
+    assert both.bandwidth == pytest.approx(known, rel=0.1)
+    assert known > 150
+    assert not ScoreSeries.of_samples(slow[:, :200]).long_enough
 
 
 # --- the normal matrix ------------------------------------------------------------------------
@@ -139,7 +151,7 @@ def regressions(correlation):
     random = np.random.default_rng(11)
     x = autoregressive(random, 0.8, 1)[0]
     matrix = np.stack([np.ones(SAMPLES), x], axis=1)
-    normal, windows = matrix.T @ matrix, windows_of(SAMPLES + 1)
+    normal, series = matrix.T @ matrix, ScoreSeries.of_windows(windows_of(SAMPLES + 1))
     estimates, deviations = [], []
     for error in autoregressive(random, correlation, REPETITIONS):
         target = matrix @ TRUTH + error
@@ -148,7 +160,7 @@ def regressions(correlation):
         scores = matrix.T * residual
         terms = GaussNewtonTerms(np.mean(residual**2), SAMPLES, normal, scores.sum(axis=1), scores)
         estimates.append(estimate)
-        deviations.append(sandwich_deviation(terms, np.eye(2), windows))
+        deviations.append(sandwich_deviation(terms, np.eye(2), series))
     return np.array(estimates), np.array(deviations), np.sqrt(np.diag(np.linalg.inv(normal)))
 
 
@@ -174,12 +186,12 @@ def test_autoregressive_errors_give_the_known_larger_ones():
 def test_deviation_is_the_matrix_formula(rng):
     """J A^-1 B A^-1 J' written out, for a reported quantity that mixes parameters."""
     scores, root, jacobian = (rng.normal(size=s) for s in ((3, 200), (40, 3), (2, 3)))
-    normal, windows = root.T @ root, windows_of(201)
+    normal, series = root.T @ root, ScoreSeries.of_windows(windows_of(201))
     terms = GaussNewtonTerms(1.0, 200, normal, scores.sum(axis=1), scores)
-    meat = double_sum(scores, bandwidth_in_windows(windows))
+    meat = double_sum(scores, series.lags)
     inverse = np.linalg.inv(normal)
     variance = np.diag(jacobian @ inverse @ meat @ inverse @ jacobian.T)
-    found = sandwich_deviation(terms, jacobian, windows)
+    found = sandwich_deviation(terms, jacobian, series)
     np.testing.assert_allclose(found, np.sqrt(variance), rtol=1e-10)
 
 
@@ -193,16 +205,17 @@ def test_a_prior_varies_what_the_data_do_not_determine(rng):
     scores = matrix.T * rng.normal(size=count) * noise
     prior = penalty * spread**2 @ penalty
     arguments = (noise**2, count, normal, scores.sum(axis=1), scores)
-    windows, terms = windows_of(count + 1), GaussNewtonTerms(*arguments, prior)
+    series = ScoreSeries.of_windows(windows_of(count + 1))
+    terms = GaussNewtonTerms(*arguments, prior)
     across = np.array([[1.0, -1.0]]) / np.sqrt(2)
     both = np.concatenate([seen[None], across])
-    found = sandwich_deviation(terms, both, windows)
+    found = sandwich_deviation(terms, both, series)
     known = noise / np.linalg.norm(matrix @ seen)
     np.testing.assert_allclose(found, [known, spread], rtol=0.15)
     np.testing.assert_allclose(prior_deviation(terms, across), spread, rtol=1e-6)
     assert prior_deviation(terms, seen[None])[0] < 0.01 * known
     np.testing.assert_array_equal(prior_deviation(GaussNewtonTerms(*arguments), both), 0.0)
-    assert sandwich_deviation(GaussNewtonTerms(*arguments), across, windows) < 1e-6
+    assert sandwich_deviation(GaussNewtonTerms(*arguments), across, series) < 1e-6
 
 
 def test_influences_add_up_to_the_remaining_step(rng):

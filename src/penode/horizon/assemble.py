@@ -171,7 +171,7 @@ class Assembly:
         covariance = np.full((layout.size, layout.size), np.inf)
         if finite:
             covariance[:] = self._shifts.T @ self._shifts
-            covariance[np.ix_(moving, moving)] += sandwich(chosen.solution.terms, chosen.windows)
+            covariance[np.ix_(moving, moving)] += sandwich(chosen.solution.terms, chosen.series)
         kept = layout.first_copies
         return LearnedUncertainty(
             covariance=covariance[np.ix_(kept, kept)],

@@ -18,12 +18,11 @@ from penode.predictors.base import Predictor
 from penode.training.coarse_to_fine import CoarseToFine
 from penode.training.covariance import (
     Reported,
+    ScoreSeries,
     dominated_by_few_windows,
     influence,
-    long_enough,
     prior_deviation,
     sandwich_deviation,
-    working_deviation,
 )
 from penode.training.gauss_newton_terms import residual_scale
 from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Solution, Stage
@@ -98,9 +97,12 @@ class HorizonFit:
     working : ndarray, shape (reported,)
         The same deviations however short the recordings: good enough to compare horizons by.
         Infinite where one or two windows decide.
-    influence : ndarray, shape (physical, window)
-        What each window contributed to each physical parameter, SI units.
+    influence : ndarray, shape (physical, column)
+        What each window contributed to each physical parameter, SI units; each sample where the
+        windows are too long beside the recordings.
     windows : Windows
+    series : ScoreSeries
+        How the columns of influence and of the terms' scores lie in time.
     predictor : Predictor
     model : Model
         With the rung's parameters.
@@ -117,6 +119,7 @@ class HorizonFit:
     working: FloatArray
     influence: FloatArray
     windows: Windows
+    series: ScoreSeries
     predictor: Predictor
     model: Model
     prior: FloatArray | float = 0.0
@@ -241,13 +244,14 @@ class LadderProblem:
     def _finish(self, horizon: int, problem: Problem, solution: Solution) -> HorizonFit:
         jacobian = problem.reported_jacobian(solution.raw)
         of_physical = jacobian[: len(self.objective.layout.physical)]
-        given, error = (solution.terms, jacobian, problem.windows), self.objective.error
-        deviation = sandwich_deviation(*given)
-        working = deviation.copy() if long_enough(problem.windows) else working_deviation(*given)
-        if horizon * len(error.compared) <= np.sum(error.stiffness == 0):  # all spent on starts
+        error, few = self.objective.error, dominated_by_few_windows(solution.terms, of_physical)
+        solution, series = self._ordered(problem, solution, jacobian)
+        working = sandwich_deviation(solution.terms, jacobian, series)
+        working[: len(few)][few] = np.inf
+        deviation = working.copy()
+        spent = horizon * len(error.compared) <= np.sum(error.stiffness == 0)  # all on starts
+        if spent or not series.long_enough:
             deviation[:] = np.inf
-        few = dominated_by_few_windows(solution.terms, of_physical)
-        deviation[: len(few)][few] = working[: len(few)][few] = np.inf
         with float64():
             model = self.objective.layout.plain_model(solution.raw)
         return HorizonFit(
@@ -258,10 +262,23 @@ class LadderProblem:
             working=working,
             influence=influence(solution.terms, of_physical),
             windows=problem.windows,
+            series=series,
             predictor=self.objective.predictor,
             model=model,
             prior=prior_deviation(solution.terms, of_physical),
         )
+
+    def _ordered(
+        self, problem: Problem, solution: Solution, jacobian: FloatArray
+    ) -> tuple[Solution, ScoreSeries]:
+        """Return a solution whose scores show how residuals vary: by window, else by sample."""
+        series = ScoreSeries.of_windows(problem.windows)
+        if series.long_enough:
+            return solution, series
+        scores = self.objective.sample_scores(solution.raw, problem.windows)[problem.moving]
+        terms = replace(solution.terms, scores=scores)
+        series = ScoreSeries.of_samples(influence(terms, jacobian))
+        return replace(solution, terms=terms), series
 
     def _report(self, rung: HorizonFit, place: tuple[int, int]) -> None:
         names = self.objective.layout.physical

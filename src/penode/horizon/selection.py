@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from penode.arrays import BoolArray, FloatArray
 from penode.horizon.ladder import Climb, HorizonFit
-from penode.training.covariance import bartlett_variance, correlation_length
+from penode.training.covariance import bartlett_variance
 from penode.training.plan import Plan
 
 #: Runs whose least errors are within this factor are equally sure. Runs disagree, so that one of
@@ -219,7 +219,7 @@ def paired_deviation(a: HorizonFit, b: HorizonFit) -> FloatArray:
 def weighted_deviation(rungs: Sequence[HorizonFit], weights: FloatArray) -> FloatArray:
     """Return the deviation of a weighted sum of rungs' physical parameters, (physical,), SI units.
 
-    The influences are summed over bins of time by the middle of their windows, and their weighted
+    The influences are summed over bins of time by their place, and their weighted
     sum is treated as one autocorrelated series: what the rungs share is counted as shared.
 
     Parameters
@@ -228,20 +228,12 @@ def weighted_deviation(rungs: Sequence[HorizonFit], weights: FloatArray) -> Floa
         Of the same recordings.
     weights : ndarray, shape (rung, physical) or (rung, 1)
     """
-    samples = len(rungs[0].windows.states)
-    width = max(samples // 1000, 16)
-    longest = max(correlation_length(rung.windows) for rung in rungs)
-    binned = np.stack([_binned(rung, width) for rung in rungs])
+    width = max(rungs[0].series.samples // 1000, 16)
+    longest = max(rung.series.bandwidth for rung in rungs)
+    binned = np.stack([rung.series.binned(rung.influence, width) for rung in rungs])
     series = np.sum(weights[..., None] * binned, axis=0)
     bandwidth = longest // width + 1
     return np.sqrt(bartlett_variance(series, bandwidth))
-
-
-def _binned(rung: HorizonFit, width: int) -> FloatArray:
-    middle = rung.windows.starts + rung.horizon // 2
-    bins = -(-len(rung.windows.states) // width)
-    sums = [np.bincount(middle // width, row, minlength=bins) for row in rung.influence]
-    return np.reshape(sums, (len(rung.influence), bins))
 
 
 def _runs(agreeing: set[tuple[int, int]], count: int) -> list[tuple[int, ...]]:

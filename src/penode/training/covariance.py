@@ -1,11 +1,21 @@
 """Uncertainty under autocorrelated residuals: the HAC sandwich and the influence of each window."""
 
+import math
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import jax
 import numpy as np
 
-from penode.arrays import BoolArray, FloatArray, JaxArray, float64, on_device, with_shared_length
+from penode.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    JaxArray,
+    float64,
+    on_device,
+    with_shared_length,
+)
 from penode.data.windows import Windows
 from penode.models.base import Model
 from penode.models.layout import Layout
@@ -13,6 +23,9 @@ from penode.training.gauss_newton_terms import GaussNewtonTerms
 
 #: Length of the recordings, in HAC bandwidths, below which no deviation is given.
 LEAST_BANDWIDTHS = 5
+
+#: Most correlation from a sample to the next that a bandwidth is made for.
+_MOST_ALIKE = 0.97
 
 #: A quantity hangs on single windows if of many no more than this number weigh in its variance.
 _FEW_WINDOWS = 2.5
@@ -53,15 +66,63 @@ def _block_sums(series: FloatArray, bandwidth: int) -> FloatArray:
     return np.asarray(padded[:, bandwidth:] - padded[:, :-bandwidth])
 
 
-def correlation_length(windows: Windows) -> int:
-    """Return the default HAC bandwidth in samples: samples^0.6, at least two horizons."""
-    return max(int(len(windows.states) ** 0.6), 2 * windows.horizon)
+@dataclass(frozen=True, eq=False)
+class ScoreSeries:
+    """How the columns of scores or influences lie in time, and over what they are correlated.
 
+    Attributes
+    ----------
+    places : ndarray of int, shape (column,)
+        The sample that a column belongs to: the middle of its window, or itself.
+    samples : int
+        Of all recordings.
+    bandwidth : int
+        HAC bandwidth in samples.
+    """
 
-def bandwidth_in_windows(windows: Windows) -> int:
-    """Return the default HAC bandwidth counted in windows."""
-    spacing = len(windows.states) / len(windows.starts)
-    return max(round(correlation_length(windows) / spacing), 1)
+    places: IntArray
+    samples: int
+    bandwidth: int
+
+    @classmethod
+    def of_windows(cls, windows: Windows) -> "ScoreSeries":
+        """Return that of scores by window: samples^0.6, at least two horizons."""
+        samples = len(windows.states)
+        bandwidth = max(int(samples**0.6), 2 * windows.horizon)
+        return cls(windows.starts + windows.horizon // 2, samples, bandwidth)
+
+    @classmethod
+    def of_samples(cls, series: FloatArray) -> "ScoreSeries":
+        """Return that of influences by sample, (quantity, sample).
+
+        Measurement noise is white, and a wide bandwidth costs degrees of freedom; what a model
+        leaves out is correlated for long. So the bandwidth is that of Andrews for a series of the
+        first order (Econometrica 59 (1991) 817, doi:10.2307/2938229), at least samples^(1/3).
+        """
+        samples = series.shape[1]
+        series = np.nan_to_num(series)
+        power = np.sum(series[:, :-1] ** 2, axis=1)
+        along = np.sum(series[:, 1:] * series[:, :-1], axis=1)
+        rho = np.clip(along / np.maximum(power, 1e-300), 0.0, _MOST_ALIKE)
+        wanted = 1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * samples) ** (1 / 3)
+        longest = float(np.max(wanted, initial=samples ** (1 / 3)))
+        return cls(np.arange(samples), samples, math.ceil(longest))
+
+    @property
+    def long_enough(self) -> bool:
+        """Whether recordings show how their residuals vary: five bandwidths at least."""
+        return self.samples >= LEAST_BANDWIDTHS * self.bandwidth
+
+    @property
+    def lags(self) -> int:
+        """The bandwidth counted in columns."""
+        return max(round(self.bandwidth * len(self.places) / self.samples), 1)
+
+    def binned(self, values: FloatArray, width: int) -> FloatArray:
+        """Return sums of values (quantity, column) over bins of time, shape (quantity, bin)."""
+        bins = -(-self.samples // width)
+        sums = [np.bincount(self.places // width, row, minlength=bins) for row in values]
+        return np.reshape(sums, (len(values), bins))
 
 
 class Reported:
@@ -111,32 +172,6 @@ def _reported(layout: Layout[Model], raw: JaxArray, points: JaxArray) -> tuple[J
 _slopes = jax.jit(jax.jacfwd(_reported, argnums=1), static_argnums=0)
 
 
-def sandwich_deviation(
-    terms: GaussNewtonTerms, jacobian: FloatArray, windows: Windows
-) -> FloatArray:
-    """Return the deviations of reported quantities from A^-1 B A^-1, shape (reported,), SI units.
-
-    Parameters
-    ----------
-    terms : GaussNewtonTerms
-        At the minimum; A is the sum of S'S, B the HAC covariance of the scores plus the
-        variance of Gaussian priors.
-    jacobian : ndarray, shape (reported, parameter)
-        Derivative of the reported quantities.
-    windows : Windows
-        Those the terms were summed over. Recordings of fewer than five HAC bandwidths cannot show
-        how their residuals vary; the deviations are then infinite.
-    """
-    if not long_enough(windows):
-        return np.full(len(jacobian), np.inf)
-    return working_deviation(terms, jacobian, windows)
-
-
-def long_enough(windows: Windows) -> bool:
-    """Whether recordings show how their residuals vary: five HAC bandwidths at least."""
-    return len(windows.states) >= LEAST_BANDWIDTHS * correlation_length(windows)
-
-
 def dominated_by_few_windows(terms: GaussNewtonTerms, jacobian: FloatArray) -> BoolArray:
     """Return which reported quantities, shape (reported,), one or two windows of many decide.
 
@@ -148,7 +183,7 @@ def dominated_by_few_windows(terms: GaussNewtonTerms, jacobian: FloatArray) -> B
     return np.asarray((effective < _FEW_WINDOWS) & (terms.scores.shape[1] >= _MANY_WINDOWS))
 
 
-def sandwich(terms: GaussNewtonTerms, windows: Windows) -> FloatArray:
+def sandwich(terms: GaussNewtonTerms, series: ScoreSeries) -> FloatArray:
     """Return A^-1 B A^-1, shape (parameter, parameter), however short the recordings are.
 
     Parameters
@@ -156,24 +191,32 @@ def sandwich(terms: GaussNewtonTerms, windows: Windows) -> FloatArray:
     terms : GaussNewtonTerms
         At the minimum; A is the sum of S'S, B the HAC covariance of the scores plus the
         variance of Gaussian priors.
-    windows : Windows
-        Those the terms were summed over.
+    series : ScoreSeries
+        Of the terms' scores.
     """
     inverse = terms.inverse
-    meat = bartlett(terms.scores, bandwidth_in_windows(windows)) + terms.prior
+    meat = bartlett(terms.scores, series.lags) + terms.prior
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(inverse @ meat @ inverse)
 
 
-def working_deviation(
-    terms: GaussNewtonTerms, jacobian: FloatArray, windows: Windows
+def sandwich_deviation(
+    terms: GaussNewtonTerms, jacobian: FloatArray, series: ScoreSeries
 ) -> FloatArray:
-    """Return the sandwich's deviations, shape (reported,), however short the recordings are.
+    """Return the deviations of reported quantities from A^-1 B A^-1, shape (reported,), SI units.
 
-    Good enough to stop an optimiser by, where `sandwich_deviation` declines to report.
+    Parameters
+    ----------
+    terms : GaussNewtonTerms
+        As in `sandwich`.
+    jacobian : ndarray, shape (reported, parameter)
+        Derivative of the reported quantities.
+    series : ScoreSeries
+        Of the terms' scores. One that is not long enough cannot show how residuals vary; its
+        deviations are good enough to stop an optimiser by, or to compare horizons.
     """
     along = jacobian @ terms.inverse
-    variance = bartlett_variance(along @ terms.scores, bandwidth_in_windows(windows))
+    variance = bartlett_variance(along @ terms.scores, series.lags)
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(np.sqrt(variance + _prior_variance(terms, along)))
 

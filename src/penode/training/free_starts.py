@@ -113,6 +113,37 @@ def estimated_starts(
     return _searched(error, values, horizon, batch, jnp.asarray(_MOST_PASSES))[0]
 
 
+def at_their_minimum(
+    error: PredictionError,
+    values: JaxArray,
+    horizon: JaxArray,
+    batch: Batch,
+    normal: NormalMatrix,
+) -> tuple[JaxArray, JaxArray]:
+    """Return corrections (free, batch) at their minimum, SI units, and minus how they follow.
+
+    Parameters
+    ----------
+    error, values, horizon, batch, normal
+        As in `sums_without_starts`.
+
+    Returns
+    -------
+    correction : array, shape (free, batch)
+    follow : array, shape (free, value, batch)
+        What a start's correction shrinks by as a parameter grows.
+    """
+    width = len(batch.starts)
+    each = jnp.broadcast_to(values, (len(values), width))
+    correction = estimated_starts(error, values, horizon, batch)
+    if not len(error.free):
+        return correction, jnp.zeros((0, len(values), width), values.dtype)
+    sums = window_sums(error, each, correction, horizon, batch, normal)
+    _, _, curvature = _with_stiffness(error, sums, correction, batch.used)
+    factor = _factor(curvature, jnp.zeros(width, values.dtype))
+    return correction, _backward(factor, _forward(factor, sums.mixed.shared))
+
+
 def _searched(
     error: PredictionError, values: JaxArray, horizon: JaxArray, batch: Batch, most: JaxArray
 ) -> tuple[JaxArray, JaxArray]:

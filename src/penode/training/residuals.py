@@ -22,6 +22,7 @@ from penode.training.gauss_newton_terms import GaussNewtonTerms, squared
 from penode.training.loss import DEFAULT_LOSS, Loss
 from penode.training.penalties import GaussianPrior, Penalty
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
+from penode.training.sample_scores import sample_scores
 
 #: Windows that one pass of reverse mode takes: their rollouts stay in the second-level cache.
 GRADIENT_CHUNK = 256
@@ -113,6 +114,18 @@ class Objective:
         scores = self._sums(raw, windows, normal=False)[2]
         return np.asarray(scores.sum(axis=1) - residuals * slopes.T @ penalties)
 
+    def sample_scores(self, raw: FloatArray, windows: Windows) -> FloatArray:
+        """Return the scores of `gauss_newton` by sample instead, shape (parameter, sample).
+
+        Parameters
+        ----------
+        raw : ndarray, shape (parameter,)
+            Raw parameters.
+        windows : Windows
+            A few of them: all go through at once.
+        """
+        return np.asarray(self._transposed(raw) @ sample_scores(self.error, raw, windows))
+
     def penalties(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the penalties' residuals at raw (parameter,) and slopes (residual, parameter)."""
         return self._remembered_penalties(raw.tobytes())
@@ -146,9 +159,13 @@ class Objective:
     ) -> tuple[FloatArray, ...]:
         """Return summed squares, normal matrix (if wanted) and the windows' scores, of raw."""
         squares, products, scores = summed(self.error, raw, windows, normal)
-        with float64():
-            transposed = csr_array(np.asarray(_transform(self.layout, on_device(raw))).T)
+        transposed = self._transposed(raw)
         return squares, transposed @ (transposed @ products).T, transposed @ scores
+
+    def _transposed(self, raw: FloatArray) -> csr_array:
+        """Return d(values)/d(raw), transposed."""
+        with float64():
+            return csr_array(np.asarray(_transform(self.layout, on_device(raw))).T)
 
     @cached_property
     def _value_and_grad(self) -> Any:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.training.covariance import working_deviation
+from penode.training.covariance import ScoreSeries, sandwich_deviation
 from penode.training.gauss_newton_terms import GaussNewtonTerms
 from penode.training.local_loss import LocalLoss
 from penode.training.plan import CONVERGED, DIVERGED, Problem, Progress, Solution, ignore_progress
@@ -98,7 +98,7 @@ class LevenbergMarquardt:
         if local.promised(step) > _MISFIT * terms.loss:
             return False
         left = jacobian @ step
-        deviation = working_deviation(terms, jacobian, problem.windows)
+        deviation = sandwich_deviation(terms, jacobian, ScoreSeries.of_windows(problem.windows))
         ratio = np.minimum(np.abs(left) / np.maximum(deviation, 1e-300), 1e9)
         physical = len(problem.objective.layout.physical)
         learned = np.sqrt(np.mean(ratio[physical:] ** 2)) if len(ratio) > physical else 0.0

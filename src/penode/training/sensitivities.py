@@ -1,12 +1,12 @@
 """Forward sensitivities over a horizon: Gauss-Newton terms of one batch of windows, J never stored.
 
-One vector-Jacobian product a state and output gives the recursion of S exactly (`_Recursion`). The
+One vector-Jacobian product a state and output gives the recursion of S exactly (`Recursion`). The
 columns of S are the parameters' values and, behind them, the corrections of free starts.
 """
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,8 @@ from penode.models.layout import Parts
 from penode.native.normal_matrix import NormalMatrix
 from penode.predictors.rollout import rollout
 from penode.training.prediction_error import Batch, PredictionError
+
+Carry = TypeVar("Carry")
 
 
 class Columns(NamedTuple):
@@ -81,38 +83,22 @@ def window_sums(
         What S'S of the parameters is added to; of size 0 where only the windows' own starts are
         columns.
     """
-    parts = error.layout.split(values)
-    recursion = _Recursion(error, parts, horizon, batch, len(normal.lower))
-    start, first = recursion.start(correction)
-    prefilter = error.loss.prefilter
-
-    def visit(k: JaxArray, history: JaxArray, pull_back: Any, carry: Any) -> Any:
-        sensitivity, (before, shared_before, own_before), sums = carry
-        sensitivity = recursion.ahead(history, pull_back, sensitivity)
-        newest = sensitivity.each(lambda part: part[0])
-        residual, slopes = recursion.residual(k + 1, history[0], newest)
-        filtered, before = prefilter.advance(before, residual * batch.used)
-        shared, shared_before = prefilter.advance(shared_before, slopes.shared * batch.used)
-        own, own_before = prefilter.advance(own_before, slopes.own * batch.used)
-        memory = before, shared_before, own_before
-        return sensitivity, memory, _added(sums, filtered, Columns(shared, own))
-
-    width, free = len(batch.starts), len(error.free)
+    free, width = len(error.free), len(batch.starts)
     lead = len(normal.lower)
-    shape = (prefilter.order, len(error.compared))
 
     def zeros(*shape: int) -> JaxArray:
         return jnp.zeros((*shape, width), values.dtype)
 
-    memory = zeros(*shape), zeros(*shape, lead), zeros(*shape, free)
+    def add(k: JaxArray, residual: JaxArray, slopes: Columns, sums: Sums) -> Sums:
+        return _added(sums, residual, slopes)
+
     scores, mixed = (Columns(zeros(*axes, lead), zeros(*axes, free)) for axes in ((), (free,)))
-    sums = Sums(zeros(), scores, mixed, normal)
-    last: Sums = rollout(recursion.step, start, horizon, visit, (first, memory, sums))[2]
-    return last
+    recursion = Recursion(error, error.layout.split(values), horizon, batch, lead)
+    return recursion.over_steps(correction, add, Sums(zeros(), scores, mixed, normal))
 
 
 @dataclass(frozen=True, eq=False)
-class _Recursion:
+class Recursion:
     """The sensitivity S = dx/d(column) of a batch of windows, from its start to each step.
 
     Attributes
@@ -131,6 +117,46 @@ class _Recursion:
     horizon: JaxArray
     batch: Batch
     shared: int
+
+    def over_steps(
+        self,
+        correction: JaxArray,
+        add: Callable[[JaxArray, JaxArray, Columns, Carry], Carry],
+        carry: Carry,
+    ) -> Carry:
+        """Visit each step's filtered residual and slopes.
+
+        Parameters
+        ----------
+        correction : array, shape (free, batch)
+            Of the windows' starts, SI units.
+        add : callable
+            ``add(k, residual, slopes, carry) -> carry`` at step k of a window: residual (output,
+            batch) and slopes of shape (output, column, batch), of sample k + 1.
+        carry : pytree
+            What is accumulated.
+        """
+        start, first = self.start(correction)
+        prefilter, batch = self.error.loss.prefilter, self.batch
+        shape = (prefilter.order, len(self.error.compared))
+
+        def zeros(*axes: int) -> JaxArray:
+            return jnp.zeros((*shape, *axes, len(batch.starts)), start.dtype)
+
+        def visit(k: JaxArray, history: JaxArray, pull_back: Any, state: Any) -> Any:
+            sensitivity, (before, shared_before, own_before), carry = state
+            sensitivity = self.ahead(history, pull_back, sensitivity)
+            newest = sensitivity.each(lambda part: part[0])
+            residual, slopes = self.residual(k + 1, history[0], newest)
+            filtered, before = prefilter.advance(before, residual * batch.used)
+            shared, shared_before = prefilter.advance(shared_before, slopes.shared * batch.used)
+            own, own_before = prefilter.advance(own_before, slopes.own * batch.used)
+            memory = before, shared_before, own_before
+            return sensitivity, memory, add(k, filtered, Columns(shared, own), carry)
+
+        memory = zeros(), zeros(self.shared), zeros(len(self.error.free))
+        last: Carry = rollout(self.step, start, self.horizon, visit, (first, memory, carry))[2]
+        return last
 
     def start(self, correction: JaxArray) -> tuple[JaxArray, Columns]:
         """Return x_0 (past, state, batch) and S_0 of shape (past, state, column, batch).

@@ -1,0 +1,69 @@
+"""Scores by sample: what each sample of a recording contributed, over all windows that it is in.
+
+Where few windows fit a recording, as long ones do, sums over windows cannot show how residuals are
+correlated. The samples within them can.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import FloatArray, JaxArray, float64, on_device, shared_length
+from penode.data.windows import Windows
+from penode.native.normal_matrix import NormalMatrix
+from penode.training.free_starts import at_their_minimum
+from penode.training.prediction_error import Batch, PredictionError, compiled_windows
+from penode.training.sensitivities import Columns, Recursion, along
+
+
+def sample_scores(error: PredictionError, raw: FloatArray, windows: Windows) -> FloatArray:
+    """Return S'r by the sample that is predicted, the windows' starts eliminated.
+
+    Their sum over samples is that of the windows' scores.
+
+    Parameters
+    ----------
+    error : PredictionError
+    raw : ndarray, shape (parameter,)
+        Raw parameters.
+    windows : Windows
+        A few of them: all go through at once.
+
+    Returns
+    -------
+    ndarray, shape (value, sample)
+        By the parameters' values.
+    """
+    with float64():
+        batch = compiled_windows(windows, shared_length(len(windows.starts)))
+        given = on_device(raw), on_device(error.scale), batch, windows.horizon
+        return np.asarray(_by_sample(error, *given))[:, : len(windows.states)]
+
+
+@partial(jax.jit, static_argnums=0)
+def _by_sample(
+    error: PredictionError, raw: JaxArray, scale: JaxArray, batch: Batch, horizon: JaxArray
+) -> JaxArray:
+    """Return the scores (value, sample) of a batch of windows."""
+    error = replace(error, scale=scale)
+    values = error.layout.values(raw)
+    size, width = len(values), len(batch.starts)
+    each = jnp.broadcast_to(values[:, None], (size, width))
+    sums = jnp.zeros((size, batch.states.shape[1]), values.dtype)
+    normal = NormalMatrix.zero(size, values)
+    correction, follow = at_their_minimum(error, values[:, None], horizon, batch, normal)
+
+    def add(k: JaxArray, residual: JaxArray, slopes: Columns, sums: JaxArray) -> JaxArray:
+        pairs = zip(slopes.shared, slopes.own, strict=True)
+        rows = [shared - along(own, follow) for shared, own in pairs]
+        return sums.at[:, batch.starts + k + 1].add(along(residual, rows))
+
+    recursion = Recursion(error, error.layout.split(each), horizon, batch, size)
+    sums = recursion.over_steps(correction, add, sums)
+    if len(error.free):
+        held = jnp.asarray(error.stiffness)[:, None] * correction * batch.used
+        sums = sums.at[:, batch.starts].add(along(held, follow))
+    return sums
