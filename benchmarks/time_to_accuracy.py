@@ -153,7 +153,7 @@ def by_second_order(run: Experiment) -> Fit:
     first, *later = climb.stages
     several = replace(first, optimiser=BestOf(first.optimiser, tuple(others)))
     whole = replace(climb, stages=(several, *later))
-    return identify_model(start, [run], plan=whole, selector=Longest())
+    return identify_model(start, [run], plan=whole, purpose=Longest())
 
 
 def print_machine(name: str, seconds: float, machine: Machine, runs: Sequence[Experiment]) -> None:

@@ -75,7 +75,7 @@ def identify(run, unseen=(), horizons=(30, 100, 300)):
         free_starts={"v": np.inf, "i": np.inf}, penalties=(engine.WeightDecay(3e-6),)
     )
     plan = penode.Plan(tuple(map(penode.Stage, horizons, optimisers)), loss=loss)
-    return penode.identify(start, [run], plan=plan, selector=engine.Longest(), validation=unseen)
+    return penode.identify(start, [run], plan=plan, purpose=engine.Longest(), validation=unseen)
 
 
 def main(data, test, out="rlc.png"):

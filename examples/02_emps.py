@@ -72,7 +72,7 @@ def learn_friction(run, horizons=(20, 200, 1000, 2000)):
     start = Learned(95.0, 205.0, 20.0, -3.0, Spline.zero((-0.13,), (0.13,), (12,), 1))
     stages = penode.ladder_plan(horizons).stages
     plan = penode.Plan(stages, penode.Jittered(stride=250), loss=loss)
-    return penode.identify(start, [run], plan=plan, selector=Longest())
+    return penode.identify(start, [run], plan=plan, purpose=Longest())
 
 
 def main(data, pulses, out="emps.png"):

@@ -75,7 +75,7 @@ def test_predictions_are_at_the_noise(fit):
 def test_a_rung_is_that_of_the_numpy_twin(oscillator, systems):
     """States of two units are each divided by their standard deviation."""
     recording, plan = oscillator.recording, Plan((Stage(8, LevenbergMarquardt(3)),))
-    fit = identify(oscillator.fit.model, [recording], plan=plan, selector=Longest())
+    fit = identify(oscillator.fit.model, [recording], plan=plan, purpose=Longest())
     scale = recording.stack(fit.model.states).std(axis=0)
     system = dataclasses.replace(systems["duffing"], scale=scale)
     windows = system.windows(fit.horizon.selected, (recording,))

@@ -30,7 +30,7 @@ def errors(placement: Placement) -> dict[int, float]:
     machine_start = weak_start([run], "coenergy")
     start = Start(machine_start.machine, penalties=machine_start.penalties)
     plan = replace(ladder_plan(HORIZONS), placement=placement, detour=None)
-    ladder = identify(start, [run], plan=plan, selector=Longest()).horizon.ladder
+    ladder = identify(start, [run], plan=plan, purpose=Longest()).horizon.ladder
     return {r.horizon: 100 * (r.parameters["R"] / machine.resistance - 1) for r in ladder}
 
 

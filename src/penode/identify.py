@@ -4,23 +4,25 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from penode.arrays import one_blas_thread
+import numpy as np
+
+from penode.arrays import FloatArray, one_blas_thread
 from penode.data.experiment import Experiment, require_recordings
 from penode.data.stretches import check_lengths
 from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
-from penode.horizon.cross_checks import cross_check
+from penode.horizon.cross_checks import CrossCheck, cross_check
 from penode.horizon.default_plan import default_plan, with_hold
 from penode.horizon.free_runs import with_free_runs
+from penode.horizon.held_out import selector_for
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import LadderProblem, Observer, ignore_events
+from penode.horizon.ladder import Climb, LadderProblem, Observer, ignore_events
 from penode.horizon.objections import CHECKS, guarded, objections, with_objections
-from penode.horizon.selection import Plateau, Selector, believable, choose
+from penode.horizon.selection import Choice, Selector, believable, choose
+from penode.horizon.simulation import confirmed, parting
 from penode.models.base import Model
 from penode.training.plan import Plan
 from penode.validation.free_run import require_predictable
-
-DEFAULT_SELECTOR = Plateau()
 
 
 class Stopped(KeyboardInterrupt):
@@ -43,7 +45,7 @@ def identify(
     experiments: Sequence[Experiment],
     *,
     plan: Plan | None = None,
-    selector: Selector = DEFAULT_SELECTOR,
+    purpose: str | Selector = "parameters",
     validation: Sequence[Experiment] = (),
     observer: Observer = ignore_events,
 ) -> Fit:
@@ -58,8 +60,10 @@ def identify(
     plan : Plan, optional
         Stages of training; by default `penode.engine.default_plan`, made from model and recordings,
         with a zero- or first-order hold of the inputs, whichever predicts better.
-    selector : Selector
-        Picks the horizon; Lepski's plateau by default.
+    purpose : str or Selector
+        What the horizon is chosen for: ``"parameters"`` (Lepski's plateau), ``"simulation"`` or
+        ``"one_step"`` (the shortest that predicts as well as any, `penode.engine.HeldOut`), or a
+        rule of your own.
     validation : sequence of Experiment
         Recordings that are predicted but not trained on.
     observer : callable
@@ -80,6 +84,7 @@ def identify(
     began = time.monotonic()
     require_recordings(experiments, validation)
     start = start if isinstance(start, Start) else Start(start)
+    selector = selector_for(purpose, validation or experiments)
     given = plan
     plan = start.with_penalties(given or default_plan(start.model, experiments))
     plan = plan if given else with_hold(plan, start, experiments)
@@ -89,10 +94,18 @@ def identify(
     for unseen in validation:
         require_predictable(problem.objective.predictor, start.model, unseen)
 
-    climb = with_free_runs(problem, problem.climb(plan, problem.objective.layout.raw(start.model)))
-    climb = believable(climb)
-    choice = choose(selector, climb, plan)
-    check = cross_check(problem, plan, climb, choice, start)
+    raw = problem.objective.layout.raw(start.model)
+    climb, choice, check = _climbed(problem, plan, selector, start, raw)
+    if given is None and check.better is not None:
+        try:
+            again = _climbed(problem, plan, selector, start, check.better)
+            if _loss_at(choice, again[0]) < _loss_at(choice, climb):
+                climb, choice, check = again
+        except KeyboardInterrupt:
+            check = replace(check, interrupted=True)
+    if given is None:
+        choice = confirmed(choice, climb.fits)
+        check = check.beside(parting(choice, climb.fits))
     fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)
     missed: list[str] = []
     checks = [guarded(one, missed) for one in (*start.checks, *CHECKS)]
@@ -101,3 +114,19 @@ def identify(
     if climb.interrupted or check.interrupted:
         raise Stopped(fit)
     return fit
+
+
+def _climbed(
+    problem: LadderProblem, plan: Plan, selector: Selector, start: Start, raw: FloatArray
+) -> tuple[Climb, Choice, CrossCheck]:
+    """Climb from raw parameters, choose a rung, and check the choice."""
+    climb = believable(with_free_runs(problem, problem.climb(plan, raw)))
+    choice = choose(selector, climb, plan)
+    return climb, choice, cross_check(problem, plan, climb, choice, start)
+
+
+def _loss_at(choice: Choice, climb: Climb) -> float:
+    """Return a climb's loss at the rung that another one chose, infinite where it is not there."""
+    if choice.index >= len(climb.fits):
+        return np.inf
+    return climb.fits[choice.index].solution.terms.loss

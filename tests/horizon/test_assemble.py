@@ -72,11 +72,19 @@ def test_estimates_of_a_fixed_horizon_are_its_own(climbed):
 
 
 def test_the_reported_model_has_the_reported_parameters(climbed):
-    there, away = np.array([2e-3, 3e-3, 0.2, 0.05]), np.array([2e-3, 3e-3, 0.3, 0.05])
+    there, away = np.array([2e-3, 3e-3, 0.2, 0.05]), np.array([2e-3, 3e-3, 0.21, 0.05])
     fit = fit_of(climbed, values=[away, there])
-    assert 0.2 < fit.parameters["R"].value < 0.3
+    assert 0.2 < fit.parameters["R"].value < 0.21
     for name, estimate in fit.parameters.items():
         assert getattr(fit.model, name) == pytest.approx(estimate.value)
+
+
+def test_a_mean_beside_a_bent_valley_is_not_reported(climbed):
+    """Far outside the joint region of the rung that was chosen: the rung itself is."""
+    there, away = np.array([2e-3, 3e-3, 0.2, 0.05]), np.array([2e-3, 3e-3, 0.3, 0.05])
+    fit = fit_of(climbed, values=[away, there])
+    assert fit.parameters["R"].value == 0.2
+    assert fit.parameters["R"].std > climbed[1][1].deviation[2]
 
 
 def test_what_the_rungs_of_no_plateau_differ_by_widens_the_interval(climbed):

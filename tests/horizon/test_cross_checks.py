@@ -65,15 +65,16 @@ def test_another_minimum_reached_directly_is_told(systems):
     problem = LadderProblem.of(system.model, system.recorded_again(0.05), plan, lambda event: None)
     start = problem.objective.layout.raw(system.model)
     at_the_minimum = problem.climb(plan, start).fits[0]
-    assert check_path_dependence(problem, plan, at_the_minimum, start) == ()
+    assert check_path_dependence(problem, plan, at_the_minimum, start) == ((), None)
     wrong = replace(system.model, R=np.array(3 * system.model.R))
     stuck = replace(plan.stages[0], optimiser=LevenbergMarquardt(evaluations=1))
     poor = problem.climb(replace(plan, stages=(stuck,)), problem.objective.layout.raw(wrong)).fits[
         0
     ]
-    told = check_path_dependence(problem, plan, poor, start)
+    told, better = check_path_dependence(problem, plan, poor, start)
     assert any(sentence.startswith("R depends on the path") for sentence in told)
-    assert check_path_dependence(problem, replace(plan, detour=None), poor, start) == ()
+    np.testing.assert_allclose(better, at_the_minimum.solution.raw, rtol=1e-3)
+    assert check_path_dependence(problem, replace(plan, detour=None), poor, start) == ((), None)
 
 
 @dataclass(frozen=True)
@@ -87,13 +88,13 @@ class Interrupted:
 def test_an_interrupted_cross_check_keeps_the_fit_and_says_so(systems):
     system, events = systems["linear machine"], []
     runs, plan = system.recorded_again(0.05), ladder_plan((1, 4))
-    whole = identify(system.model, runs, plan=replace(plan, detour=None), selector=Longest())
+    whole = identify(system.model, runs, plan=replace(plan, detour=None), purpose=Longest())
     with pytest.raises(Stopped) as stop:
         identify(
             system.model,
             runs,
             plan=replace(plan, detour=Interrupted()),
-            selector=Longest(),
+            purpose=Longest(),
             observer=events.append,
         )
     fit = stop.value.fit

@@ -33,7 +33,7 @@ def test_a_sweep_is_its_fits_one_by_one(systems):
     assert found.values.shape == (2, 2, 4)
     # Each start and each plan once, not as in a table on its diagonal: exchanged axes would show.
     for p, k, horizon in ((0, 1, 5), (1, 0, 9)):
-        fit = identify(starts[k], runs, plan=plan_of(horizon, seed=k), selector=Longest())
+        fit = identify(starts[k], runs, plan=plan_of(horizon, seed=k), purpose=Longest())
         alone = [fit.parameters[name].value for name in found.names]
         np.testing.assert_allclose(found.values[p, k], alone, rtol=1e-10)
         assert found.loss[p, k] == pytest.approx(fit.horizon.ladder[-1].rmse ** 2)

@@ -24,6 +24,7 @@ from penode.fit.outcome import (
     Objection,
 )
 from penode.horizon.checkpoint_file import Record, Rung, packed, read, text
+from penode.horizon.held_out import PURPOSES
 from penode.horizon.identifiability import Start
 from penode.pmsm.balance.calibration import Calibration
 from penode.pmsm.balance.doubt import Doubt
@@ -35,7 +36,7 @@ from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.machine.terms import Resistance
 from penode.pmsm.recording.accuracy import Accuracy
-from penode.pmsm.study_settings import PURPOSES, Study
+from penode.pmsm.study_settings import Study
 from penode.training.penalties import GaussianPrior, WeightDecay
 
 QUICK = settings(max_examples=60, deadline=None)

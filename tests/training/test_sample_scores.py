@@ -56,6 +56,7 @@ def test_a_score_is_that_of_the_sample_it_predicts(systems):
     assert np.flatnonzero(np.any(scores[0] != scores[1], axis=0)).tolist() == [33]
 
 
+@pytest.mark.slow
 def test_horizons_too_long_for_windows_have_deviations_of_unit_size(systems):
     """Of 190 samples four windows of 75 show none; at the samples the residual is known."""
     system, errors, deviations = systems["linear machine"], [], []

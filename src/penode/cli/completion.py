@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
+from penode.horizon.held_out import PURPOSES
 from penode.pmsm.bench.config import shipped_configs
 from penode.pmsm.exports.formats import FORMATS
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.term_registry import TERMS
-from penode.pmsm.study_settings import PURPOSES
 
 
 def simulations() -> list[str]:

@@ -24,11 +24,11 @@ from penode.cli.signature import signed
 from penode.cli.summary import print_fit
 from penode.errors import InputError
 from penode.horizon.checkpoint import Checkpoint
+from penode.horizon.held_out import PURPOSES
 from penode.identify import Stopped
 from penode.pmsm.result_files import write_answer
 from penode.pmsm.study import identify
 from penode.pmsm.study_file import load_study
-from penode.pmsm.study_settings import PURPOSES
 
 _output, _errors = Console(), Console(stderr=True)
 

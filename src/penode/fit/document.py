@@ -27,6 +27,7 @@ def document_of(fit: "Fit") -> tuple[dict[str, Any], dict[str, FloatArray]]:
     document = {
         **fit.result(),
         "model": describe_module(fit.model, "model", arrays),
+        "simulation": fit.simulation and describe_module(fit.simulation, "simulation", arrays),
         "comparisons": [
             _describe(c, f"comparison.{k}", arrays) for k, c in enumerate(fit.comparisons)
         ],
@@ -79,6 +80,8 @@ def parts_of(
             for name, values in arrays.items()
             if name.startswith(_NUISANCE)
         },
+        "simulation": document.get("simulation")
+        and restore_module(document["simulation"], arrays, trust),
         "warnings": tuple(document["warnings"]),
         "provenance": document["provenance"],
     }

@@ -66,6 +66,8 @@ class Fit:
         Of the one-step residual on the first training recording, with itself and with the inputs.
     nuisances : mapping of str to ndarray, shape (recording, ...)
         Parameters of which every training recording has its own value; the model has their mean.
+    simulation : Model or None
+        The model of the horizon whose free run on the recordings errs least, of the same climb.
     warnings : tuple of str
         One sentence each.
     provenance : mapping
@@ -83,6 +85,7 @@ class Fit:
     learned_uncertainty: LearnedUncertainty = field(default_factory=LearnedUncertainty)
     correlations: Correlations = field(default_factory=Correlations)
     nuisances: Mapping[str, FloatArray] = field(default_factory=dict)
+    simulation: Model | None = None
     warnings: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 

@@ -1,7 +1,7 @@
 """Assembly: a climbed ladder and the choice made on it become a `Fit`."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +20,7 @@ from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.horizon.loss_weighting import linearised
 from penode.horizon.selection import Choice
+from penode.horizon.simulation import best_in_free_run
 from penode.horizon.uncertainty_budget import budget, raw_shifts
 from penode.models.base import Model
 from penode.training.covariance import sandwich
@@ -82,6 +83,7 @@ class Assembly:
             "training_time_s": time.monotonic() - began,
             "placement": str(self.plan.placement),
             "solver": str(self.plan.solver),
+            "hold": str(self.plan.hold),
             **self.start.facts,
         }
         predictor, experiments = self.problem.objective.predictor, self.problem.experiments
@@ -105,15 +107,19 @@ class Assembly:
             learned_uncertainty=self._uncertainty(chosen),
             correlations=residual_correlations(comparisons[shown], whole[shown], model.inputs),
             nuisances=self._nuisances(),
+            simulation=self._model(self.rungs[best_in_free_run(self.rungs)].solution.raw),
             warnings=self._warnings(comparisons),
             provenance=provenance,
         )
 
     @cached_property
     def _consensus(self) -> Consensus:
+        chosen = self.rungs[self.choice.index]
         if self.choice.verdict in AVERAGED:
-            return Consensus.of(self._agreeing)
-        return Consensus.around(self.rungs[self.choice.index], self._agreeing)
+            together = Consensus.of(self._agreeing)
+            if not together.off_the_valley(chosen):
+                return together
+        return Consensus.around(chosen, self._agreeing)
 
     @cached_property
     def _raw(self) -> FloatArray:
@@ -257,6 +263,7 @@ class Assembly:
             for c in comparisons
             if c.diverged
         ]
+        warnings += self._unknown()
         warnings += self.check.contradictions
         if self.check.interrupted:
             warnings.append(_UNFINISHED)
@@ -266,6 +273,14 @@ class Assembly:
         if hidden:
             warnings.insert(0, f"{_hidden(self.start, hidden)} {self.start.repair}")
         return (*warnings, *self.start.warnings)
+
+    def _unknown(self) -> Iterator[str]:
+        """Yield why the interval of a parameter is infinite, for each whose is."""
+        deviation = self._consensus.deviation
+        for k, name in enumerate(self.names):
+            reasons = [rung.reasons[k] for rung in self._agreeing if rung.reasons]
+            if not np.isfinite(deviation[k]) and any(reasons):
+                yield f"{name} has no interval: {next(filter(None, reasons))}."
 
     def _shortfall(self) -> str:
         reached, top = self.rungs[-1].horizon, self.plan.stages[-1].horizon

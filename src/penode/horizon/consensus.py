@@ -8,11 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from penode.arrays import FloatArray
 from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import weighted_deviation
-from penode.training.gauss_newton_terms import inverse_normal
+from penode.training.covariance import bartlett
+from penode.training.gauss_newton_terms import FLAT, inverse_normal
 from penode.training.plan import DIVERGED, Optimiser, Problem
 from penode.training.second_order import LevenbergMarquardt
 
@@ -25,6 +27,9 @@ _BIAS = 0.5
 
 #: Trains what is learned once more, with the physical parameters held.
 _REFIT = LevenbergMarquardt(evaluations=15)
+
+#: Probability of a mean outside the joint region of a rung by chance.
+_BY_CHANCE = 1e-4
 
 #: Least deviation over the value: predictor and recording agree in nothing to more digits.
 _FINEST = 1e-5
@@ -80,6 +85,23 @@ class Consensus:
         return cls(
             middle, {STATISTICS: statistics, HORIZON: horizon, PRIOR: prior, NUMERICS: finest}
         )
+
+    def off_the_valley(self, chosen: HorizonFit) -> bool:
+        """Return whether the means are outside the joint region of a rung they are means of.
+
+        Estimates that lie along a bent valley of the loss agree one by one; their mean lies beside
+        it.
+        """
+        gap = self.values - chosen.values[: len(self.values)]
+        covariance = bartlett(chosen.influence, chosen.series.lags)
+        priors = np.broadcast_to(chosen.prior, gap.shape)
+        own = np.sqrt(np.diag(covariance) + priors**2)
+        used = np.isfinite(own) & (own > 0)
+        joint = covariance[np.ix_(used, used)] + np.diag(priors[used] ** 2)
+        scaled = joint / np.outer(own[used], own[used])
+        distance = gap[used] / own[used]
+        squared = distance @ np.linalg.pinv(scaled, rcond=FLAT, hermitian=True) @ distance
+        return bool(squared > chdtri(max(int(used.sum()), 1), _BY_CHANCE))
 
     @classmethod
     def around(cls, chosen: HorizonFit, rungs: Sequence[HorizonFit]) -> "Consensus":

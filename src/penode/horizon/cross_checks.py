@@ -1,7 +1,7 @@
 """Cross-checks of the chosen rung: against training from the start alone, and against an anchor."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,11 +76,19 @@ class CrossCheck:
         Contradictions so large that the result is implausible.
     interrupted : bool
         Whether a person stopped them by Ctrl-C before their end.
+    better : ndarray, shape (parameter,), or None
+        Raw parameters of less loss at the chosen horizon, elsewhere, that training from the start
+        alone found.
     """
 
     contradictions: tuple[str, ...] = ()
     objections: tuple[Objection, ...] = ()
     interrupted: bool = False
+    better: FloatArray | None = None
+
+    def beside(self, sentences: Sequence[str]) -> "CrossCheck":
+        """Return the same with further contradictions."""
+        return replace(self, contradictions=(*self.contradictions, *sentences))
 
 
 def cross_check(
@@ -107,11 +115,11 @@ def cross_check(
     if not choice.index:
         return CrossCheck(small, objections)
     try:
-        small += check_path_dependence(problem, plan, chosen, layout.raw(start.model))
+        far, better = check_path_dependence(problem, plan, chosen, layout.raw(start.model))
     except KeyboardInterrupt:
         problem.observer({"event": "stop", "horizon": chosen.horizon})
         return CrossCheck(small, objections, interrupted=True)
-    return CrossCheck(small, objections)
+    return CrossCheck((*small, *far), objections, better=better)
 
 
 def check_against_anchor(
@@ -148,8 +156,10 @@ def check_against_anchor(
 
 def check_path_dependence(
     problem: LadderProblem, plan: Plan, chosen: HorizonFit, start: FloatArray
-) -> tuple[str, ...]:
+) -> tuple[tuple[str, ...], FloatArray | None]:
     """Train once more at the chosen horizon from the start, and return what contradicts the ladder.
+
+    Sentences, and the raw parameters where a better minimum lies elsewhere.
 
     Parameters
     ----------
@@ -164,20 +174,21 @@ def check_path_dependence(
     """
     optimiser = plan.detour
     if optimiser is None:
-        return ()
+        return (), None
     stage = next(stage for stage in plan.stages if stage.horizon == chosen.horizon)
     again = problem.problem(Stage(stage.horizon, optimiser, stage.groups), plan)
     direct = optimiser.minimise(again, start)
     if direct.outcome == DIVERGED or not direct.terms.loss <= chosen.solution.terms.loss:
-        return ()  # the ladder is no worse: its path served
+        return (), None  # the ladder is no worse: its path served
     names = problem.objective.layout.physical
     gap = problem.reported.values(direct.raw)[: len(names)] - chosen.values[: len(names)]
     far = np.abs(gap) > chosen.working[: len(names)]
     lower = 100 * (1 - direct.terms.loss / chosen.solution.terms.loss)
-    return tuple(
+    sentences = tuple(
         f"{name} depends on the path: trained at H = {chosen.horizon} from the start it comes out "
         f"as {chosen.values[k] + gap[k]:.4g}, not {chosen.values[k]:.4g}, at a loss lower by "
         f"{lower:.2g} %."
         for k, name in enumerate(names)
         if far[k]
     )
+    return sentences, direct.raw if sentences else None

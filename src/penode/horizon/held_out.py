@@ -7,8 +7,9 @@ import numpy as np
 
 from penode.arrays import FloatArray, float64, on_device
 from penode.data.experiment import Experiment
+from penode.errors import InputError
 from penode.horizon.ladder import HorizonFit
-from penode.horizon.selection import Choice
+from penode.horizon.selection import Choice, Plateau, Selector
 from penode.models.parameters import with_batch_axis
 from penode.validation.free_run import compare, look_ahead
 
@@ -102,4 +103,30 @@ def _named(steps: int) -> str:
 
 
 #: Look-aheads that count for a purpose other than the physical parameters.
-LOOK_AHEADS = {"simulation": (FREE_RUN,), "one_step": (1,)}
+_LOOK_AHEADS = {"simulation": (FREE_RUN,), "one_step": (1,)}
+#: What a horizon may be chosen for (paper, section 3.1).
+PURPOSES = ("parameters", *_LOOK_AHEADS)
+
+
+def selector_for(purpose: str | Selector, experiments: Sequence[Experiment]) -> Selector:
+    """Return the rule that picks the horizon for a purpose.
+
+    Parameters
+    ----------
+    purpose : str or Selector
+        One of `PURPOSES`, or the rule itself.
+    experiments : sequence of Experiment
+        What may be predicted.
+
+    Raises
+    ------
+    InputError
+        If there is no such purpose.
+    """
+    if not isinstance(purpose, str):
+        return purpose
+    if purpose not in PURPOSES:
+        raise InputError(f"purpose must be one of {', '.join(PURPOSES)}, got {purpose!r}.")
+    if purpose == "parameters":
+        return Plateau()
+    return HeldOut(experiments, _LOOK_AHEADS[purpose])

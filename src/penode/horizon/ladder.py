@@ -23,6 +23,7 @@ from penode.training.covariance import (
     influence,
     prior_deviation,
     sandwich_deviation,
+    undetermined,
 )
 from penode.training.gauss_newton_terms import residual_scale
 from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Solution, Stage
@@ -77,6 +78,7 @@ def fitting_plan(plan: Plan, experiments: Sequence[Experiment]) -> Plan:
     return replace(plan, stages=tuple(itertools.compress(plan.stages, enough)))
 
 
+_FEW = "one or two windows decide it; record longer, or excite more evenly"
 #: Error of a horizon over that of the first from which predictions have exploded.
 _EXPLODED = 1e6
 
@@ -108,6 +110,8 @@ class HorizonFit:
         With the rung's parameters.
     prior : ndarray, shape (physical,), or 0
         Deviation of each physical parameter that Gaussian priors add, SI units.
+    reasons : tuple of str
+        Why the deviation of each physical parameter is not known; empty where it is.
     free_run : ndarray, shape (state,), or None
         Errors of a free run (rms), infinite where it diverged; None while they are not known.
     """
@@ -123,6 +127,7 @@ class HorizonFit:
     predictor: Predictor
     model: Model
     prior: FloatArray | float = 0.0
+    reasons: tuple[str, ...] = ()
     free_run: FloatArray | None = None
 
 
@@ -244,14 +249,18 @@ class LadderProblem:
     def _finish(self, horizon: int, problem: Problem, solution: Solution) -> HorizonFit:
         jacobian = problem.reported_jacobian(solution.raw)
         of_physical = jacobian[: len(self.objective.layout.physical)]
-        error, few = self.objective.error, dominated_by_few_windows(solution.terms, of_physical)
+        few = dominated_by_few_windows(solution.terms, of_physical)
         solution, series = self._ordered(problem, solution, jacobian)
         working = sandwich_deviation(solution.terms, jacobian, series)
-        working[: len(few)][few] = np.inf
+        blind = self._blind(problem, solution, of_physical)
+        working[: len(few)][few | np.array([bool(names) for names in blind], dtype=bool)] = np.inf
         deviation = working.copy()
-        spent = horizon * len(error.compared) <= np.sum(error.stiffness == 0)  # all on starts
-        if spent or not series.long_enough:
+        if reason := self._unknown(horizon, series):
             deviation[:] = np.inf
+        reasons = tuple(
+            _together(names) if names else _FEW if of_few else reason
+            for names, of_few in zip(blind, few, strict=True)
+        )
         with float64():
             model = self.objective.layout.plain_model(solution.raw)
         return HorizonFit(
@@ -266,7 +275,28 @@ class LadderProblem:
             predictor=self.objective.predictor,
             model=model,
             prior=prior_deviation(solution.terms, of_physical),
+            reasons=reasons,
         )
+
+    def _unknown(self, horizon: int, series: ScoreSeries) -> str:
+        """Return why no deviation is known at a horizon; nothing where they are."""
+        error = self.objective.error
+        if horizon * len(error.compared) <= np.sum(error.stiffness == 0):
+            return f"windows of {horizon} steps spend all they show on their own start"
+        if not series.long_enough:
+            return (
+                f"{series.samples} samples are few beside the {series.bandwidth} over which what "
+                "is left over is correlated; record longer"
+            )
+        return ""
+
+    def _blind(
+        self, problem: Problem, solution: Solution, of_physical: FloatArray
+    ) -> list[list[str]]:
+        """Return of each physical parameter those that the windows do not tell it from, or none."""
+        names = np.array(self.objective.layout.raw_names)[problem.moving]
+        parts = undetermined(solution.terms, of_physical)
+        return [list(dict.fromkeys(names[row])) for row in parts]
 
     def _ordered(
         self, problem: Problem, solution: Solution, jacobian: FloatArray
@@ -317,6 +347,13 @@ class LadderProblem:
             )
 
         return report
+
+
+def _together(names: Sequence[str]) -> str:
+    """Return why parameters in one flat direction have no deviation."""
+    if len(names) < 2:
+        return "no sample depends on it; excite the system so that it acts, or fix it"
+    return f"the data do not tell {', '.join(names)} apart; excite the system otherwise, or fix one"
 
 
 def _explodes(solution: Solution, first: HorizonFit) -> bool:

@@ -161,11 +161,11 @@ class Plateau:
             )
             return Choice(index, "no plateau", reason, tuple(range(len(rungs))))
         if chosen == 1:
-            reason = f"Estimates agree up to H = {high} and are averaged; none is surer than H = 1."
+            reason = f"Estimates agree up to H = {high}; none is surer than H = 1."
             return Choice(index, "H = 1 suffices", reason, run)
         reason = (
-            f"Estimates agree from H = {low} to {high} and are averaged; H = {chosen} is the "
-            "shortest of the surest."
+            f"Estimates agree from H = {low} to {high}; H = {chosen} is the shortest of those with "
+            "the least expected error."
         )
         return Choice(index, "plateau", reason, run)
 

@@ -197,6 +197,12 @@ class Layout(Generic[AnyModule]):
         return updated
 
     @property
+    def raw_names(self) -> tuple[str, ...]:
+        """The parameter to which each raw entry belongs."""
+        pairs = zip(self.names, self._raw, strict=True)
+        return tuple(name for name, at in pairs for _ in range(at.stop - at.start))
+
+    @property
     def physical_members(self) -> BoolArray:
         """Which raw entries, shape (size,), are physical parameters'."""
         return self._where([setting.physical for setting in self.settings])

@@ -13,6 +13,7 @@ What the model is made of
 `penode.pmsm.bench` is the simulated drive.
 """
 
+from penode.horizon.held_out import PURPOSES
 from penode.pmsm import bench
 from penode.pmsm.balance.start import nominal_start, weak_start
 from penode.pmsm.balance.term_selection import CANDIDATES, Structure, structure_of
@@ -59,7 +60,7 @@ from penode.pmsm.result_files import flux_map_csv, write
 from penode.pmsm.simulation.simulated_drive import torque_of
 from penode.pmsm.study import identify
 from penode.pmsm.study_file import StudyFile, load_study
-from penode.pmsm.study_settings import PURPOSES, Study
+from penode.pmsm.study_settings import Study
 
 __all__ = [
     "CANDIDATES",

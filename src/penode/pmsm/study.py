@@ -122,7 +122,7 @@ def identify(
         start,
         recordings,
         plan=plan,
-        selector=study.selector(unseen or recordings),
+        purpose=study.selector(unseen or recordings),
         validation=unseen,
         observer=observer,
     )

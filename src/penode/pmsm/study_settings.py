@@ -7,9 +7,9 @@ from penode.data.excerpt import STRETCH, Excerpt, excerpt
 from penode.data.experiment import Experiment
 from penode.data.windows import Jittered
 from penode.errors import InputError
-from penode.horizon.held_out import LOOK_AHEADS, HeldOut
+from penode.horizon.held_out import selector_for
 from penode.horizon.ladder import HORIZONS, fitting_plan, ladder_plan
-from penode.horizon.selection import Longest, Plateau, Selector
+from penode.horizon.selection import Longest, Selector
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.term_selection import CANDIDATES, is_open, structure_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
@@ -24,7 +24,6 @@ from penode.training.plan import Plan
 from penode.training.second_order import LevenbergMarquardt
 
 #: What the horizon may be chosen for.
-PURPOSES = ("parameters", *LOOK_AHEADS)
 #: Samples between windows of short horizons where recordings hold far more than is used.
 _APART = 5
 #: A window's first sample is measured like all others: its error counts as one of theirs, and is
@@ -102,8 +101,7 @@ class Study:
             raise InputError(f"horizon {self.horizon} came; give a whole number from 1, or auto.")
         if self.samples < 1:
             raise InputError(f"samples {self.samples} came; give a whole number from 1.")
-        if self.purpose not in PURPOSES:
-            raise InputError(f"purpose {self.purpose!r} came; choose one of {', '.join(PURPOSES)}.")
+        selector_for(self.purpose, ())
         check_hold(self.hold or DEFAULT_HOLD)
         completed(self.terms)
         check_angle_orders(self.flux_map, self.angle_orders or ())
@@ -158,9 +156,7 @@ class Study:
         """Return the rule that picks the horizon, given what it may predict."""
         if self.horizon is not None:
             return Longest()
-        if self.purpose == "parameters":
-            return Plateau()
-        return HeldOut(experiments, LOOK_AHEADS[self.purpose])
+        return selector_for(self.purpose, experiments)
 
 
 DEFAULT_STUDY = Study()

@@ -19,13 +19,20 @@ from penode.arrays import (
 from penode.data.windows import Windows
 from penode.models.base import Model
 from penode.models.layout import Layout
-from penode.training.gauss_newton_terms import GaussNewtonTerms
+from penode.training.gauss_newton_terms import (
+    GaussNewtonTerms,
+    flat_directions,
+    marquardt_scale,
+)
 
 #: Length of the recordings, in HAC bandwidths, below which no deviation is given.
 LEAST_BANDWIDTHS = 5
 
 #: Most correlation from a sample to the next that a bandwidth is made for.
 _MOST_ALIKE = 0.97
+
+#: Part of a quantity along flat directions up to which the data determine it.
+_SEEN = 1e-3
 
 #: A quantity hangs on single windows if of many no more than this number weigh in its variance.
 _FEW_WINDOWS = 2.5
@@ -238,6 +245,28 @@ def _prior_variance(terms: GaussNewtonTerms, along: FloatArray) -> FloatArray:
     if not isinstance(terms.prior, np.ndarray):
         return np.zeros(len(along))
     return np.maximum(np.sum((along @ terms.prior) * along, axis=1), 0.0)
+
+
+def undetermined(terms: GaussNewtonTerms, jacobian: FloatArray) -> BoolArray:
+    """Return how much of each reported quantity no window sees, (reported, parameter) of booleans.
+
+    A direction in which the normal matrix is flat has no variance in a pseudo-inverse, and none
+    that is known. True where a parameter has part in such a direction of a quantity.
+
+    Parameters
+    ----------
+    terms : GaussNewtonTerms
+        At the minimum.
+    jacobian : ndarray, shape (reported, parameter)
+        Derivative of the reported quantities.
+    """
+    flat = flat_directions(terms.normal)
+    rows = jacobian / marquardt_scale(terms.normal)
+    size = np.linalg.norm(rows, axis=1, keepdims=True)
+    along = rows @ flat
+    seen = np.linalg.norm(along, axis=1, keepdims=True) <= _SEEN * size
+    parts = np.abs(along @ flat.T) > _SEEN * size
+    return np.asarray(parts & ~seen)
 
 
 def influence(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:

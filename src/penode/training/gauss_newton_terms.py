@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from penode.arrays import FloatArray, float64, with_shared_length
+from penode.arrays import BoolArray, FloatArray, float64, with_shared_length
 from penode.models.base import Model
 from penode.models.parameters import with_batch_axis
 from penode.training.loss import Loss, channel_deviation
@@ -65,10 +65,22 @@ def marquardt_scale(normal: FloatArray) -> FloatArray:
 def inverse_normal(normal: FloatArray) -> FloatArray:
     """Return the pseudo-inverse, shape (parameter, parameter), of a scaled normal matrix."""
     scale = marquardt_scale(normal)
-    eigenvalues, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
-    kept = eigenvalues > FLAT * eigenvalues[-1]
+    eigenvalues, vectors, kept = _scaled_eigen(normal)
     weights = np.where(kept, 1.0 / np.where(kept, eigenvalues, 1.0), 0.0)
     return np.asarray((vectors * weights) @ vectors.T / np.outer(scale, scale))
+
+
+def flat_directions(normal: FloatArray) -> FloatArray:
+    """Return the directions that the pseudo-inverse leaves out, (parameter, direction), scaled."""
+    _, vectors, kept = _scaled_eigen(normal)
+    return np.asarray(vectors[:, ~kept])
+
+
+def _scaled_eigen(normal: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return eigenvalues and vectors of a scaled normal matrix, and which are not flat."""
+    scale = marquardt_scale(normal)
+    eigenvalues, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    return eigenvalues, vectors, eigenvalues > FLAT * eigenvalues[-1]
 
 
 def squared(slopes: FloatArray) -> FloatArray:

@@ -78,7 +78,7 @@ class CurrentPredictor:
             Start(start),
             runs,
             plan=self.plan,
-            selector=Longest(),
+            purpose=Longest(),
             validation=unseen,
             observer=observer,
         )

@@ -78,7 +78,7 @@ class NeuralODE:
             Start(nominal_start(runs, self.seed)),
             runs,
             plan=self.plan,
-            selector=Longest(),
+            purpose=Longest(),
             validation=[drive_recording(e) for e in validation],
             observer=observer,
         )

@@ -110,7 +110,7 @@ class PaperRecipe:
             Start(nominal_start(experiments, self.seed)),
             experiments,
             plan=self.plan(),
-            selector=Longest(),
+            purpose=Longest(),
             validation=validation,
             observer=observer,
         )

@@ -1,0 +1,105 @@
+"""Simulation beside estimation: the rung whose free run errs least, and what it says of a choice.
+
+Where a model leaves something out, short and long horizons are biased by different parts of it.
+One step at a time is best for a model that is right, several where states are not measured (M.
+Somalwar et al., arXiv:2603.23465), and all at once for simulation.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.fit.outcome import AVERAGED, NORMAL_95
+from penode.horizon.consensus import Consensus
+from penode.horizon.ladder import HorizonFit
+from penode.horizon.selection import Choice
+from penode.models.layout import Layout
+
+#: Factors between errors of free runs: one that does not matter, and one that chance does not make.
+_NEGLIGIBLE, _MUCH = 1.01, 1.5
+
+
+def best_in_free_run(rungs: Sequence[HorizonFit]) -> int:
+    """Return the index of the shortest rung whose free run errs as little as any, within 1 %.
+
+    Parameters
+    ----------
+    rungs : sequence of HorizonFit
+        With errors of their free runs (`penode.horizon.free_runs.with_free_runs`).
+    """
+    errors = _free_run_errors(rungs)
+    return int(np.argmax(errors <= _NEGLIGIBLE * errors.min()))
+
+
+def confirmed(choice: Choice, rungs: Sequence[HorizonFit]) -> Choice:
+    """Return a choice, refused where another horizon simulates much better with other parameters.
+
+    Parameters
+    ----------
+    choice : Choice
+        Of a plateau; any other is returned as it is.
+    rungs : sequence of HorizonFit
+        With errors of their free runs.
+    """
+    found = _better(choice, rungs)
+    if found is None or found[1] < _MUCH:
+        return choice
+    best, ratio, sentence = found
+    longer = rungs[best].horizon > rungs[choice.index].horizon
+    reason = (
+        f"{choice.reason} But in free run they err {ratio:.2g} times as much as H = "
+        f"{rungs[best].horizon}, {sentence}: {'short' if longer else 'long'} horizons are biased "
+        "by what the model leaves out."
+    )
+    return replace(
+        choice,
+        index=best,
+        verdict="no plateau",
+        reason=reason,
+        agreeing=tuple(range(len(rungs))),
+    )
+
+
+def parting(choice: Choice, rungs: Sequence[HorizonFit]) -> tuple[str, ...]:
+    """Return a sentence where the best simulation has other parameters than the plateau.
+
+    Parameters
+    ----------
+    choice : Choice
+    rungs : sequence of HorizonFit
+        With errors of their free runs.
+    """
+    found = _better(choice, rungs)
+    if found is None:
+        return ()
+    best, ratio, sentence = found
+    return (
+        f"Misfit: for simulation H = {rungs[best].horizon} is better, its free run errs "
+        f"{100 * (1 - 1 / ratio):.0f} % less {sentence}; parameters are taken from the plateau, "
+        "and `fit.simulation` is the model to simulate with.",
+    )
+
+
+def _better(choice: Choice, rungs: Sequence[HorizonFit]) -> tuple[int, float, str] | None:
+    """Return a rung that simulates better with parameters outside the plateau's intervals."""
+    if choice.verdict not in AVERAGED:
+        return None
+    best, errors = best_in_free_run(rungs), _free_run_errors(rungs)
+    together = Consensus.of([rungs[k] for k in choice.agreeing])
+    names = Layout(rungs[best].model).physical
+    gap = np.abs(rungs[best].values[: len(names)] - together.values)
+    outside = np.flatnonzero(gap > NORMAL_95 * together.deviation)
+    ratio = float(errors[choice.index] / errors[best])
+    if not len(outside) or not ratio > _NEGLIGIBLE:
+        return None
+    k = outside[int(np.argmax(gap[outside] / np.maximum(together.deviation[outside], 1e-300)))]
+    return best, ratio, f"with {names[k]} = {rungs[best].values[k]:.4g} outside the interval"
+
+
+def _free_run_errors(rungs: Sequence[HorizonFit]) -> FloatArray:
+    """Return the geometric mean over states of each rung's free-run errors, (rung,)."""
+    errors = np.stack([np.asarray(rung.free_run, dtype=float) for rung in rungs])
+    logs = np.log(np.clip(errors, 1e-300, 1e300)).mean(axis=1)
+    return np.asarray(np.exp(logs))
