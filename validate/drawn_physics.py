@@ -1,28 +1,28 @@
 """Forty kinds of physics, drawn, each identified by default: ``python -m validate.drawn_physics``.
 
 ``[COUNT] [FIRST] [NAME ...] [--jobs 2]``: draws FIRST to FIRST + COUNT (10 from 0) of the kinds
-named, or of all 40 of `validate.physics`: parameters, excitation and noise. Two to six states, stiff
-and not, all of them measured or some. A recording of 800 to 4000 samples with 0.5 to 3 % noise is
-simulated by LSODA, which shares nothing with penode, and ``identify(model, [recording])`` begins 25
-to 60 % off with nothing else given.
+named, or of all 40 of `validate.physics`: parameters, excitation and noise. Two to six states,
+stiff and not, all of them measured or some. A recording of 800 to 4000 samples with 0.5 to 3 %
+noise is simulated by LSODA, which shares nothing with penode, and ``identify(model, [recording])``
+begins 25 to 60 % off with nothing else given.
 
 24 kinds are well specified. Of 16 the plant has more than the model: Coulomb friction, a delay, an
 unmodelled mode or a saturation. Their truth is the plant's own parameters, those it would have
 without what was added: an interval has to hold them although the model cannot be right.
 
-The table has for each kind how many verdicts are positive; how many of their finite intervals (95 %)
-hold the truth, and how many intervals are infinite; the median error over half an interval; how many
-fits are right, whatever is said of them, and how many of these are called implausible or are not
-positive; the median error (root mean square of the parameters' relative ones) and its ratio to that
-of the ladder's best rung, beside the same of the first rung and of the last; seconds of the first
-draw and of later ones, and how many programs a later one still compiles.
+The table has for each kind how many verdicts are positive; how many of their finite intervals
+(95 %) hold the truth, and how many intervals are infinite; the median error over half an interval;
+how many fits are right, whatever is said of them, and how many of these are called implausible or
+are not positive; the median error (root mean square of the parameters' relative ones) and its ratio
+to that of the ladder's best rung, beside the same of the first rung and of the last; seconds of the
+first draw and of later ones, and how many programs a later one still compiles.
 
-*Right* are parameters that all lie in finite intervals or within 2 %, with a free run on a recording
-of its own at most 1.2 times as far off as that of the best rung.
+*Right* are parameters that all lie in finite intervals or within 2 %, with a free run on a
+recording of its own at most 1.2 times as far off as that of the best rung.
 
-What became of each is kept in ``out/validate/drawn_physics.jsonl``; delete it after a change. Ctrl-C
-prints the table so far; the same command goes on. The draws of a kind follow each other in one
-process, so that compiled programs serve them all.
+What became of each is kept in ``out/validate/drawn_physics.jsonl``; delete it after a change.
+Ctrl-C prints the table so far; the same command goes on. The draws of a kind follow each other in
+one process, so that compiled programs serve them all.
 """
 
 import argparse

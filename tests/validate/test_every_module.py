@@ -49,7 +49,10 @@ from validate import (
 )
 
 #: Modules with tests of their own, and those that run in an environment of other simulators.
-TESTED = {"command", "golden", "drawn_logs", "through_command", "sampled_drive"}
+TESTED = {
+    "command", "golden", "drawn_logs", "drawn_physics", "physics", "through_command",
+    "sampled_drive",
+}  # fmt: skip
 ELSEWHERE = {
     "other_simulators.gem_drive": "gym_electric_motor",
     "other_simulators.motulator_drive": "motulator",

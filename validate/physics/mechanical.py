@@ -36,7 +36,9 @@ def _two_mass(m: Any, x: JaxArray, u: Inputs) -> Sequence[JaxArray]:
 
 def _two_mass_plant(x: Numbers, u: Numbers, p: Named) -> Numbers:
     k, d, b, one, two = p["k"], p["d"], p["b"], p["J1"], p["J2"]
-    matrix = np.array([[-(d + b) / one, -k / one, d / one], [1, 0, -1], [d / two, k / two, -d / two]])
+    matrix = np.array(
+        [[-(d + b) / one, -k / one, d / one], [1, 0, -1], [d / two, k / two, -d / two]]
+    )
     return matrix @ x + [u[0] / one, 0, 0]
 
 

@@ -15,8 +15,8 @@ from validate.physics.signals import Path, all_breaks
 _RELATIVE, _ABSOLUTE, _MOST = 1e-8, 1e-9, 300
 
 
-class _RunsAway(Exception):
-    pass
+class _RunsAwayError(Exception):
+    """The states left the range of numbers, or need more evaluations than are allowed."""
 
 
 def simulate(
@@ -27,7 +27,7 @@ def simulate(
     step: float,
     samples: int,
 ) -> FloatArray:
-    """Return the states at the samples, (sample, state), not a number from where they run away.
+    """Return the states at the samples, (sample, state), nan from the break before they run away.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def simulate(
     def rates(t: float, x: FloatArray, pieces: Sequence) -> Sequence[float]:
         left[0] -= 1
         if left[0] < 0 or not np.isfinite(x).all():
-            raise _RunsAway
+            raise _RunsAwayError
         return plant(x.tolist(), [piece(t / step) for piece in pieces], parameters)
 
     now = np.array(first, dtype=float)
@@ -65,6 +65,6 @@ def simulate(
                 return states
             states[inner] = run.y.T[: len(inner)]
             now = run.y[:, -1]
-    except (_RunsAway, OverflowError, ValueError, ZeroDivisionError):
+    except (_RunsAwayError, OverflowError, ValueError, ZeroDivisionError):
         pass
     return states

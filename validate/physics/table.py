@@ -24,7 +24,9 @@ def line_of(one: Record) -> str:
             + "*" * (not inside[name])
             for name, true in one["truth"].items()
         )
-        ladder = f"H {one['selected']} of {one['rungs'][0]['horizon']}-{one['rungs'][-1]['horizon']}"
+        ladder = (
+            f"H {one['selected']} of {one['rungs'][0]['horizon']}-{one['rungs'][-1]['horizon']}"
+        )
         head += f" {ladder} error {100 * large(one['error']):.2g} (best {100 * best:.2g}) % "
         head += f"fresh {large(one['fresh']):.2f} {'right' if is_right(one) else 'wrong'}: {each}"
     said = ", ".join(dict.fromkeys(one.get("objections", ())))
@@ -38,7 +40,7 @@ def _half(one: Record, name: str) -> str:
 
 
 def print_table(draws: Sequence[Record]) -> None:
-    """Print a line a kind, those of each sort together, and what the right ones were refused for."""
+    """Print a line a kind, both sorts together, and what right ones were refused for."""
     print(f"\n{HEAD}")
     for name in dict.fromkeys(one["physics"] for one in draws):
         print(row(name, [one for one in draws if one["physics"] == name]))
