@@ -82,7 +82,8 @@ def _run_kind(numbers: Sequence[int], name: str) -> None:
 def _killed(name: str, number: int, reason: str) -> Record:
     record = {"draw": f"{name} {number}", "physics": name, "number": number, "truth": {}}
     record |= {"misfits": KINDS[name].misfits, "verdict": "failed", "reason": reason, "rungs": []}
-    return record | {"positive": False, "seconds": 0.0, "compiled": 0, "compiling": 0.0}
+    nothing = {"seconds": 0.0, "compiled": 0, "compiling": 0.0, "warned": []}
+    return record | {"positive": False, **nothing}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -103,6 +103,7 @@ def _record(**other: object) -> Record:
         "values": {"a": 1.1, "b": 2.0}, "half": {"a": 0.2, "b": None}, "verdict": "plateau",
         "positive": True, "reason": "", "objections": [], "selected": 8, "error": 0.15,
         "fresh": 1.0, "rungs": rungs, "seconds": 3.0, "compiled": 5,
+        "warned": [],
     }  # fmt: skip
     return one | other
 

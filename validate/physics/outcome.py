@@ -3,6 +3,7 @@
 import math
 import time
 import traceback
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -11,7 +12,7 @@ import jax
 import numpy as np
 
 from penode import Fit, InputError, identify
-from penode.fit.outcome import AVERAGED
+from penode.fit.outcome import AVERAGED, HorizonSummary
 from validate.ledger import Record
 from validate.physics.kind import Draw, Kind, draw, rows
 from validate.physics.simulate import simulate
@@ -46,17 +47,19 @@ def result_of(kind: Kind, number: int) -> Record:
     record: Record = {"draw": f"{kind.name} {number}", "physics": kind.name, "number": number}
     record |= {"misfits": kind.misfits, "truth": dict(drawn.truth)}
     began = time.perf_counter()
-    with counted() as compiled:
+    with counted() as compiled, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         try:
             fit = identify(drawn.start, [drawn.train.experiment])
         except InputError as refused:
             record |= {"verdict": "refused", "reason": str(refused)}
-        except Exception as error:  # a failure of penode itself is a result of this study
-            where = traceback.extract_tb(error.__traceback__)[-1]
-            reason = f"{type(error).__name__}: {error} ({where.filename}:{where.lineno})"
+        except Exception as failure:  # of penode itself: a result of this study
+            where = traceback.extract_tb(failure.__traceback__)[-1]
+            reason = f"{type(failure).__name__}: {failure} ({where.filename}:{where.lineno})"
             record |= {"verdict": "failed", "reason": reason}
         else:
             record |= {"seconds": time.perf_counter() - began, **found(drawn, fit)}
+    record["warned"] = sorted({f"{w.category.__name__}: {w.message}" for w in caught})
     record |= {"compiled": len(compiled), "compiling": sum(compiled)}
     return {"seconds": time.perf_counter() - began, "positive": False, "rungs": [], **record}
 
@@ -65,12 +68,6 @@ def found(drawn: Draw, fit: Fit) -> Record:
     """Return what a fit says, beside the errors of its rungs."""
     horizon = fit.horizon
     values = {name: one.value for name, one in fit.parameters.items()}
-    rungs = [(rung.horizon, rung.parameters) for rung in horizon.ladder]
-    judged = [
-        {"horizon": h, "error": error(values, drawn.truth), "fresh": fresh_error(drawn, values),
-         "values": dict(values)}
-        for h, values in rungs
-    ]  # fmt: skip
     return {
         "verdict": horizon.verdict,
         "positive": horizon.verdict in AVERAGED,
@@ -82,7 +79,19 @@ def found(drawn: Draw, fit: Fit) -> Record:
         "half": {name: _number(1.96 * one.std) for name, one in fit.parameters.items()},
         "error": error(values, drawn.truth),
         "fresh": fresh_error(drawn, values),
-        "rungs": judged,
+        "rungs": [_rung(drawn, rung) for rung in horizon.ladder],
+    }
+
+
+def _rung(drawn: Draw, rung: HorizonSummary) -> Record:
+    return {
+        "horizon": rung.horizon,
+        "error": error(rung.parameters, drawn.truth),
+        "fresh": fresh_error(drawn, rung.parameters),
+        "values": dict(rung.parameters),
+        "half": {name: _number(1.96 * std) for name, std in rung.std.items()},
+        "rmse": _number(rung.rmse),
+        "outcome": rung.outcome,
     }
 
 

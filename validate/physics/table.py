@@ -31,7 +31,7 @@ def line_of(one: Record) -> str:
         head += f"fresh {large(one['fresh']):.2f} {'right' if is_right(one) else 'wrong'}: {each}"
     said = ", ".join(dict.fromkeys(one.get("objections", ())))
     said = one["reason"] if one["verdict"] not in ("plateau", "H = 1 suffices") else said
-    return f"{head}; {said}"
+    return f"{head}; {said}" + "".join(f" !! {warned}" for warned in one["warned"])
 
 
 def _half(one: Record, name: str) -> str:
