@@ -17,6 +17,7 @@ from penode.horizon.ladder import LadderProblem, Observer, ignore_events
 from penode.horizon.objections import CHECKS, guarded, objections, with_objections
 from penode.horizon.selection import Plateau, Selector, believable, choose
 from penode.models.base import Model
+from penode.models.checked import require_sound
 from penode.training.plan import Plan
 from penode.validation.free_run import require_predictable
 
@@ -80,6 +81,7 @@ def identify(
     began = time.monotonic()
     require_recordings(experiments, validation)
     start = start if isinstance(start, Start) else Start(start)
+    require_sound(start.model)
     given = plan
     plan = start.with_penalties(given or default_plan(start.model, experiments))
     plan = plan if given else with_hold(plan, start, experiments)
