@@ -10,6 +10,7 @@ from penode.data.stretches import check_lengths
 from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
 from penode.horizon.cross_checks import cross_check
+from penode.horizon.declared_priors import with_declared_priors
 from penode.horizon.default_plan import default_plan, with_hold
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.identifiability import Start
@@ -85,6 +86,7 @@ def identify(
     given = plan
     plan = start.with_penalties(given or default_plan(start.model, experiments))
     plan = plan if given else with_hold(plan, start, experiments)
+    plan = with_declared_priors(plan, start, experiments)
     problem = LadderProblem.of(start.model, experiments, plan, observer)
     longest = max(stage.horizon for stage in plan.stages)
     check_lengths(experiments, longest, problem.objective.predictor.past)

@@ -129,15 +129,18 @@ def _require_rows(place: str, result: Any, model: Model, rows: int | None) -> No
         )
     fits = result.ndim == 2 and result.shape[1] in (1, _BATCH) and rows in (None, len(result))
     if not fits:
-        sizes = ["batch" if size == _BATCH else str(size) for size in result.shape]
         wanted = f"({rows or 'rows'}, batch)"
         each = f", a row for each of the states {states}" if rows else ""
         raise InputError(
-            f"{place} returns shape ({', '.join(sizes)}{',' * (len(sizes) == 1)}) where {wanted} was wanted{each}; "
+            f"{place} returns shape {_shown(result.shape)} where {wanted} was wanted{each}; "
             "put the rows together with jnp.stack([...])."
         )
     if jnp.issubdtype(result.dtype, jnp.complexfloating):
         raise InputError(f"{place} returns complex numbers; return real ones, as with jnp.real.")
+
+
+def _shown(shape: tuple[int, ...]) -> str:
+    return str(shape).replace(str(_BATCH), "batch")
 
 
 def _sentence(place: str, error: Exception, model: Model) -> str:
@@ -148,10 +151,10 @@ def _sentence(place: str, error: Exception, model: Model) -> str:
     if isinstance(error, (KeyError, IndexError)) and first.startswith("no input"):
         return f"{where}: {first}{_elsewhere(text, model)}."
     asked = text.rpartition("idx='")[2].partition("'")[0]
-    row = f"x[{model.states.index(asked)}]" if asked in model.states else "x[0]"
-    instead = (
-        f", but u has: u[{asked!r}]" if asked in model.inputs else f"; take a row, as in {row}"
-    )
+    row = model.states.index(asked) if asked in model.states else 0
+    instead = f"; take a row, as in x[{row}]"
+    if asked in model.inputs:
+        instead = f", but u has: u[{asked!r}]"
     names = {"input": (*model.inputs, "name")[0], "instead": instead}
     for sign, mend in _KNOWN:
         if sign in text:

@@ -175,6 +175,16 @@ class Layout(Generic[AnyModule]):
         gaps = [(values[at] - s.prior.mean) / s.prior.deviation for s, at in parts if s.prior]
         return jnp.concatenate([values[:0], *gaps])
 
+    @property
+    def priors(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and deviation of each value's prior, both (value,); 0 and inf where it has none."""
+        size = self._values[-1].stop if self._values else 0
+        mean, deviation = np.zeros(size), np.full(size, np.inf)
+        for setting, at in zip(self.settings, self._values, strict=True):
+            if setting.prior:
+                mean[at], deviation[at] = setting.prior.mean, setting.prior.deviation
+        return mean, deviation
+
     def physical_values(self, values: JaxArray) -> JaxArray:
         """Pick the physical parameters, shape (physical,), out of a vector of values."""
         parts = zip(self.settings, self._values, strict=True)
