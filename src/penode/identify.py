@@ -17,6 +17,7 @@ from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, Observer, ignore_events
 from penode.horizon.objections import CHECKS, guarded, objections, with_objections
 from penode.horizon.selection import Plateau, Selector, believable, choose
+from penode.horizon.undetermined import determined, with_reasons
 from penode.models.base import Model
 from penode.models.checked import require_sound
 from penode.training.plan import Plan
@@ -94,12 +95,13 @@ def identify(
         require_predictable(problem.objective.predictor, start.model, unseen)
 
     climb = with_free_runs(problem, problem.climb(plan, problem.objective.layout.raw(start.model)))
-    climb = believable(climb)
+    climb = determined(believable(climb), problem, plan)
     choice = choose(selector, climb, plan)
     check = cross_check(problem, plan, climb, choice, start)
     fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)
     missed: list[str] = []
     checks = [guarded(one, missed) for one in (*start.checks, *CHECKS)]
+    fit = with_reasons(fit, climb, choice, problem, plan)
     raised = [*objections(fit, experiments, checks), *check.objections]
     fit = with_objections(replace(fit, warnings=(*missed, *fit.warnings)), raised)
     if climb.interrupted or check.interrupted:

@@ -143,9 +143,14 @@ def dominated_by_few_windows(terms: GaussNewtonTerms, jacobian: FloatArray) -> B
     A rollout that comes near a singularity is so sensitive to the parameters that it outweighs all
     others, and makes what it decides look certain.
     """
-    squares = influence(terms, jacobian) ** 2
+    return dominated(influence(terms, jacobian))
+
+
+def dominated(influences: FloatArray) -> BoolArray:
+    """Return `dominated_by_few_windows` of influences (reported, window)."""
+    squares = influences**2
     effective = squares.sum(axis=1) ** 2 / np.maximum((squares**2).sum(axis=1), 1e-300)
-    return np.asarray((effective < _FEW_WINDOWS) & (terms.scores.shape[1] >= _MANY_WINDOWS))
+    return np.asarray((effective < _FEW_WINDOWS) & (influences.shape[1] >= _MANY_WINDOWS))
 
 
 def sandwich(terms: GaussNewtonTerms, windows: Windows) -> FloatArray:
