@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import jax
 import numpy as np
 
+from penode.arrays import FloatArray, float64, on_device
 from penode.data.experiment import Experiment
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import HorizonFit, LadderProblem, ignore_events
+from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.training.covariance import bandwidth_in_windows, bartlett
@@ -19,11 +21,11 @@ from penode.training.plan import Plan
 def with_declared_priors(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:
     """Return a plan whose loss has the priors that the model's parameters were declared with.
 
-    The data's loss is a mean of squares; a prior weighs against it as one more measurement does,
-    by the variance of a residual over the number of independent ones. Both are taken together from
-    the scores: where B is their long-run covariance and A the sum of squared sensitivities, the
-    trace of B / A over that of A / A is the variance that an independent residual would have. The
-    first horizon shows it, trained without priors.
+    The data's loss is a mean of squares. A prior weighs against it as one more measurement of the
+    parameter does if its squared standardised distance is multiplied by the variance of an
+    independent residual over the number of all. That variance is what the parameter's sandwich
+    variance is over its variance under white residuals of variance one, for then a prior as sure as
+    the data counts as much as they do. The first horizon shows it, trained without priors.
 
     Parameters
     ----------
@@ -43,47 +45,49 @@ def with_declared_priors(plan: Plan, start: Start, experiments: Sequence[Experim
     declared = any(setting.prior for setting in layout.settings)
     if not declared or any(isinstance(penalty, Priors) for penalty in loss.penalties):
         return plan
-    priors = declared_priors(layout, _variance(plan, start, experiments))
+    priors = declared_priors(layout, _variances(plan, start, experiments))
     return replace(plan, loss=replace(loss, penalties=(*loss.penalties, *priors)))
 
 
-def declared_priors(layout: Layout[Model], variance: float) -> tuple[GaussianPrior, ...]:
+def declared_priors(layout: Layout[Model], variance: FloatArray) -> tuple[GaussianPrior, ...]:
     """Return the priors declared with a model's parameters, one for each group that has any.
 
     Parameters
     ----------
     layout : Layout
         Of the model.
-    variance : float
-        Of an independent residual over the number of all, in units of the loss.
+    variance : ndarray, shape (value,)
+        For each value, of an independent residual over the number of all, in units of the loss.
     """
     mean, deviation = layout.priors
-    groups = {setting.group: None for setting in layout.settings if setting.prior}
     priors = []
-    for group in groups:
+    for group in dict.fromkeys(s.group for s in layout.settings if s.prior):
         members = layout.value_members((group,))
         rows = np.flatnonzero(np.isfinite(deviation[members]))
-        factor = np.sqrt(variance) * np.diag(1 / deviation[members])[rows]
-        believed = factor @ mean[members]
-        priors.append(GaussianPrior(factor, np.full(len(rows), variance), believed, group))
+        weight = np.sqrt(variance[members]) / deviation[members]
+        believed = (weight * mean[members])[rows]
+        priors.append(
+            GaussianPrior(np.diag(weight)[rows], variance[members][rows], believed, group)
+        )
     return tuple(priors)
 
 
-def _variance(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> float:
-    """Return the variance of an independent residual over the number of all, as training shows."""
-    problem = LadderProblem.of(start.model, experiments, plan, ignore_events)
-    error = problem.objective.error
+def _variances(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> FloatArray:
+    """Return the variance of an independent residual over the number of all, for each value."""
+    ladder = LadderProblem.of(start.model, experiments, plan, ignore_events)
+    error, layout = ladder.objective.error, ladder.objective.layout
     spent = np.sum(error.stiffness == 0)  # at that horizon all goes into the windows' starts
     stages = [s for s in plan.stages if s.horizon * len(error.compared) > spent] or plan.stages
-    first = replace(plan, stages=stages[:1])
-    fit = problem.climb(first, problem.objective.layout.raw(start.model)).fits[0]
-    slopes = problem.problem(first.stages[0], first).penalties(fit.solution.raw)[1]
-    return _effective_variance(fit, slopes) / fit.solution.terms.count
-
-
-def _effective_variance(fit: HorizonFit, slopes: np.ndarray) -> float:
-    """Return tr(B / A) / tr(A / A), without what penalties of these slopes determine."""
-    terms = fit.solution.terms
+    first = replace(plan, stages=tuple(stages[:1]))
+    fit = ladder.climb(first, layout.raw(start.model)).fits[0]
+    problem, terms = ladder.problem(first.stages[0], first), fit.solution.terms
+    with float64():
+        slopes = np.asarray(jax.jit(jax.jacfwd(layout.values))(on_device(fit.solution.raw)))
+    along = slopes[:, problem.moving] @ terms.inverse
     scores = bartlett(terms.scores, bandwidth_in_windows(fit.windows))
-    of_data = terms.normal - terms.count * squared(slopes)
-    return float(np.sum(terms.inverse * scores) / np.sum(terms.inverse * of_data))
+    of_data = terms.normal - terms.count * squared(problem.penalties(fit.solution.raw)[1])
+    robust, white = (np.sum((along @ part) * along, axis=1) for part in (scores, of_data))
+    whole = np.sum(terms.inverse * scores) / max(np.sum(terms.inverse * of_data), 1e-300)
+    known = white > 0
+    own = np.where(known, robust / np.where(known, white, 1.0), whole)
+    return np.asarray(own / terms.count)

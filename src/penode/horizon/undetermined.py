@@ -59,7 +59,7 @@ class Determined:
         samples, spent = len(rung.windows.states), np.sum(error.stiffness == 0)
         if self.places[k] < 0:
             return "the plan holds it"
-        if not rung.influence[k].any():
+        if rung.solution.terms.normal[self.places[k], self.places[k]] == 0:
             return (
                 "no prediction depends on it in these recordings; record where it acts, or give it "
                 "a prior"

@@ -46,7 +46,8 @@ class Setting:
     transform : Transform
         From the optimiser's raw vector to admissible values.
     prior : Normal or None
-        Belief about every entry; `penode.training.penalties.Priors` brings it into a loss.
+        Belief about every entry; it acts as strongly as the recordings' noise makes it, or as
+        `penode.training.penalties.Priors` in the loss says.
     per_experiment : bool
         Whether every recording has a value of its own.
     meaning : str
