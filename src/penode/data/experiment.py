@@ -1,7 +1,5 @@
 """Experiment: one uniformly sampled recording in SI units, with where it came from."""
 
-import math
-import numbers
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.data.form import require_form
 from penode.data.gathered import mapping_of, released
 from penode.errors import InputError, meant
 
@@ -88,7 +87,7 @@ class Experiment:
     stretch: Stretch | None = None
 
     def __post_init__(self) -> None:
-        self._require_form()
+        require_form(self.name, self.time_step, self.channels)
         frozen = {}
         for name, values in self.channels.items():
             frozen[name] = _frozen(values)
@@ -98,27 +97,6 @@ class Experiment:
                 f"{self.name}: channels differ in length ({lengths}); give one length."
             )
         object.__setattr__(self, "channels", MappingProxyType(frozen))
-
-    def _require_form(self) -> None:
-        """Refuse what is no recording."""
-        if not isinstance(self.name, str):
-            raise InputError(
-                f"{self.name!r} came as the name of a recording; give text, as in "
-                'penode.Experiment("run 1", time_step, channels).'
-            )
-        if not (isinstance(self.time_step, numbers.Real) and 0 < self.time_step < math.inf):
-            raise InputError(
-                f"{self.name}: time_step {_short(self.time_step)} came; give the one number of "
-                "seconds, above 0, from a sample to the next."
-            )
-        if not isinstance(self.channels, Mapping):
-            raise InputError(
-                f"{self.name}: channels is a {type(self.channels).__name__}; give a dictionary "
-                'from names to series, as in {"position": values}.'
-            )
-        for name, values in self.channels.items():
-            if problem := _unusable(name, values):
-                raise InputError(f"{self.name}: channel {name} {problem}.")
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the channels as a plain dict: their read-only view cannot be pickled."""
@@ -246,45 +224,6 @@ def require_recordings(experiments: Any, validation: Any = ()) -> None:
             )
     if not len(experiments):
         raise InputError("no recording came; give at least one, as in [penode.load(path)].")
-
-
-def _unusable(name: Any, values: Any) -> str:
-    """Return why values are no series of real numbers, and the mend; nothing if they are."""
-    if not isinstance(name, str):
-        return "is named by no text; put its name in quotes"
-    array = values if isinstance(values, np.ndarray) else _array(values)
-    mends = {
-        "b": "is boolean; give numbers, as in values.astype(float)",
-        "c": "is complex; give real numbers, as in values.real",
-        "U": "is text; give numbers, as in values.astype(float)",
-        "S": "is text; give numbers, as in values.astype(float)",
-        "M": "holds dates; give numbers, and the interval between samples as time_step",
-        "m": "holds times; give numbers, as in values / np.timedelta64(1, 's')",
-    }
-    if array is None or array.dtype.kind not in "iuf":
-        kind = "O" if array is None else array.dtype.kind
-        came = f"holds {type(values).__name__}" if array is None or not array.ndim else "is mixed"
-        return mends.get(kind, f"{came}; give one real number a sample, as an array of floats")
-    if array.ndim != 1:
-        mend = "as in values.ravel()" if array.size == max(array.shape, default=0) else ""
-        mend = mend or "and each column a name of its own"
-        return f"has shape {array.shape}; give one number a sample, shape (time,), {mend}"
-    if np.ma.is_masked(values):
-        return "has masked samples; cut the recording there"
-    return ""
-
-
-def _array(values: Any) -> Any:
-    """Return values as an array, None where they are not alike in length."""
-    try:
-        return np.asarray(values)
-    except (TypeError, ValueError):
-        return None
-
-
-def _short(value: Any) -> str:
-    """Return a value as a few words."""
-    return repr(value) if np.ndim(value) == 0 else f"of shape {np.shape(value)}"
 
 
 def _frozen(values: FloatArray) -> FloatArray:

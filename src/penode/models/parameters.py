@@ -191,15 +191,14 @@ def nuisance(unit: str, transform: Transform = _UNCONSTRAINED, prior: Normal | N
 
 
 def _declare(setting: Setting, default: Any = _REQUIRED) -> Any:
-    if problem := _undeclarable(setting):
+    if problem := _undeclarable(setting.unit, setting.transform, setting.prior):
         raise InputError(f"{declaring_line() or 'a parameter'}: {problem}")
     given = {} if default is _REQUIRED else {"default": default}
     return eqx.field(converter=_float64, metadata={"setting": setting}, **given)
 
 
-def _undeclarable(setting: Setting) -> str:
+def _undeclarable(unit: Any, transform: Any, prior: Any) -> str:
     """Return what is wrong with a declaration, and its mend; nothing if it is right."""
-    unit, transform, prior = setting.unit, setting.transform, setting.prior
     if not isinstance(unit, str):
         came = "no unit came" if unit is _REQUIRED else f"the unit {unit!r} came"
         return f'{came}; give the SI unit as text, as in penode.physical("kg"), "1" for none.'
