@@ -229,8 +229,6 @@ class Silent(Model):
         return -self.k * x + 0 * u.values
 
 
-@pytest.mark.filterwarnings("ignore:Mean of empty slice:RuntimeWarning")
-@pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
 def test_a_model_that_reports_nothing_is_trained_all_the_same():
     x = np.exp(-0.3 * 0.1 * np.arange(60))
     run = Experiment("decay.csv", 0.1, {"x": x, "u": 0 * x})

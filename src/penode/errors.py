@@ -1,6 +1,8 @@
 """The two ways penode refuses: the input is unusable, or the data cannot answer."""
 
+import difflib
 import unicodedata
+from collections.abc import Iterable
 
 # Control characters and those that change how the text around them is shown.
 _HIDDEN = frozenset(("Cc", "Cf", "Cs", "Zl", "Zp"))
@@ -27,6 +29,13 @@ def printable(text: str) -> str:
         else letter
         for letter in text
     )
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """Return which known name is spelled most like one, as `` (is it force?)``; empty if none."""
+    alike = {each.casefold(): each for each in known}
+    found = difflib.get_close_matches(name.casefold(), alike, n=1)
+    return f" (is it {alike[found[0]]}?)" if found else ""
 
 
 class InputError(ValueError):

@@ -12,6 +12,7 @@ from penode.data.stretches import check_lengths
 from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
 from penode.horizon.cross_checks import CrossCheck, cross_check
+from penode.horizon.declared_priors import with_declared_priors
 from penode.horizon.default_plan import default_plan, with_hold
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.held_out import selector_for
@@ -21,6 +22,7 @@ from penode.horizon.objections import CHECKS, guarded, objections, with_objectio
 from penode.horizon.selection import Choice, Selector, believable, choose
 from penode.horizon.simulation import confirmed, parting
 from penode.models.base import Model
+from penode.models.checked import require_sound
 from penode.training.plan import Plan
 from penode.validation.free_run import require_predictable
 
@@ -85,9 +87,11 @@ def identify(
     require_recordings(experiments, validation)
     start = start if isinstance(start, Start) else Start(start)
     selector = selector_for(purpose, validation or experiments)
+    require_sound(start.model)
     given = plan
     plan = start.with_penalties(given or default_plan(start.model, experiments))
     plan = plan if given else with_hold(plan, start, experiments)
+    plan = with_declared_priors(plan, start, experiments)
     problem = LadderProblem.of(start.model, experiments, plan, observer)
     longest = max(stage.horizon for stage in plan.stages)
     check_lengths(experiments, longest, problem.objective.predictor.past)

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.data.form import require_form
 from penode.data.gathered import mapping_of, released
-from penode.errors import InputError
+from penode.errors import InputError, meant
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,8 @@ class Experiment:
     Raises
     ------
     InputError
-        If the channels differ in length.
+        If the name is no text, the time step is no number above 0, or the channels are no series
+        of real numbers of one length.
     """
 
     name: str
@@ -85,6 +87,7 @@ class Experiment:
     stretch: Stretch | None = None
 
     def __post_init__(self) -> None:
+        require_form(self.name, self.time_step, self.channels)
         frozen = {}
         for name, values in self.channels.items():
             frozen[name] = _frozen(values)
@@ -158,7 +161,8 @@ class Experiment:
         missing = [name for name in names if name not in self.channels]
         if missing:
             raise InputError(
-                f"{self.name}: no channel {', '.join(missing)}; it has "
+                f"{self.name}: no channel {', '.join(missing)}"
+                f"{meant(missing[0], self.channels)}; it has "
                 f"{', '.join(self.channels) or 'none'}; add or rename the column."
             )
 

@@ -275,12 +275,14 @@ class Assembly:
         return (*warnings, *self.start.warnings)
 
     def _unknown(self) -> Iterator[str]:
-        """Yield why the interval of a parameter is infinite, for each whose is."""
-        deviation = self._consensus.deviation
+        """Yield why intervals are infinite, a sentence for each reason."""
+        named: dict[str, list[str]] = {}
         for k, name in enumerate(self.names):
             reasons = [rung.reasons[k] for rung in self._agreeing if rung.reasons]
-            if not np.isfinite(deviation[k]) and any(reasons):
-                yield f"{name} has no interval: {next(filter(None, reasons))}."
+            if not np.isfinite(self._consensus.deviation[k]) and any(reasons):
+                named.setdefault(next(filter(None, reasons)), []).append(name)
+        for reason, names in named.items():
+            yield f"The interval of {', '.join(names)} is infinite: {reason}."
 
     def _shortfall(self) -> str:
         reached, top = self.rungs[-1].horizon, self.plan.stages[-1].horizon

@@ -352,8 +352,14 @@ class LadderProblem:
 def _together(names: Sequence[str]) -> str:
     """Return why parameters in one flat direction have no deviation."""
     if len(names) < 2:
-        return "no sample depends on it; excite the system so that it acts, or fix it"
-    return f"the data do not tell {', '.join(names)} apart; excite the system otherwise, or fix one"
+        return (
+            "no prediction depends on it in these recordings; record where it acts, or give it a "
+            "prior"
+        )
+    return (
+        f"{' and '.join(names)} act only together, and one makes up for the other; fix one, give "
+        "it a prior, or measure what tells them apart"
+    )
 
 
 def _explodes(solution: Solution, first: HorizonFit) -> bool:

@@ -1,14 +1,21 @@
 """Model: state derivative, learned maps and their names, as one pytree of parameters."""
 
+import inspect
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import Field
+from functools import partial
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 import equinox as eqx
 
 from penode.arrays import JaxArray
+from penode.errors import InputError
 from penode.models.inputs import Inputs
+
+#: A field of the model annotated so is a constant of it.
+_FIXED = (float, int, bool, str)
 
 
 class Model(eqx.Module):
@@ -17,7 +24,8 @@ class Model(eqx.Module):
     Write a subclass with its parameters as fields (see `penode.models.parameters.parameter`) and
     one method, `derivative`. Inside compiled code every parameter carries one trailing batch
     axis, of length 1 or batch, so that plain arithmetic with ``x[0]`` broadcasts:
-    ``-self.R * x[0]`` is right as written.
+    ``-self.R * x[0]`` is right as written. A field of the model annotated ``float``, ``int``,
+    ``bool`` or ``str`` is a constant and is not trained.
 
     Class attributes
     ----------------
@@ -41,10 +49,22 @@ class Model(eqx.Module):
     input_rates: ClassVar[Mapping[str, str]] = MappingProxyType({})
     map_units: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        for name, kind in inspect.get_annotations(cls).items():
+            default = cls.__dict__.get(name, inspect.Parameter.empty)
+            if kind in (*_FIXED, *(k.__name__ for k in _FIXED)) and not isinstance(default, Field):
+                given = {} if default is inspect.Parameter.empty else {"default": default}
+                number = {"converter": partial(_number, name)} if kind in (float, "float") else {}
+                setattr(cls, name, eqx.field(static=True, **number, **given))
+
     @property
-    @abstractmethod
     def inputs(self) -> tuple[str, ...]:
         """Channel names of the input u; a class attribute where they do not depend on fields."""
+        raise InputError(
+            f'{type(self).__name__} has no inputs; name their channels, as in inputs = ("force",),'
+            " or write inputs = () where there are none."
+        )
 
     @abstractmethod
     def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
@@ -125,3 +145,11 @@ class Model(eqx.Module):
         drawn.
         """
         return {}
+
+
+def _number(name: str, value: Any) -> Any:
+    """Return a constant's value, such as an array's only one, as a number that compares."""
+    try:
+        return None if value is None else float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {value!r} came; give one number.") from None

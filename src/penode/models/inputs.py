@@ -36,6 +36,8 @@ class Inputs(eqx.Module):
         ------
         KeyError
             If there is no row of that name.
+        IndexError
+            If there is no row at that place.
         TypeError
             If neither a name nor a place is given.
         """
@@ -48,7 +50,9 @@ class Inputs(eqx.Module):
                 return self.values[first : first + len(places)]
             return self.values[np.array(places)]
         if isinstance(which, int):
-            return self.values[range(len(self.names))[which]]
+            if not -len(self.names) <= which < len(self.names):
+                raise IndexError(f"no input {which}; the model's inputs are {self._listed}")
+            return self.values[which]
         raise TypeError(f"u[{which!r}] came; give the name of an input or its place.")
 
     def __iter__(self) -> Iterator[JaxArray]:
@@ -90,5 +94,8 @@ class Inputs(eqx.Module):
         try:
             return self.names.index(name)
         except ValueError:
-            names = ", ".join(self.names) or "none"
-            raise KeyError(f"no input {name!r}; the model's inputs are {names}") from None
+            raise KeyError(f"no input {name!r}; the model's inputs are {self._listed}") from None
+
+    @property
+    def _listed(self) -> str:
+        return ", ".join(self.names) or "none"

@@ -13,7 +13,7 @@ import numpy as np
 from penode.arrays import BoolArray, FloatArray, IntArray, JaxArray
 from penode.errors import InputError
 from penode.models.parameters import AnyModule, Setting, setting_at
-from penode.models.transforms import Transform
+from penode.models.transforms import Identity, Transform
 
 #: Values of each parameter of a model, (part, batch).
 Parts: TypeAlias = tuple[JaxArray, ...]
@@ -54,8 +54,9 @@ class Layout(Generic[AnyModule]):
         for name, (_, leaf) in zip(self.names, pairs, strict=True):
             if not isinstance(leaf, (np.ndarray, jax.Array)):
                 raise InputError(
-                    f"{name} = {leaf!r} is a plain number; declare the field with "
-                    "penode.parameter() to train it, or static with equinox.field(static=True)."
+                    f"{name} = {leaf!r} is no array; annotate the field float (of a model) or "
+                    "declare it with equinox.field(static=True) to fix it, with "
+                    "penode.physical(unit) or penode.parameter() to train it."
                 )
         self.experiments = experiments
         self._copies = tuple(experiments if s.per_experiment else 1 for s in self.settings)
@@ -174,6 +175,16 @@ class Layout(Generic[AnyModule]):
         gaps = [(values[at] - s.prior.mean) / s.prior.deviation for s, at in parts if s.prior]
         return jnp.concatenate([values[:0], *gaps])
 
+    @property
+    def priors(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and deviation of each value's prior, both (value,); 0 and inf where it has none."""
+        size = self._values[-1].stop if self._values else 0
+        mean, deviation = np.zeros(size), np.full(size, np.inf)
+        for setting, at in zip(self.settings, self._values, strict=True):
+            if setting.prior:
+                mean[at], deviation[at] = setting.prior.mean, setting.prior.deviation
+        return mean, deviation
+
     def physical_values(self, values: JaxArray) -> JaxArray:
         """Pick the physical parameters, shape (physical,), out of a vector of values."""
         parts = zip(self.settings, self._values, strict=True)
@@ -275,7 +286,8 @@ def _inverse(name: str, transform: Transform, value: FloatArray) -> FloatArray:
     except np.linalg.LinAlgError:
         raw = np.full(1, np.nan)
     if not np.isfinite(raw).all():
-        raise InputError(f"{name} = {value} came; want {type(transform).__name__} values.")
+        kind = "finite" if isinstance(transform, Identity) else type(transform).__name__
+        raise InputError(f"{name} = {value} came; want {kind} values.")
     return raw
 
 

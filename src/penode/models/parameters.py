@@ -9,7 +9,9 @@ import jax
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.errors import InputError
 from penode.models.transforms import Identity, Transform
+from penode.models.users_code import declaring_line
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,8 @@ class Setting:
     transform : Transform
         From the optimiser's raw vector to admissible values.
     prior : Normal or None
-        Belief about every entry; `penode.training.penalties.Priors` brings it into a loss.
+        Belief about every entry; it acts as strongly as the recordings' noise makes it, or as
+        `penode.training.penalties.Priors` in the loss says.
     per_experiment : bool
         Whether every recording has a value of its own.
     meaning : str
@@ -76,7 +79,12 @@ _REQUIRED: Any = object()
 
 
 def _float64(value: Any) -> FloatArray | None:
-    return None if value is None else np.array(value, dtype=np.float64)
+    try:
+        return None if value is None else np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{value!r} came as the value of a parameter; give a number or an array of numbers."
+        ) from None
 
 
 def parameter(
@@ -125,7 +133,7 @@ def coefficients() -> Any:
 
 
 def physical(
-    unit: str,
+    unit: str = _REQUIRED,
     transform: Transform = _UNCONSTRAINED,
     prior: Normal | None = None,
     *,
@@ -183,8 +191,22 @@ def nuisance(unit: str, transform: Transform = _UNCONSTRAINED, prior: Normal | N
 
 
 def _declare(setting: Setting, default: Any = _REQUIRED) -> Any:
+    if problem := _undeclarable(setting.unit, setting.transform, setting.prior):
+        raise InputError(f"{declaring_line() or 'a parameter'}: {problem}")
     given = {} if default is _REQUIRED else {"default": default}
     return eqx.field(converter=_float64, metadata={"setting": setting}, **given)
+
+
+def _undeclarable(unit: Any, transform: Any, prior: Any) -> str:
+    """Return what is wrong with a declaration, and its mend; nothing if it is right."""
+    if not isinstance(unit, str):
+        came = "no unit came" if unit is _REQUIRED else f"the unit {unit!r} came"
+        return f'{came}; give the SI unit as text, as in penode.physical("kg"), "1" for none.'
+    if isinstance(transform, type) or not hasattr(transform, "inverse"):
+        return f"the transform {transform!r} came; give an object, such as Positive()."
+    if not isinstance(prior, Normal | None):
+        return f"the prior {prior!r} came; give penode.engine.Normal(mean, deviation)."
+    return ""
 
 
 def setting_at(model: eqx.Module, path: Sequence[Any]) -> Setting:

@@ -63,6 +63,9 @@ class WeightDecay:
 class Priors:
     """The priors declared with the parameters, as strong as independent residuals would make them.
 
+    Without it in the loss `penode.identify` estimates that strength, and the priors act all the
+    same.
+
     Attributes
     ----------
     noise : float

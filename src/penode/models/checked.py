@@ -1,0 +1,201 @@
+"""A model's methods run once on shapes alone, so that a mistake in them is one sentence."""
+
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend.core import Literal
+
+from penode.arrays import float64
+from penode.errors import InputError, meant
+from penode.models.base import Model
+from penode.models.declared import require_declared
+from penode.models.inputs import Inputs
+from penode.models.layout import Layout
+from penode.models.parameters import with_batch_axis
+from penode.models.users_code import failing_line
+
+#: Length of the batch axis: no model has as many rows of anything.
+_BATCH = 9973
+
+#: What stands in the message of an error -> what is wrong, and its mend.
+_KNOWN: tuple[tuple[str, str], ...] = (
+    (
+        "truth value",
+        "if, while, and, or, not, min and max cannot ask for values that are not known yet; "
+        "choose with jnp.where(condition, a, b), jnp.minimum or jnp.maximum",
+    ),
+    (
+        "boolean conversion",
+        "if, while, and, or, not, min and max cannot ask for values that are not known yet; "
+        "choose with jnp.where(condition, a, b), jnp.minimum or jnp.maximum",
+    ),
+    ("__array__()", "NumPy cannot compute with traced arrays; take the function of jax.numpy"),
+    (
+        "converted to Python scalars",
+        "math and float need a number, but an array came; take the function of jax.numpy",
+    ),
+    ("immutable", "arrays cannot be changed in place; stack rows with jnp.stack([...])"),
+    (
+        "'Inputs'",
+        'u is no array but has the inputs by name; take one, as in u["{input}"] or u[0]',
+    ),
+    ("string indexing", "x has no names{instead}"),
+    (
+        "same shape",
+        "its rows differ in shape; bring each to that of x[0], as in 0 * x[0] + 1.0",
+    ),
+    (
+        "different numbers of dimensions",
+        "its rows differ in shape; bring each to that of x[0], as in 0 * x[0] + 1.0",
+    ),
+)
+
+
+#: What JAX computes an index with that was given as a number.
+_FOLDED: dict[str, Callable[..., Any]] = {
+    "lt": operator.lt,
+    "add": operator.add,
+    "select_n": lambda which, *cases: cases[int(which)],
+}
+
+
+def require_sound(model: Any) -> None:
+    """Refuse a model with a mistake that shapes alone show; nothing is compiled.
+
+    Parameters
+    ----------
+    model : Model
+        An instance, with start values.
+
+    Raises
+    ------
+    InputError
+        If names, units or fields are wrong, a method fails or returns another shape than it
+        should, or a physical parameter acts nowhere.
+    """
+    require_declared(model)
+    kind, rows = type(model), len(model.states)
+    acting: set[int] = set()
+    with float64():
+        for name in ("derivative", "corrected", "learned", "stored"):
+            if name == "derivative" or getattr(kind, name) is not getattr(Model, name):
+                acting |= _traced(model, name, None if name in ("learned", "stored") else rows)
+    layout = Layout(model)
+    for place, (name, setting) in enumerate(zip(layout.names, layout.settings, strict=True)):
+        if (setting.physical or setting.per_experiment) and place not in acting:
+            raise InputError(
+                f"{kind.__name__}.{name} acts nowhere: derivative does not depend on it, so no "
+                "recording can show it; use it there, or leave it out."
+            )
+
+
+def _traced(model: Model, name: str, rows: int | None) -> set[int]:
+    """Return which leaves a method's result depends on; refuse one that is no array of the rows."""
+    leaves, structure = jax.tree.flatten(with_batch_axis(model))
+    states = jax.ShapeDtypeStruct((len(model.states), _BATCH), jnp.float64)
+    inputs = jax.ShapeDtypeStruct((len(model.inputs), _BATCH), jnp.float64)
+    returned: list[Any] = []
+
+    def method(leaves: Any, x: Any, u: Any) -> Any:
+        one = jax.tree.unflatten(structure, leaves)
+        given = (x, Inputs(u, model.inputs)) if name == "derivative" else (x,)
+        returned.append(getattr(one, name)(*given))
+        return returned[0] if isinstance(returned[0], (jax.Array, np.ndarray)) else ()
+
+    place = f"{type(model).__name__}.{name}"
+    try:
+        program = jax.make_jaxpr(method)(leaves, states, inputs).jaxpr
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(_sentence(place, error, model)) from error
+    _require_rows(place, returned[0], model, rows)
+    _require_bounds(place, program)
+    return _dependence(program) & set(range(len(leaves)))
+
+
+def _require_rows(place: str, result: Any, model: Model, rows: int | None) -> None:
+    """Refuse a result that is no real array of one row for each state."""
+    states = ", ".join(model.states)
+    if not isinstance(result, (jax.Array, np.ndarray)):
+        came = "nothing" if result is None else f"a {type(result).__name__}"
+        raise InputError(
+            f"{place} returns {came}; return one array with a row for each of the states {states}: "
+            "jnp.stack([...])."
+        )
+    fits = result.ndim == 2 and result.shape[1] in (1, _BATCH) and rows in (None, len(result))
+    if not fits:
+        wanted = f"({rows or 'rows'}, batch)"
+        each = f", a row for each of the states {states}" if rows else ""
+        raise InputError(
+            f"{place} returns shape {_shown(result.shape)} where {wanted} was wanted{each}; "
+            "put the rows together with jnp.stack([...])."
+        )
+    if jnp.issubdtype(result.dtype, jnp.complexfloating):
+        raise InputError(f"{place} returns complex numbers; return real ones, as with jnp.real.")
+
+
+def _shown(shape: tuple[int, ...]) -> str:
+    return str(shape).replace(str(_BATCH), "batch")
+
+
+def _sentence(place: str, error: Exception, model: Model) -> str:
+    """Return what is wrong in a method, where, and its mend."""
+    text = str(error.args[0] if isinstance(error, KeyError) and error.args else error).strip()
+    first = text.partition("\n")[0].rstrip(".")
+    where = f"{place}, {failing_line(error.__traceback__)}"
+    if isinstance(error, (KeyError, IndexError)) and first.startswith("no input"):
+        return f"{where}: {first}{_elsewhere(text, model)}."
+    asked = text.rpartition("idx='")[2].partition("'")[0]
+    row = model.states.index(asked) if asked in model.states else 0
+    instead = f"; take a row, as in x[{row}]"
+    if asked in model.inputs:
+        instead = f", but u has: u[{asked!r}]"
+    names = {"input": (*model.inputs, "name")[0], "instead": instead}
+    for sign, mend in _KNOWN:
+        if sign in text:
+            return f"{where}: {mend.format(**names)}."
+    return f"{where}: {type(error).__name__}: {first or 'it fails'}; mend that line."
+
+
+def _elsewhere(text: str, model: Model) -> str:
+    """Return where what is no input may be found."""
+    asked = text.partition("'")[2].partition("'")[0]
+    if asked in model.states:
+        return f", and {asked} is a state: x[{model.states.index(asked)}]"
+    return meant(asked, model.inputs) if asked else "; x has the states, u the inputs"
+
+
+def _dependence(program: Any) -> set[int]:
+    """Return which arguments of a traced program its results may depend on, by place."""
+    wanted = {v for v in program.outvars if not isinstance(v, Literal)}
+    for step in reversed(program.eqns):
+        if wanted.intersection(step.outvars):
+            wanted.update(v for v in step.invars if not isinstance(v, Literal))
+    return {k for k, v in enumerate(program.invars) if v in wanted}
+
+
+def _require_bounds(place: str, program: Any) -> None:
+    """Refuse a row that an array has not: JAX would take the last one instead."""
+    known: dict[Any, Any] = {}
+
+    def value(v: Any) -> Any:
+        return v.val if isinstance(v, Literal) else known.get(v)
+
+    for step in program.eqns:
+        kind, given = step.primitive.name, [value(v) for v in step.invars]
+        if kind == "dynamic_slice":
+            shape, sizes = step.invars[0].aval.shape, step.params["slice_sizes"]
+            for length, size, first in zip(shape, sizes, given[1:], strict=True):
+                if first is not None and not 0 <= first <= length - size:
+                    line = failing_line(step.source_info.traceback.as_python_traceback())
+                    raise InputError(
+                        f"{place}, {line}: an index is beyond an array of {length} rows, "
+                        f"which are counted from 0 to {length - 1}; correct it."
+                    )
+        elif kind in _FOLDED and None not in given:
+            known[step.outvars[0]] = _FOLDED[kind](*given)
