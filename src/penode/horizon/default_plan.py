@@ -11,7 +11,8 @@ from penode.errors import InputError
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, ignore_events, ladder_plan
 from penode.models.base import Model
-from penode.predictors.holds import FirstOrderHold
+from penode.predictors.band_limited import BandLimitedHold
+from penode.predictors.holds import FirstOrderHold, Hold
 from penode.training.loss import Loss
 from penode.training.plan import Plan
 
@@ -22,7 +23,9 @@ _FACTOR, _WINDOWS = 2.0, 40
 #: The longest horizon: so many samples, or a part of a recording where that is more, but no more
 #: than this share of it.
 _LONG, _PART, _SHARE = 1000, 1 / 40, 0.8
-#: Part of a loss by which two holds differ that are as good.
+#: Holds that constant inputs are compared with, the simplest first, and the part of a loss by which
+#: two differ that are as good.
+_HOLDS: tuple[Hold, ...] = (FirstOrderHold(), BandLimitedHold())
 _TIE = 1e-3
 
 
@@ -62,8 +65,9 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
 def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:
     """Return a plan whose hold predicts the recordings best at its first horizon.
 
-    An input that was computed stands still from one sample to the next, one that was sampled does
-    not, and the recordings show which: training at the first horizon ends with a smaller loss.
+    An input that was computed stands still from one sample to the next; one that was sampled goes
+    straight, or as a band-limited signal does. The recordings show which: training at the first
+    horizon ends with a smaller loss. Of holds that are as good the simplest is taken.
 
     Parameters
     ----------
@@ -81,13 +85,16 @@ def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Pl
     """
     if not start.model.inputs:
         return plan
-    straight = replace(plan, hold=FirstOrderHold())
-    constant = _first_loss(plan, start, experiments)
-    try:
-        other = _first_loss(straight, start, experiments)
-    except InputError:  # the predictions diverge
-        return plan
-    return straight if other < (1 - _TIE) * constant else plan
+    best, least = plan, _first_loss(plan, start, experiments)
+    for hold in _HOLDS:
+        other = replace(plan, hold=hold)
+        try:
+            loss = _first_loss(other, start, experiments)
+        except InputError:  # the predictions diverge
+            continue
+        if loss < (1 - _TIE) * least:
+            best, least = other, loss
+    return best
 
 
 def _first_loss(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> float:
