@@ -12,8 +12,8 @@ from penode.errors import InputError
 from penode.models.inputs import Inputs
 
 #: Samples to each side of a place that its value is made of, and the window's shape: errors below
-#: 1e-9 up to 0.9 of the Nyquist frequency (Kaiser's formulas for a ripple of 200 dB).
-_SIDE, _SHAPE = 64, 21.0
+#: 1e-10 up to 0.88 of the Nyquist frequency (Kaiser's formulas for a ripple of 226 dB).
+_SIDE, _SHAPE = 64, 24.0
 #: Samples from which those beyond an end are foretold, windows of them that show how, and singular
 #: values over the largest below which they show nothing.
 _ORDER, _ROWS, _RANK = 128, 2000, 1e-11
@@ -25,15 +25,15 @@ _DIGITS = 12
 class BandLimitedHold:
     """The signal without content above the Nyquist frequency that goes through the samples.
 
-    Exact to 1e-9 for inputs whose content lies below 0.9 of the Nyquist frequency, as of a
-    multisine or behind an anti-aliasing filter; not for inputs that jump. Values between the
-    samples are computed once a recording (`penode.Predictor.prepared`), at the places that the
+    Exact to 1e-10 for inputs whose content lies below 0.88 of the Nyquist frequency, such as a
+    multisine or what an anti-aliasing filter lets pass; not for inputs that jump. Values between
+    the samples are computed once a recording (`penode.Predictor.prepared`), at the places that the
     solver asks for, by a sinc in a Kaiser window 128 samples long; compiled code looks them up.
 
-    Beyond the ends of a recording, its samples go on as its own 128 samples foretell by linear
-    prediction: exact for a multisine of up to 60 lines, and for any input well below the Nyquist
-    frequency. Those of fewer than 256 samples are reflected about their end points. Stretches of a
-    recording have ends of their own.
+    Within 64 samples of an end the recording goes on as linear prediction from 128 samples says: as
+    exact for a multisine of up to 40 lines, to 1e-6 for any content below 0.3 of the Nyquist
+    frequency. A recording of fewer than 256 samples is reflected about its end points instead, to
+    1e-3. Stretches of a recording have ends of their own.
 
     Attributes
     ----------
