@@ -16,6 +16,7 @@ from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, Observer, ignore_events
 from penode.horizon.objections import CHECKS, guarded, objections, with_objections
 from penode.horizon.selection import Plateau, Selector, believable, choose
+from penode.horizon.solver_check import Climbed, with_fine_solver
 from penode.models.base import Model
 from penode.training.plan import Plan
 from penode.validation.free_run import require_predictable
@@ -89,14 +90,20 @@ def identify(
     for unseen in validation:
         require_predictable(problem.objective.predictor, start.model, unseen)
 
-    climb = with_free_runs(problem, problem.climb(plan, problem.objective.layout.raw(start.model)))
-    climb = believable(climb)
-    choice = choose(selector, climb, plan)
+    raw = problem.objective.layout.raw(start.model)
+
+    def climbed(plan: Plan) -> Climbed:
+        problem = LadderProblem.of(start.model, experiments, plan, observer)
+        climb = believable(with_free_runs(problem, problem.climb(plan, raw)))
+        return Climbed(problem, plan, climb, choose(selector, climb, plan))
+
+    found = climbed(plan) if given else with_fine_solver(plan, climbed)
+    problem, plan, climb, choice = found.problem, found.plan, found.climb, found.choice
     check = cross_check(problem, plan, climb, choice, start)
     fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)
     missed: list[str] = []
     checks = [guarded(one, missed) for one in (*start.checks, *CHECKS)]
-    raised = [*objections(fit, experiments, checks), *check.objections]
+    raised = [*found.objections, *objections(fit, experiments, checks), *check.objections]
     fit = with_objections(replace(fit, warnings=(*missed, *fit.warnings)), raised)
     if climb.interrupted or check.interrupted:
         raise Stopped(fit)

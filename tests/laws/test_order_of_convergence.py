@@ -6,8 +6,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from penode import Experiment, Model, physical
-from penode.predictors.base import Predictor
 from penode.predictors.band_limited import BandLimitedHold
+from penode.predictors.base import Predictor
 from penode.predictors.holds import FirstOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
 from penode.predictors.multistep import AdamsBashforth

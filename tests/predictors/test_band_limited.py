@@ -118,7 +118,9 @@ def leaking(samples, seed):
     frequency, phase = np.pi * random.uniform(0.1, 0.4, 10), random.uniform(0, 2 * np.pi, 10)
     k = np.arange(float(samples))
     u = 0.2 * np.cos(np.outer(k, frequency) + phase).sum(axis=1)
-    x = np.exp(-0.2 * RATE * STEP * (np.sin(np.outer(k, frequency) + phase) / frequency).sum(axis=1))
+    x = np.exp(
+        -0.2 * RATE * STEP * (np.sin(np.outer(k, frequency) + phase) / frequency).sum(axis=1)
+    )
     return Experiment(f"run{seed}", STEP, {"u": u, "x": x}), x[1:] / x[:-1]
 
 

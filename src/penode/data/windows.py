@@ -182,7 +182,7 @@ def _as_recorded(inputs: FloatArray) -> FloatArray:
     return inputs
 
 
-def cut(
+def cut(  # noqa: PLR0913 (two of them are rarely given)
     experiments: Sequence[Experiment],
     state_names: Sequence[str],
     input_names: Sequence[str],

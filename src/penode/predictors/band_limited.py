@@ -1,6 +1,6 @@
 """A hold for inputs that were sampled fast enough: the one band-limited signal through them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -48,6 +48,11 @@ class BandLimitedHold:
 
     places: tuple[float, ...] = ()
 
+    def prepared_for(self, fractions: Sequence[float]) -> "BandLimitedHold":
+        """Return the hold for a solver that reads at these fractions of the interval."""
+        places = {round(fraction, _DIGITS) for fraction in fractions} - {0.0, 1.0}
+        return BandLimitedHold(tuple(sorted(places)))
+
     def prepared(self, inputs: FloatArray) -> FloatArray:
         """Return a recording's inputs and, beside them, those at each place after the samples.
 
@@ -88,16 +93,9 @@ class BandLimitedHold:
         return Inputs(whole.values[block * count : (block + 1) * count], whole.names, whole.span)
 
 
-def places_of(fractions: set[float]) -> tuple[float, ...]:
-    """Return the places strictly between two samples, ascending, each once."""
-    return tuple(sorted({round(f, _DIGITS) for f in fractions} - {0.0, 1.0}))
-
-
 # A ladder cuts the same recordings once a horizon.
 @lru_cache(maxsize=16)
-def _interpolated(
-    samples: bytes, shape: tuple[int, ...], places: tuple[float, ...]
-) -> FloatArray:
+def _interpolated(samples: bytes, shape: tuple[int, ...], places: tuple[float, ...]) -> FloatArray:
     inputs = np.frombuffer(samples).reshape(shape)
     longer = extended(inputs)
     taps = np.arange(1 - _SIDE, _SIDE + 1)

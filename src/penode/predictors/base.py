@@ -1,20 +1,16 @@
 """Predictor: model and solver, the map g from the past and the input to the next sample."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import ClassVar
+from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 
 from penode.arrays import FloatArray, JaxArray
 from penode.models.base import Model
-from penode.models.inputs import Inputs
-from penode.predictors.band_limited import BandLimitedHold, places_of
+from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.field import Field
 from penode.predictors.holds import Drive, Hold, ZeroOrderHold
 from penode.predictors.one_step import RungeKutta
+from penode.predictors.places import places_of
 from penode.predictors.solver import Solver
 from penode.predictors.tableaus import RK4
 
@@ -42,7 +38,8 @@ class Predictor:
 
     def __post_init__(self) -> None:
         if isinstance(self.hold, BandLimitedHold):
-            object.__setattr__(self, "hold", replace(self.hold, places=_places(self.solver)))
+            hold = self.hold.prepared_for(places_of(self.solver))
+            object.__setattr__(self, "hold", hold)
 
     @property
     def past(self) -> int:
@@ -85,38 +82,3 @@ class Predictor:
         field = Field(model, drive, self.hold, self.time_step)
         ahead = self.solver.advance(field, history)[None]
         return ahead if self.past == 1 else jnp.concatenate([ahead, history[:-1]])
-
-
-class _Still(Model):
-    """A state at rest, to see what a solver asks of a hold."""
-
-    states: ClassVar[tuple[str, ...]] = ("x",)
-    inputs: ClassVar[tuple[str, ...]] = ("u",)
-    state_units: ClassVar[tuple[str, ...]] = ("",)
-
-    def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
-        """Return zeros."""
-        return 0.0 * x
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """A hold that writes down which fractions of the interval it was asked for."""
-
-    fractions: set[float]
-
-    def __call__(
-        self, drive: Callable[[int], Inputs], sample: int, fraction: float, time_step: float
-    ) -> Inputs:
-        """Return the input at the interval's start."""
-        self.fractions.add(fraction)
-        return drive(sample)
-
-
-@lru_cache(maxsize=64)
-def _places(solver: Solver) -> tuple[float, ...]:
-    """Return the places between two samples at which a solver wants the input."""
-    asked = _Asked(set())
-    field = Field(_Still(), lambda offset: jnp.zeros((1, 1)), asked, 1.0)
-    jax.eval_shape(lambda x: solver.advance(field, x), jnp.zeros((solver.past, 1, 1)))
-    return places_of(asked.fractions)
