@@ -16,6 +16,7 @@ from penode.fit.outcome import AVERAGED, Objection
 from penode.horizon.consensus import Consensus
 from penode.horizon.ladder import Climb, HorizonFit, LadderProblem
 from penode.horizon.selection import Choice
+from penode.models.base import Model
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
@@ -33,8 +34,11 @@ _PART, _FINEST = 0.1, 1e-5
 _SQUARES, _VISIBLE = 0.2, 1e-3
 #: Most sub-steps that are tried, and the fastest rate times their length that is not stiff.
 MOST, _STIFF = 16, 1.0
-#: Samples at which rates are looked at.
-_SAMPLES = 200
+#: Rate times sampling interval from which a transient has died out at the next sample.
+_GONE = 3.0
+#: Samples at which rates are looked at, the relative step of a parameter by which its part in them
+#: is seen, and the least such part, logarithmic.
+_SAMPLES, _STEP, _SETS = 200, 1e-3, 0.1
 
 
 @dataclass(frozen=True)
@@ -99,20 +103,15 @@ class Climbed:
     plan : Plan
     climb : Climb
     choice : Choice
-    coarse : Coarseness or None
-        None where the solver is fine, or was not examined.
+    objections : tuple of Objection
+        What the check of the solver says against the result; nothing where none was made.
     """
 
     problem: LadderProblem
     plan: Plan
     climb: Climb
     choice: Choice
-    coarse: Coarseness | None = None
-
-    @property
-    def objections(self) -> tuple[Objection, ...]:
-        """What speaks against the result."""
-        return (self.coarse.objection,) if self.coarse else ()
+    objections: tuple[Objection, ...] = ()
 
 
 def with_fine_solver(
@@ -141,7 +140,8 @@ def with_fine_solver(
             return replace(found, choice=choice, climb=replace(found.climb, interrupted=True))
         finer = coarse.finer if coarse and may_refine else None
         if finer is None:
-            return replace(found, coarse=coarse)
+            raised = too_fast(found) or ((coarse.objection,) if coarse else ())
+            return replace(found, objections=raised)
         found = climbed(replace(found.plan, solver=finer))
     return found
 
@@ -176,9 +176,8 @@ def too_coarse(
     said = _said(climb, choice)
     limits = np.maximum(_PART * said.deviation, _FINEST * np.abs(said.values))
     moved, seen = _doubled(problem, plan, choice.index, rung)
-    shares = {n: s for n, s in zip(names, _share(moved, limits), strict=True)}
-    fastest = _fastest(rung)
-    unsure = [n for n, d in zip(names, said.deviation, strict=True) if not np.isfinite(d)]
+    shares = dict(zip(names, _share(moved, limits), strict=True))
+    fastest, unsure = _fastest(rung, rung.model), _unsure_rates(problem, rung, said)
 
     now = substeps(plan.solver)
     reason, excess = f"With {2 * now} sub-steps a sample the predictions change visibly.", seen
@@ -200,6 +199,26 @@ def too_coarse(
     # What the doubling changed is nearly all of the error, and falls by 2^order a doubling.
     doublings = max(math.ceil(math.log2(min(excess, 1e30)) / plan.solver.order), 1)
     return Coarseness(plan.solver, now * 2**doublings, reason, fastest)
+
+
+def too_fast(found: Climbed) -> tuple[Objection, ...]:
+    """Return the objection to parameters of a rate that is gone before the next sample.
+
+    Parameters
+    ----------
+    found : Climbed
+    """
+    rung = found.climb.fits[found.choice.index]
+    rate = _fastest(rung, rung.model) * substeps(found.plan.solver)
+    unsure = _unsure_rates(found.problem, rung, _said(found.climb, found.choice))
+    if not (unsure and rate > _GONE):
+        return ()
+    reason = (
+        f"{' and '.join(unsure)} may be any number from this one up: the model's fastest rate "
+        f"times the sampling interval is {rate:.2g}, so that nothing of it is left at the next "
+        "sample."
+    )
+    return (Objection("faster than the samples", reason, "Sample faster, or fix that rate."),)
 
 
 def _said(climb: Climb, choice: Choice) -> Consensus:
@@ -242,9 +261,23 @@ def _doubled(
     return again.reported_jacobian(raw)[:physical] @ step, float(seen)
 
 
-def _fastest(rung: HorizonFit) -> float:
-    """Return the fastest rate of the trained model along the recordings over that of sub-steps."""
-    windows, model = rung.windows, rung.model
+def _unsure_rates(problem: LadderProblem, rung: HorizonFit, said: Consensus) -> list[str]:
+    """Return the physical parameters known to no digit that set the model's fastest rate."""
+    layout, names = problem.objective.layout, problem.objective.layout.physical
+    values, rate, found = rung.values[: len(names)], _fastest(rung, rung.model), []
+    for k in np.flatnonzero(~(said.deviation < np.abs(said.values))):
+        with float64():
+            changed = values.copy()
+            changed[k] *= 1 + _STEP
+            other = layout.plain_model(layout.with_physical(rung.solution.raw, changed))
+        if abs(_fastest(rung, other) - rate) > _SETS * _STEP * rate:
+            found.append(names[k])
+    return found
+
+
+def _fastest(rung: HorizonFit, model: Model) -> float:
+    """Return the fastest rate of a model along the recordings times a sub-step of the solver."""
+    windows = rung.windows
     at = np.unique(np.linspace(0, len(windows.states) - 1, _SAMPLES).astype(int))
     inputs = windows.inputs[at, : len(model.inputs)].T
     with float64():
