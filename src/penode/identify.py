@@ -58,7 +58,8 @@ def identify(
         Recordings to train on, of one time step.
     plan : Plan, optional
         Stages of training; by default `penode.engine.default_plan`, made from model and recordings,
-        with a zero- or first-order hold of the inputs, whichever predicts better.
+        with a zero-order, first-order or band-limited hold of the inputs, whichever predicts best,
+        and as many sub-steps as leave the estimate where it is (16 at most).
     selector : Selector
         Picks the horizon; Lepski's plateau by default.
     validation : sequence of Experiment

@@ -177,7 +177,6 @@ def too_coarse(
     limits = np.maximum(_PART * said.deviation, _FINEST * np.abs(said.values))
     moved, seen = _doubled(problem, plan, choice.index, rung)
     shares = dict(zip(names, _share(moved, limits), strict=True))
-    fastest, unsure = _fastest(rung, rung.model), _unsure_rates(problem, rung, said)
 
     now = substeps(plan.solver)
     reason, excess = f"With {2 * now} sub-steps a sample the predictions change visibly.", seen
@@ -188,8 +187,12 @@ def too_coarse(
             f"With {2 * now} sub-steps a sample {worst} = {said.values[k]:.4g} moves by "
             f"{moved[k]:.2g}, which is more than a tenth of its deviation."
         )
-    if excess <= 1.0 and unsure and fastest > _STIFF:
-        excess = fastest**plan.solver.order
+    unsure = _unsure_rates(problem, rung, said) if excess <= 1.0 else []
+    if excess <= 1.0 and not unsure:
+        return None
+    fastest = _fastest(rung, rung.model)
+    if excess <= 1.0:
+        excess = fastest**plan.solver.order / _STIFF
         reason = (
             f"The model's fastest rate times a step of the solver is {fastest:.2g}, and the "
             f"recordings do not show {' and '.join(unsure)}: the solver may decide."
@@ -209,9 +212,9 @@ def too_fast(found: Climbed) -> tuple[Objection, ...]:
     found : Climbed
     """
     rung = found.climb.fits[found.choice.index]
-    rate = _fastest(rung, rung.model) * substeps(found.plan.solver)
     unsure = _unsure_rates(found.problem, rung, _said(found.climb, found.choice))
-    if not (unsure and rate > _GONE):
+    rate = _fastest(rung, rung.model) * substeps(found.plan.solver) if unsure else 0.0
+    if rate <= _GONE:
         return ()
     reason = (
         f"{' and '.join(unsure)} may be any number from this one up: the model's fastest rate "
@@ -264,8 +267,10 @@ def _doubled(
 def _unsure_rates(problem: LadderProblem, rung: HorizonFit, said: Consensus) -> list[str]:
     """Return the physical parameters known to no digit that set the model's fastest rate."""
     layout, names = problem.objective.layout, problem.objective.layout.physical
-    values, rate, found = rung.values[: len(names)], _fastest(rung, rung.model), []
-    for k in np.flatnonzero(~(said.deviation < np.abs(said.values))):
+    values, found = rung.values[: len(names)], list[str]()
+    unknown = np.flatnonzero(~(said.deviation < np.abs(said.values)))
+    rate = _fastest(rung, rung.model) if len(unknown) else 0.0
+    for k in unknown:
         with float64():
             changed = values.copy()
             changed[k] *= 1 + _STEP
