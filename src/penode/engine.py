@@ -2,7 +2,7 @@
 
 Solvers and holds
     `RungeKutta` with a tableau such as `RK4`, `AdamsBashforth`, `ImplicitMidpoint`, `Trapezoidal`,
-    `Substeps`; `ZeroOrderHold`, `FirstOrderHold`.
+    `Substeps`; `ZeroOrderHold`, `FirstOrderHold`, `BandLimitedHold`.
 Learned maps and transforms
     `TanhLayers`, `ConvexGradient`, `Polynomial`, `Spline`, and what combines them: `LinearSkip`,
     `QuadraticSkip`, `Gradient`, `Scaled`; `Positive`, `Bounded`, `PositiveDefinite`; `Normal`.
@@ -53,6 +53,7 @@ from penode.models.parameters import Normal, with_batch_axis
 from penode.models.polynomials import Polynomial
 from penode.models.splines import Spline
 from penode.models.transforms import Bounded, Identity, Positive, PositiveDefinite, Transform
+from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.holds import FirstOrderHold, Hold, ZeroOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
 from penode.predictors.multistep import AdamsBashforth
@@ -135,6 +136,7 @@ __all__ = [
     "AdamsBashforth",
     "AdamsBashforthTable",
     "Anchor",
+    "BandLimitedHold",
     "BestOf",
     "BiasForecast",
     "Bounded",

@@ -4,23 +4,21 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from penode.arrays import FloatArray, one_blas_thread
 from penode.data.experiment import Experiment, require_recordings
 from penode.data.stretches import check_lengths
 from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
-from penode.horizon.cross_checks import CrossCheck, cross_check
 from penode.horizon.declared_priors import with_declared_priors
 from penode.horizon.default_plan import default_plan, with_hold
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.held_out import selector_for
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import Climb, LadderProblem, Observer, ignore_events
+from penode.horizon.ladder import LadderProblem, Observer, ignore_events
 from penode.horizon.objections import CHECKS, guarded, objections, with_objections
-from penode.horizon.selection import Choice, Selector, believable, choose
+from penode.horizon.selection import Selector, believable, choose
 from penode.horizon.simulation import confirmed, parting
+from penode.horizon.solver_check import Climbed, with_fine_solver
 from penode.models.base import Model
 from penode.models.checked import require_sound
 from penode.training.plan import Plan
@@ -61,7 +59,8 @@ def identify(
         Recordings to train on, of one time step.
     plan : Plan, optional
         Stages of training; by default `penode.engine.default_plan`, made from model and recordings,
-        with a zero- or first-order hold of the inputs, whichever predicts better.
+        with a zero-order, first-order or band-limited hold of the inputs, whichever predicts best,
+        and as many sub-steps as leave the estimate where it is (16 at most).
     purpose : str or Selector
         What the horizon is chosen for: ``"parameters"`` (Lepski's plateau), ``"simulation"`` or
         ``"one_step"`` (the shortest that predicts as well as any, `penode.engine.HeldOut`), or a
@@ -99,38 +98,30 @@ def identify(
         require_predictable(problem.objective.predictor, start.model, unseen)
 
     raw = problem.objective.layout.raw(start.model)
-    climb, choice, check = _climbed(problem, plan, selector, start, raw)
+
+    def climbed(plan: Plan, raw: FloatArray = raw) -> Climbed:
+        problem = LadderProblem.of(start.model, experiments, plan, observer)
+        climb = believable(with_free_runs(problem, problem.climb(plan, raw)))
+        return Climbed(problem, plan, climb, choose(selector, climb, plan))
+
+    found = climbed(plan) if given else with_fine_solver(plan, climbed)
+    check = found.cross_checked(start)
     if given is None and check.better is not None:
         try:
-            again = _climbed(problem, plan, selector, start, check.better)
-            if _loss_at(choice, again[0]) < _loss_at(choice, climb):
-                climb, choice, check = again
+            again = climbed(found.plan, check.better)
+            if again.loss_at(found.choice) < found.loss_at(found.choice):
+                found, check = again, again.cross_checked(start)
         except KeyboardInterrupt:
             check = replace(check, interrupted=True)
+    problem, plan, climb, choice = found.problem, found.plan, found.climb, found.choice
     if given is None:
         choice = confirmed(choice, climb.fits)
         check = check.beside(parting(choice, climb.fits))
     fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)
     missed: list[str] = []
     checks = [guarded(one, missed) for one in (*start.checks, *CHECKS)]
-    raised = [*objections(fit, experiments, checks), *check.objections]
+    raised = [*found.objections, *objections(fit, experiments, checks), *check.objections]
     fit = with_objections(replace(fit, warnings=(*missed, *fit.warnings)), raised)
     if climb.interrupted or check.interrupted:
         raise Stopped(fit)
     return fit
-
-
-def _climbed(
-    problem: LadderProblem, plan: Plan, selector: Selector, start: Start, raw: FloatArray
-) -> tuple[Climb, Choice, CrossCheck]:
-    """Climb from raw parameters, choose a rung, and check the choice."""
-    climb = believable(with_free_runs(problem, problem.climb(plan, raw)))
-    choice = choose(selector, climb, plan)
-    return climb, choice, cross_check(problem, plan, climb, choice, start)
-
-
-def _loss_at(choice: Choice, climb: Climb) -> float:
-    """Return a climb's loss at the rung that another one chose, infinite where it is not there."""
-    if choice.index >= len(climb.fits):
-        return np.inf
-    return climb.fits[choice.index].solution.terms.loss

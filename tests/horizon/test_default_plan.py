@@ -13,6 +13,7 @@ from penode.data.windows import Jittered, cut
 from penode.engine import LadderProblem, Loss, Positive, default_plan
 from penode.horizon.default_plan import default_horizons, with_hold
 from penode.horizon.identifiability import Start
+from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.base import DEFAULT_SOLVER
 from penode.predictors.holds import FirstOrderHold, ZeroOrderHold
 from penode.training.residuals import Objective
@@ -47,8 +48,12 @@ OUTFLOW, INFLOW, STEP, NOISE = 0.05, 0.045, 4.0, 0.03
 
 @pytest.fixture(scope="module")
 def run():
+    return tanks(2)
+
+
+def tanks(seed):
     """Return 600 samples by SciPy, noise on the lower level."""
-    random = np.random.default_rng(2)
+    random = np.random.default_rng(seed)
     pump = np.repeat(random.uniform(1.0, 5.0, 40), 15)
 
     def rate(t, x, u):
@@ -161,22 +166,47 @@ class Lag(Model):
         return self.a * (u[0] - x[0])[None]
 
 
-@pytest.mark.parametrize("hold", [ZeroOrderHold(), FirstOrderHold()])
-def test_the_recordings_show_how_the_input_goes_on(hold):
-    """A lag driven through either hold, its answer in closed form; the constant one by default."""
-    random, rate, step = np.random.default_rng(3), 2.0, 0.1
+RATE, SAMPLED = 2.0, 0.1
+
+
+def held(hold, random):
+    """Return an input at samples and the lag's answer to it between them, in closed form."""
+    if hold == BandLimitedHold():
+        t = SAMPLED * np.arange(400)[:, None]
+        frequency, phase = random.uniform(2, 25, 20), random.uniform(0, 2 * np.pi, 20)
+        turned = np.exp(1j * (t * frequency + phase))
+        answer = RATE / (RATE + 1j * frequency)
+        return turned.real.sum(axis=1), (answer * turned).real.sum(axis=1)
     u = np.cumsum(random.normal(size=400))
-    x, kept = np.zeros(400), np.exp(-rate * step)
+    x, kept = np.zeros(400), np.exp(-RATE * SAMPLED)
     for k in range(399):
-        slope = (u[k + 1] - u[k]) / step if hold == FirstOrderHold() else 0.0
-        steady = u[k] - slope / rate  # a ramp is followed 1/a behind
-        x[k + 1] = steady + slope * step + kept * (x[k] - steady)
-    experiment = Experiment("lag", step, {"u": u, "x": x + 0.01 * random.normal(size=400)})
-    start = Start(Lag(1.0))
+        slope = (u[k + 1] - u[k]) / SAMPLED if hold == FirstOrderHold() else 0.0
+        steady = u[k] - slope / RATE  # a ramp is followed 1/a behind
+        x[k + 1] = steady + slope * SAMPLED + kept * (x[k] - steady)
+    return u, x
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.parametrize("hold", [ZeroOrderHold(), FirstOrderHold(), BandLimitedHold()])
+def test_the_recordings_show_how_the_input_goes_on(hold, noise):
+    """Also where what is recorded of the input is noisy."""
+    random = np.random.default_rng(3)
+    u, x = held(hold, random)
+    channels = {"u": u + noise * random.normal(size=400), "x": x + 0.01 * random.normal(size=400)}
+    experiment, start = Experiment("lag", SAMPLED, channels), Start(Lag(1.0))
     plan = with_hold(default_plan(start.model, [experiment]), start, [experiment])
     assert plan.hold == hold
-    fit = identify(start.model, [experiment])
-    assert fit.parameters["a"].value == pytest.approx(rate, rel=0.01)
+    if not noise:
+        fit = identify(start.model, [experiment])
+        assert fit.parameters["a"].value == pytest.approx(RATE, rel=0.01)
+
+
+@pytest.mark.parametrize("seed", [3, 7, 10])
+def test_noise_at_the_first_horizon_makes_no_hold(seed):
+    """Commands that stand still for 15 samples; at H = 7 noise hides what either hold does."""
+    start = Start(Tanks(0.08, 0.08))
+    plan = with_hold(default_plan(start.model, [tanks(seed)]), start, [tanks(seed)])
+    assert plan.hold == ZeroOrderHold()
 
 
 def test_the_plan_serves_a_climb(run):

@@ -14,6 +14,7 @@ import pytest
 from penode import Jittered, Predictor
 from penode.arrays import float64
 from penode.data.windows import cut
+from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.holds import FirstOrderHold, ZeroOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
 from penode.predictors.multistep import AdamsBashforth
@@ -35,6 +36,9 @@ PREDICTORS = {
     "implicit midpoint": (ImplicitMidpoint(), ZeroOrderHold()),
     "trapezoidal, straight input": (Trapezoidal(), FirstOrderHold()),
     "sub-steps, straight input": (Substeps(RungeKutta(EULER), 2), FirstOrderHold()),
+    "rk4, band-limited input": (RungeKutta(RK4), BandLimitedHold()),
+    "implicit midpoint, band-limited input": (ImplicitMidpoint(), BandLimitedHold()),
+    "sub-steps, band-limited input": (Substeps(RungeKutta(EULER), 2), BandLimitedHold()),
 }
 
 
@@ -47,6 +51,7 @@ QUICK = {
     ("linear machine", "sub-steps, straight input"),
     ("duffing", "implicit midpoint"),
     ("mlp machine", "euler"),
+    ("duffing", "rk4, band-limited input"),
 }
 PAIRS = [
     pytest.param(model, name, marks=() if (model, name) in QUICK else pytest.mark.slow)
@@ -55,10 +60,11 @@ PAIRS = [
 ]
 
 
-def windows_of(system, past):
+def windows_of(system, predictor):
     """Return 43 windows, fewer than one chunk."""
     names = (system.model.states, system.model.inputs)
-    windows = cut(system.experiments, *names, HORIZON, past=past, placement=Jittered(1))
+    options = {"past": predictor.past, "prepared": predictor.prepared}
+    windows = cut(system.experiments, *names, HORIZON, placement=Jittered(1), **options)
     return replace(windows, starts=windows.starts[::3], recording=windows.recording[::3])
 
 
@@ -88,7 +94,7 @@ def test_forward_reverse_differences_and_a_plain_loop_agree(systems, model, name
     system = systems[model]
     predictor = Predictor(system.time_step, *PREDICTORS[name])
     objective = Objective(predictor, system.model, system.scale)
-    windows, raw = windows_of(system, predictor.past), system.raw
+    windows, raw = windows_of(system, predictor), system.raw
     with float64():
         residuals = plain_loop(objective, windows, system.scale)
         both = jax.jit(lambda raw: (residuals(raw), jax.jacfwd(residuals)(raw)))

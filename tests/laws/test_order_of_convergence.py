@@ -6,12 +6,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from penode import Experiment, Model, physical
+from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.base import Predictor
 from penode.predictors.holds import FirstOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta, Substeps
-from penode.predictors.tableaus import ADAMS_BASHFORTH, RK3, RUNGE_KUTTA
+from penode.predictors.tableaus import ADAMS_BASHFORTH, RK3, RK4, RUNGE_KUTTA
 from penode.validation.free_run import compare
 
 SOLVERS = {
@@ -40,18 +41,18 @@ class Pendulum(Model):
         return jnp.stack([x[1], u[0] - self.gravity * jnp.sin(x[0]) - 0.2 * x[1] ** 3])
 
 
-def exact(push, steps):
-    """Return the recording of steps + 1 samples over 2 s by an adaptive method."""
+def exact(push, steps, end=2):
+    """Return the recording of steps + 1 samples over 2 s, or more, by an adaptive method."""
 
     def slope(t, x):
         return [x[1], push(t) - 2.0 * np.sin(x[0]) - 0.2 * x[1] ** 3]
 
-    time = np.linspace(0, 2, steps + 1)
+    time = np.linspace(0, end, steps + 1)
     path = solve_ivp(
-        slope, (0, 2), list(START), t_eval=time, method="DOP853", rtol=1e-13, atol=1e-14
+        slope, (0, end), list(START), t_eval=time, method="DOP853", rtol=1e-13, atol=1e-14
     ).y
     channels = {"angle": path[0], "rate": path[1], "push": push(time) + 0 * time}
-    return Experiment("pendulum", 2 / steps, channels)
+    return Experiment("pendulum", end / steps, channels)
 
 
 def error(solver, run, **options):
@@ -76,3 +77,15 @@ def test_a_first_order_hold_follows_a_ramp_that_a_zero_order_hold_cannot():
     assert np.log2(held[0] / held[1]) == pytest.approx(1.0, abs=0.1)
     assert np.log2(straight[0] / straight[1]) == pytest.approx(4.0, abs=0.1)
     assert straight[1] < 1e-5 * held[1]
+
+
+@pytest.mark.parametrize("solver", [RungeKutta(RK4), Substeps(RungeKutta(RK4), 2), Trapezoidal()])
+def test_a_band_limited_hold_lets_every_solver_keep_its_order_on_sampled_sines(solver):
+    """A straight one is of second order whatever the solver; the reference knows the sines."""
+    runs = [exact(lambda t: 0.5 * np.sin(3 * t) + 0.3 * np.cos(5 * t), n, 15) for n in (300, 600)]
+    errors = [error(solver, run, hold=BandLimitedHold()) for run in runs]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(solver.order, abs=0.15)
+    if solver.order == 4:
+        straight = [error(solver, run, hold=FirstOrderHold()) for run in runs]
+        assert np.log2(straight[0] / straight[1]) == pytest.approx(2.0, abs=0.15)
+        assert errors[1] < 1e-3 * straight[1]

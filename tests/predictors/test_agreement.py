@@ -20,6 +20,7 @@ from scipy.optimize import root
 from penode import Model, Predictor, physical
 from penode.arrays import float64
 from penode.models.parameters import with_batch_axis
+from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.holds import FirstOrderHold, ZeroOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
 from penode.predictors.multistep import AdamsBashforth
@@ -37,7 +38,16 @@ from penode.predictors.tableaus import (
 STEPS, WIDTH = 60, 0.1
 MU, CUBIC = 1.4, 0.8
 TIME = WIDTH * np.arange(STEPS + 1)
-PUSH = 1.5 * np.sin(1.1 * TIME) + 0.4 * np.cos(5.0 * TIME)
+
+
+def push(t):
+    return 1.5 * np.sin(1.1 * t) + 0.4 * np.cos(5.0 * t)
+
+
+PUSH = push(TIME)
+#: Samples to each side that a band-limited hold looks at, and the recording with them.
+MARGIN = 64
+LONGER = push(WIDTH * np.arange(-MARGIN, STEPS + 1 + MARGIN))
 START = np.array([0.7, -0.4])
 TOLERANCE = 1e-10
 
@@ -69,15 +79,20 @@ def straight(k, share):
     return (1 - share) * PUSH[k] + share * PUSH[k + 1]
 
 
+def as_it_was(k, share):
+    return push(TIME[k] + share * WIDTH)
+
+
 def by_penode(solver, hold, measured):
     """Return the path (time, state) from the first `past` rows of `measured`."""
     with float64():
         predictor = Predictor(WIDTH, solver, hold)
-        model, push = with_batch_axis(VanDerPolDuffing(MU, CUBIC)), jnp.asarray(PUSH)[:, None]
+        model = with_batch_axis(VanDerPolDuffing(MU, CUBIC))
+        rows = jnp.asarray(predictor.prepared(LONGER[:, None])[MARGIN:])
 
         @jax.jit
         def step(history, k):
-            return predictor.step(model, history, lambda offset: push[k + offset][None])
+            return predictor.step(model, history, lambda offset: rows[k + offset][:, None])
 
         path = [*measured[: predictor.past]]
         history = jnp.asarray(np.array(path[::-1]))[..., None]
@@ -92,7 +107,10 @@ def by_diffrax(solver, u_of, measured):
 
     def field(t, x, k_and_t0):
         u, ahead, t0 = k_and_t0
-        u = u if u_of is held else u + (ahead - u) * (t - t0) / WIDTH
+        if u_of is straight:
+            u = u + (ahead - u) * (t - t0) / WIDTH
+        if u_of is as_it_was:
+            u = 1.5 * jnp.sin(1.1 * t) + 0.4 * jnp.cos(5.0 * t)
         bend = MU * (1.0 - x[0] ** 2) * x[1]
         return jnp.stack([x[1], u + bend - x[0] - CUBIC * x[0] ** 3])
 
@@ -266,10 +284,13 @@ def test_held_input(name, who, measured):
     [(n, w) for n, w in PAIRS if w != "torchdiffeq" and not isinstance(SOLVERS[n], AdamsBashforth)],
     ids=lambda x: x,
 )
-def test_straight_input_is_read_at_the_nodes_of_the_method(name, who, measured):
+@pytest.mark.parametrize(
+    ("u_of", "hold"), [(straight, FirstOrderHold()), (as_it_was, BandLimitedHold())]
+)
+def test_an_input_that_moves_is_read_at_the_nodes_of_the_method(name, who, u_of, hold, measured):
     """Only an input that moves within the step shows a wrong node."""
-    expected = REFERENCES[name][who](straight, measured)
-    found = by_penode(SOLVERS[name], FirstOrderHold(), measured)
+    expected = REFERENCES[name][who](u_of, measured)
+    found = by_penode(SOLVERS[name], hold, measured)
     np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE)
 
 

@@ -1,6 +1,6 @@
 """Windows: a batch cut from recordings, each predicted from its measured start."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -141,7 +141,8 @@ class Windows:
     states : ndarray, shape (time, state)
         Measured states of all recordings, one after the other, in SI units.
     inputs : ndarray, shape (time, input)
-        Inputs beside them; ``inputs[k]`` acts from sample k to sample k + 1.
+        Inputs beside them; ``inputs[k]`` acts from sample k to sample k + 1. Behind them may stand
+        what a hold reads between samples (`penode.Predictor.prepared`).
     starts : ndarray of int64, shape (window,)
         Start of each window, an index into `states`; ascending.
     recording : ndarray of int64, shape (window,)
@@ -177,7 +178,11 @@ class Windows:
         return replace(self, starts=self.starts[::stride], recording=self.recording[::stride])
 
 
-def cut(
+def _as_recorded(inputs: FloatArray) -> FloatArray:
+    return inputs
+
+
+def cut(  # noqa: PLR0913 (two of them are rarely given)
     experiments: Sequence[Experiment],
     state_names: Sequence[str],
     input_names: Sequence[str],
@@ -185,6 +190,7 @@ def cut(
     *,
     past: int = 1,
     placement: Placement = DEFAULT_PLACEMENT,
+    prepared: Callable[[FloatArray], FloatArray] = _as_recorded,
 ) -> Windows:
     """Cut recordings into windows; no window crosses from one recording into the next.
 
@@ -203,6 +209,9 @@ def cut(
     placement : Placement, optional
         Where the windows start; ``Jittered(seed=0)`` if not given. `Contiguous` cuts them end
         to end.
+    prepared : callable, optional
+        `penode.Predictor.prepared`: takes the inputs of each recording, (time, input), and returns
+        them with what a hold reads between samples; as they are if not given.
 
     Returns
     -------
@@ -230,7 +239,7 @@ def cut(
         offset += len(experiment)
     return Windows(
         states=np.concatenate([_columns(each, state_names) for each in experiments]),
-        inputs=np.concatenate([_columns(each, input_names) for each in experiments]),
+        inputs=np.concatenate([prepared(_columns(each, input_names)) for each in experiments]),
         starts=np.concatenate(starts),
         recording=np.concatenate(recording),
         horizon=horizon,

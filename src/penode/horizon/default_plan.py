@@ -3,6 +3,9 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import compress
+
+import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
@@ -11,7 +14,8 @@ from penode.errors import InputError
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, ignore_events, ladder_plan
 from penode.models.base import Model
-from penode.predictors.holds import FirstOrderHold
+from penode.predictors.band_limited import BandLimitedHold
+from penode.predictors.holds import FirstOrderHold, Hold
 from penode.training.loss import Loss
 from penode.training.plan import Plan
 
@@ -22,8 +26,10 @@ _FACTOR, _WINDOWS = 2.0, 40
 #: The longest horizon: so many samples, or a part of a recording where that is more, but no more
 #: than this share of it.
 _LONG, _PART, _SHARE = 1000, 1 / 40, 0.8
-#: Part of a loss by which two holds differ that are as good.
-_TIE = 1e-3
+#: Holds that constant inputs are compared with, the simplest first; by how much the logarithm of
+#: the likelihood decides between two (odds of 20 to 1, twice); and a loss that is rounding.
+_HOLDS: tuple[Hold, ...] = (FirstOrderHold(), BandLimitedHold())
+_EVIDENCE, _EXACT = 6.0, 1e-24
 
 
 def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0) -> Plan:
@@ -60,10 +66,11 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
 
 
 def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:
-    """Return a plan whose hold predicts the recordings best at its first horizon.
+    """Return a plan whose hold predicts the recordings best.
 
-    An input that was computed stands still from one sample to the next, one that was sampled does
-    not, and the recordings show which: training at the first horizon ends with a smaller loss.
+    An input that was computed stands still from one sample to the next; one that was sampled goes
+    straight, or as a band-limited signal does. The loss at the first horizon shows which, or at one
+    in the middle where noise hides it. Of holds that are as good, within chance, the simplest.
 
     Parameters
     ----------
@@ -73,29 +80,31 @@ def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Pl
         Where training begins.
     experiments : sequence of Experiment
         Recordings of one time step.
-
-    Raises
-    ------
-    InputError
-        If the predictions diverge at the first horizon with constant inputs.
     """
     if not start.model.inputs:
         return plan
-    straight = replace(plan, hold=FirstOrderHold())
-    constant = _first_loss(plan, start, experiments)
+    plans = [plan, *(replace(plan, hold=hold) for hold in _HOLDS)]
+    first, middle = plan.stages[:1], plan.stages[len(plan.stages) // 2 :][:1]
+    measured = len(start.model.states) - len(start.model.unmeasured)
+    chance = _EVIDENCE / (measured * sum(map(len, experiments)))
+    for stages in (first, (*first, *middle)):
+        losses = [_log_loss(replace(one, stages=stages), start, experiments) for one in plans]
+        kept = np.array(losses) <= min(losses) + chance
+        plans = list(compress(plans, kept))
+        if len(plans) == 1:
+            break
+    return plans[0]
+
+
+def _log_loss(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> float:
+    """Return the logarithm of the loss at a plan's last horizon, infinite where it diverges."""
+    problem = LadderProblem.of(start.model, experiments, plan, ignore_events)
     try:
-        other = _first_loss(straight, start, experiments)
-    except InputError:  # the predictions diverge
-        return plan
-    return straight if other < (1 - _TIE) * constant else plan
-
-
-def _first_loss(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> float:
-    """Return the loss that training ends with at a plan's first horizon."""
-    first = replace(plan, stages=plan.stages[:1])
-    problem = LadderProblem.of(start.model, experiments, first, ignore_events)
-    climb = problem.climb(first, problem.objective.layout.raw(start.model))
-    return climb.fits[0].solution.terms.loss
+        climb = problem.climb(plan, problem.objective.layout.raw(start.model))
+    except InputError:
+        return math.inf
+    reached = len(climb.fits) == len(plan.stages)
+    return math.log(climb.fits[-1].solution.terms.loss + _EXACT) if reached else math.inf
 
 
 def default_horizons(model: Model, experiments: Sequence[Experiment]) -> tuple[int, ...]:

@@ -235,13 +235,15 @@ class LadderProblem:
 
     def problem(self, stage: Stage, plan: Plan) -> Problem:
         """Return the problem of one stage: its windows, and which parameters move."""
+        predictor = self.objective.predictor
         windows = cut(
             [with_unmeasured(e, self.model) for e in self.experiments],
             self.model.states,
             self.model.inputs,
             stage.horizon,
-            past=self.objective.predictor.past,
+            past=predictor.past,
             placement=plan.placement,
+            prepared=predictor.prepared,
         )
         moving = self.objective.layout.members(stage.groups)
         return Problem(self.objective, self.reported, windows, moving)

@@ -121,7 +121,8 @@ def linearised(
     read = (at[:, None] + np.arange(1 - past, 2)).ravel()
     at = np.arange(len(at)) * (past + 1) + past - 1
     with float64():
-        states, inputs = (experiment.stack(names)[read].T for names in (model.states, model.inputs))
+        states, inputs = experiment.stack(model.states), experiment.stack(model.inputs)
+        states, inputs = states[read].T, predictor.prepared(inputs)[read].T
         columns = np.asarray(_pushed(predictor, with_batch_axis(model), states, inputs, at))
     return np.asarray(columns.transpose(2, 1, 0) / sizes[:, None] * sizes)
 

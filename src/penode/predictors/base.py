@@ -4,11 +4,13 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 
-from penode.arrays import JaxArray
+from penode.arrays import FloatArray, JaxArray
 from penode.models.base import Model
+from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.field import Field
 from penode.predictors.holds import Drive, Hold, ZeroOrderHold
 from penode.predictors.one_step import RungeKutta
+from penode.predictors.places import places_of
 from penode.predictors.solver import Solver
 from penode.predictors.tableaus import RK4
 
@@ -34,10 +36,30 @@ class Predictor:
     solver: Solver = DEFAULT_SOLVER
     hold: Hold = DEFAULT_HOLD
 
+    def __post_init__(self) -> None:
+        if isinstance(self.hold, BandLimitedHold):
+            hold = self.hold.prepared_for(places_of(self.solver))
+            object.__setattr__(self, "hold", hold)
+
     @property
     def past(self) -> int:
         """Measured samples a prediction starts from, the present one included."""
         return self.solver.past
+
+    def prepared(self, inputs: FloatArray) -> FloatArray:
+        """Return a recording's inputs as `step` wants its drive to give them.
+
+        Parameters
+        ----------
+        inputs : ndarray, shape (time, input)
+            Of one recording, or one stretch of it.
+
+        Returns
+        -------
+        ndarray, shape (time, row)
+            The inputs, and behind them what a band-limited hold adds; most holds add nothing.
+        """
+        return self.hold.prepared(inputs) if isinstance(self.hold, BandLimitedHold) else inputs
 
     def step(self, model: Model, history: JaxArray, drive: Drive) -> JaxArray:
         """Predict the next sample and put it in front of the history.
@@ -49,7 +71,7 @@ class Predictor:
         history : array, shape (past, state, batch)
             State at t_k first, then at t_(k-1) and before.
         drive : callable
-            Input (input, batch) by offset from sample k.
+            Input (row, batch) by offset from sample k, as `prepared` gives its rows.
 
         Returns
         -------

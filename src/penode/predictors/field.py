@@ -57,10 +57,14 @@ class Field:
             Part of the solver's step that this derivative represents, in fractions of the step;
             without it, a model that asks for the part is refused (`Inputs.part_for`).
         """
+        u = self.input(sample, fraction)
+        return self.model.derivative(x, u.over(self._span(part, fraction)))
+
+    def input(self, sample: int, fraction: float) -> Inputs:
+        """Return the input at a place within the solver's step, 0 to 1, `sample` intervals on."""
         place = self.first + self.length * fraction
         u = self.hold(self._inputs, sample, place, self.time_step)
-        u = self._moved_on(u, sample, place)
-        return self.model.derivative(x, u.over(None if part is None else self._span(part, place)))
+        return self._moved_on(u, sample, place)
 
     def split(self, number: int, count: int) -> "Field":
         """Return the field over part `number` of `count` equal parts of the step."""
@@ -78,7 +82,9 @@ class Field:
         start, elapsed = self._inputs(sample), place * self.time_step
         return u.replaced(**{n: start[n] + start[rate] * elapsed for n, rate in moving.items()})
 
-    def _span(self, part: Part, place: float) -> tuple[float, float]:
-        """Return a part of the step in s after a place in the interval."""
-        begin, end = ((self.first + self.length * at - place) * self.time_step for at in part)
+    def _span(self, part: Part | None, fraction: float) -> tuple[float, float] | None:
+        """Return a part of the step in s after a place within it."""
+        if part is None:
+            return None
+        begin, end = ((at - fraction) * self.width for at in part)
         return begin, end

@@ -91,7 +91,7 @@ def solve_implicit(
     frozen = jax.lax.stop_gradient(arguments)
 
     def newton(z: JaxArray, at: Any) -> JaxArray:
-        return _solve_columns(_jacobian(lambda y: defect(frozen, y), z), defect(at, z))
+        return _solve_columns(jacobian_of(lambda y: defect(frozen, y), z), defect(at, z))
 
     def iterate(state: tuple[JaxArray, JaxArray, JaxArray]) -> tuple[JaxArray, JaxArray, JaxArray]:
         z, _, count = state
@@ -105,11 +105,11 @@ def solve_implicit(
     begin = jax.lax.stop_gradient(guess)
     nothing_yet = (begin, jnp.full((), jnp.inf, begin.dtype), jnp.zeros((), jnp.int32))
     root = jax.lax.stop_gradient(jax.lax.while_loop(unfinished, iterate, nothing_yet)[0])
-    jacobian = jax.lax.stop_gradient(_jacobian(lambda y: defect(frozen, y), root))
+    jacobian = jax.lax.stop_gradient(jacobian_of(lambda y: defect(frozen, y), root))
     return root - _solve_columns(jacobian, defect(arguments, root))
 
 
-def _jacobian(function: Callable[[JaxArray], JaxArray], z: JaxArray) -> JaxArray:
+def jacobian_of(function: Callable[[JaxArray], JaxArray], z: JaxArray) -> JaxArray:
     """Return d function / d z, shape (batch, state, state), of a column-wise function."""
     seeds = jnp.eye(z.shape[0], dtype=z.dtype)
     columns = [jax.jvp(function, (z,), (jnp.zeros_like(z) + s[:, None],))[1] for s in seeds]

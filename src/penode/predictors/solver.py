@@ -1,12 +1,13 @@
 """What every solver offers; the table or the equation behind it is its own."""
 
+from collections.abc import Hashable
 from typing import Protocol
 
 from penode.arrays import JaxArray
 from penode.predictors.field import Field
 
 
-class Solver(Protocol):
+class Solver(Hashable, Protocol):
     """Turns a field into the next sample."""
 
     @property

@@ -89,6 +89,7 @@ def compare(
         measured = np.asarray(corrected)[:, : len(experiment)]
         ahead = look_ahead(predictor, batched, measured, inputs, 1).T
         start = on_device(measured[:, : predictor.past].T[::-1].copy())
+        inputs = predictor.prepared(inputs.T).T
         if freed:
             both = on_device(measured), on_device(inputs)
             start = _estimated_start(predictor, batched, both, (rows, freed))
@@ -154,7 +155,8 @@ def _free_run_squares(
         return squares
     with float64():
         names = (models[0].states, models[0].inputs)
-        recorded = [with_shared_length(experiment.stack(channels).T) for channels in names]
+        states, inputs = (experiment.stack(channels) for channels in names)
+        recorded = [with_shared_length(a.T) for a in (states, predictor.prepared(inputs))]
         together: Model = jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *models)
         samples = len(experiment) - predictor.past
         return np.asarray(_squares(predictor, together, *recorded, samples))
@@ -212,9 +214,8 @@ def look_ahead(
         For samples past .. time - 1; the first k - 1 of them start from fewer steps before.
     """
     count = len(range(predictor.past, states.shape[1], stride))
-    ahead = _ahead(
-        predictor, model, with_shared_length(states), with_shared_length(inputs), steps, stride
-    )
+    recorded = [with_shared_length(a) for a in (states, predictor.prepared(np.asarray(inputs).T).T)]
+    ahead = _ahead(predictor, model, *recorded, steps, stride)
     return np.asarray(ahead)[:, :count]
 
 

@@ -1,0 +1,306 @@
+"""Is the solver fine enough? Twice as many sub-steps may move neither the estimate nor the error.
+
+A coarse solver is a model of its own: training makes up for its error with the parameters, and may
+end at an alias, a value at which a wrong solution goes through the samples.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import FloatArray, float64
+from penode.fit.outcome import AVERAGED, Objection
+from penode.horizon.consensus import Consensus
+from penode.horizon.cross_checks import CrossCheck, cross_check
+from penode.horizon.identifiability import Start
+from penode.horizon.ladder import Climb, HorizonFit, LadderProblem
+from penode.horizon.selection import Choice
+from penode.models.base import Model
+from penode.models.inputs import Inputs
+from penode.models.parameters import with_batch_axis
+from penode.predictors.base import Predictor
+from penode.predictors.implicit import jacobian_of
+from penode.predictors.one_step import Substeps
+from penode.predictors.solver import Solver
+from penode.training.gauss_newton_terms import residual_scale
+from penode.training.loss import channel_deviation
+from penode.training.plan import Plan
+from penode.training.residuals import Objective
+
+#: Part of a parameter's deviation, and of its value where that is more, that a solver may move it
+#: by; part of the squared error, and of what the states move, that it may change the error by.
+_PART, _FINEST = 0.1, 1e-5
+_SQUARES, _VISIBLE = 0.2, 1e-3
+#: Most sub-steps that are tried, and the fastest rate times their length that is not stiff.
+MOST, _STIFF = 16, 1.0
+#: Rate times sampling interval from which a transient has died out at the next sample.
+_GONE = 3.0
+#: Samples at which rates are looked at, the relative step of a parameter by which its part in them
+#: is seen, and the least such part, logarithmic.
+_SAMPLES, _STEP, _SETS = 200, 1e-3, 0.1
+
+
+@dataclass(frozen=True)
+class Coarseness:
+    """A solver that is too coarse for what was trained with it.
+
+    Attributes
+    ----------
+    solver : Solver
+        The solver in question.
+    count : int
+        Sub-steps that suffice by the solver's order, a power of two times those it takes; above
+        `MOST` where that is out of reach.
+    reason : str
+        What shows it, as a sentence.
+    stiffness : float
+        Fastest rate of the model along the recordings times the length of a sub-step.
+    """
+
+    solver: Solver
+    count: int
+    reason: str
+    stiffness: float
+
+    @property
+    def finer(self) -> Solver | None:
+        """The solver with as many sub-steps as suffice, or as are tried; None if it has those."""
+        count = min(self.count, MOST)
+        return with_substeps(self.solver, count) if count > substeps(self.solver) else None
+
+    @property
+    def objection(self) -> Objection:
+        """What speaks against a result that was trained so."""
+        stiff = self.stiffness > _STIFF
+        enough = f"Take {self.count} sub-steps a sample (Substeps)"
+        if self.count > MOST:
+            enough = f"More than {MOST} sub-steps are needed"
+        implicit = (
+            " The model is stiff: ImplicitMidpoint or Trapezoidal takes longer steps, unless its "
+            "fastest rate is what is wanted; that takes faster samples."
+        )
+        return Objection("solver too coarse", self.reason, f"{enough}.{implicit if stiff else ''}")
+
+
+def substeps(solver: Solver) -> int:
+    """Return how many steps a solver takes in a sample."""
+    return solver.count if isinstance(solver, Substeps) else 1
+
+
+def with_substeps(solver: Solver, count: int) -> Solver:
+    """Return a one-step solver that takes as many steps in a sample."""
+    return Substeps(solver.solver if isinstance(solver, Substeps) else solver, count)
+
+
+@dataclass(frozen=True, eq=False)
+class Climbed:
+    """A plan, what became of it, and what speaks against its solver.
+
+    Attributes
+    ----------
+    problem : LadderProblem
+    plan : Plan
+    climb : Climb
+    choice : Choice
+    objections : tuple of Objection
+        What the check of the solver says against the result; nothing where none was made.
+    """
+
+    problem: LadderProblem
+    plan: Plan
+    climb: Climb
+    choice: Choice
+    objections: tuple[Objection, ...] = ()
+
+    def cross_checked(self, start: Start) -> CrossCheck:
+        """Return what contradicts the choice."""
+        return cross_check(self.problem, self.plan, self.climb, self.choice, start)
+
+    def loss_at(self, choice: Choice) -> float:
+        """Return the loss at a rung that was chosen, infinite where it was not reached."""
+        fits = self.climb.fits
+        return fits[choice.index].solution.terms.loss if choice.index < len(fits) else math.inf
+
+
+def with_fine_solver(
+    plan: Plan, climbed: Callable[[Plan], Climbed], may_refine: bool = True
+) -> Climbed:
+    """Climb, and climb anew with more sub-steps until they do not move the estimate.
+
+    Parameters
+    ----------
+    plan : Plan
+    climbed : callable
+        Climbs a plan from the start, so that a coarse solver's alias is left behind.
+    may_refine : bool
+        Whether the solver may be changed; otherwise, and above 16 sub-steps, what is too coarse
+        stays as an objection.
+    """
+    found = climbed(plan)
+    while not found.climb.interrupted:
+        try:
+            coarse = too_coarse(found.problem, found.plan, found.climb, found.choice)
+        except KeyboardInterrupt:
+            chosen = found.climb.fits[found.choice.index]
+            found.problem.observer({"event": "stop", "horizon": chosen.horizon})
+            reason = f"The check of the solver was interrupted. Before it: {found.choice.reason}"
+            choice = replace(found.choice, verdict="stopped", reason=reason)
+            return replace(found, choice=choice, climb=replace(found.climb, interrupted=True))
+        finer = coarse.finer if coarse and may_refine else None
+        if finer is None:
+            raised = too_fast(found) or ((coarse.objection,) if coarse else ())
+            return replace(found, objections=raised)
+        found = climbed(replace(found.plan, solver=finer))
+    return found
+
+
+def too_coarse(
+    problem: LadderProblem, plan: Plan, climb: Climb, choice: Choice
+) -> Coarseness | None:
+    """Return what twice as many sub-steps show of the solver at the chosen rung, if too coarse.
+
+    To first order the minimum moves by A^-1 times the change of the descent S'r: one evaluation
+    takes the place of another training. It is too coarse if a physical parameter moves by more
+    than a tenth of its deviation, or the error by what a person would see. At an alias deviations
+    may be unknown; then the model's fastest rate may not be fast beside a step either.
+
+    Parameters
+    ----------
+    problem : LadderProblem
+        What was climbed.
+    plan : Plan
+    climb : Climb
+    choice : Choice
+        Of one of its rungs.
+
+    Returns
+    -------
+    Coarseness or None
+        None where the solver is fine, or starts from several samples and takes no sub-steps.
+    """
+    if problem.objective.predictor.past > 1:
+        return None
+    rung, names = climb.fits[choice.index], problem.objective.layout.physical
+    said = _said(climb, choice)
+    limits = np.maximum(_PART * said.deviation, _FINEST * np.abs(said.values))
+    moved, seen = _doubled(problem, plan, choice.index, rung)
+    shares = dict(zip(names, _share(moved, limits), strict=True))
+
+    now = substeps(plan.solver)
+    reason, excess = f"With {2 * now} sub-steps a sample the predictions change visibly.", seen
+    worst = max(shares, key=lambda name: shares[name], default="")
+    if worst and shares[worst] > max(seen, 1.0):
+        k, excess = names.index(worst), shares[worst]
+        reason = (
+            f"With {2 * now} sub-steps a sample {worst} = {said.values[k]:.4g} moves by "
+            f"{moved[k]:.2g}, which is more than a tenth of its deviation."
+        )
+    unsure = _unsure_rates(problem, rung, said) if excess <= 1.0 else []
+    if excess <= 1.0 and not unsure:
+        return None
+    fastest = _fastest(rung, rung.model)
+    if excess <= 1.0:
+        excess = fastest**plan.solver.order / _STIFF
+        reason = (
+            f"The model's fastest rate times a step of the solver is {fastest:.2g}, and the "
+            f"recordings do not show {' and '.join(unsure)}: the solver may decide."
+        )
+    if excess <= 1.0:
+        return None
+    # What the doubling changed is nearly all of the error, and falls by 2^order a doubling.
+    doublings = max(math.ceil(math.log2(min(excess, 1e30)) / plan.solver.order), 1)
+    return Coarseness(plan.solver, now * 2**doublings, reason, fastest)
+
+
+def too_fast(found: Climbed) -> tuple[Objection, ...]:
+    """Return the objection to parameters of a rate that is gone before the next sample.
+
+    Parameters
+    ----------
+    found : Climbed
+    """
+    rung = found.climb.fits[found.choice.index]
+    unsure = _unsure_rates(found.problem, rung, _said(found.climb, found.choice))
+    rate = _fastest(rung, rung.model) * substeps(found.plan.solver) if unsure else 0.0
+    if rate <= _GONE:
+        return ()
+    reason = (
+        f"{' and '.join(unsure)} may be any number from this one up: the model's fastest rate "
+        f"times the sampling interval is {rate:.2g}, so that nothing of it is left at the next "
+        "sample."
+    )
+    return (Objection("faster than the samples", reason, "Sample faster, or fix that rate."),)
+
+
+def _said(climb: Climb, choice: Choice) -> Consensus:
+    """Return the physical parameters as they will be reported, deviations infinite if unknown."""
+    agreeing = [climb.fits[k] for k in choice.agreeing]
+    if choice.verdict in AVERAGED:
+        return Consensus.of(agreeing)
+    return Consensus.around(climb.fits[choice.index], agreeing)
+
+
+def _share(moved: FloatArray, limits: FloatArray) -> FloatArray:
+    """Return what the solver moves over what it may, huge where that is no number."""
+    share = np.abs(moved) / np.maximum(limits, 1e-300)
+    return np.asarray(np.nan_to_num(np.where(np.isinf(limits), 0.0, share), nan=1e30, posinf=1e30))
+
+
+def _doubled(
+    problem: LadderProblem, plan: Plan, index: int, rung: HorizonFit
+) -> tuple[FloatArray, float]:
+    """Return what doubling moves, (physical,), SI units, and how visibly the error changes."""
+    before, stage = problem.objective, plan.stages[index]
+    solver = with_substeps(plan.solver, 2 * substeps(plan.solver))
+    predictor = Predictor(before.predictor.time_step, solver, plan.hold)
+    finer = Objective(
+        predictor, problem.model, before.scale, before.loss, before.layout.experiments
+    )
+    again = replace(problem, objective=finer).problem(stage, plan)
+    raw, terms = rung.solution.raw, rung.solution.terms
+    physical = len(before.layout.physical)
+    after = again.gauss_newton(raw)
+    if not after.finite:
+        return np.full(physical, np.inf), np.inf
+    step = terms.inverse @ (after.descent - terms.descent)
+    compared = before.error.compared
+    as_it_varies = replace(before.loss, scale=channel_deviation)
+    spread = residual_scale(rung.model, rung.windows.states, as_it_varies)
+    moves = np.mean((spread / before.scale)[compared] ** 2)
+    visible = _SQUARES * terms.loss + _VISIBLE**2 * moves
+    seen = np.sqrt(abs(after.loss - terms.loss) / visible)
+    return again.reported_jacobian(raw)[:physical] @ step, float(seen)
+
+
+def _unsure_rates(problem: LadderProblem, rung: HorizonFit, said: Consensus) -> list[str]:
+    """Return the physical parameters known to no digit that set the model's fastest rate."""
+    layout, names = problem.objective.layout, problem.objective.layout.physical
+    values, found = rung.values[: len(names)], list[str]()
+    unknown = np.flatnonzero(~(said.deviation < np.abs(said.values)))
+    rate = _fastest(rung, rung.model) if len(unknown) else 0.0
+    for k in unknown:
+        with float64():
+            changed = values.copy()
+            changed[k] *= 1 + _STEP
+            other = layout.plain_model(layout.with_physical(rung.solution.raw, changed))
+        if abs(_fastest(rung, other) - rate) > _SETS * _STEP * rate:
+            found.append(names[k])
+    return found
+
+
+def _fastest(rung: HorizonFit, model: Model) -> float:
+    """Return the fastest rate of a model along the recordings times a sub-step of the solver."""
+    windows = rung.windows
+    at = np.unique(np.linspace(0, len(windows.states) - 1, _SAMPLES).astype(int))
+    inputs = windows.inputs[at, : len(model.inputs)].T
+    with float64():
+        batched, u = with_batch_axis(model), Inputs(jnp.asarray(inputs), model.inputs)
+        x = batched.corrected(jnp.asarray(windows.states[at].T))
+        slopes = np.asarray(jacobian_of(lambda x: batched.derivative(x, u), x))
+    finite = slopes[np.isfinite(slopes).all(axis=(1, 2))]
+    rates = np.abs(np.linalg.eigvals(finite))
+    solver = rung.predictor.solver
+    return float(rates.max(initial=0.0) * rung.predictor.time_step / substeps(solver))

@@ -1,0 +1,196 @@
+"""The check of the solver: aliases are left behind, rates beyond the samples refused."""
+
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from penode import Experiment, Model, identify, ladder_plan, physical
+from penode.engine import Positive
+from penode.horizon import solver_check
+from penode.horizon.free_runs import with_free_runs
+from penode.horizon.ladder import LadderProblem, ignore_events
+from penode.horizon.selection import Longest, Plateau, believable, choose
+from penode.horizon.solver_check import (
+    MOST,
+    Climbed,
+    Coarseness,
+    substeps,
+    too_coarse,
+    with_fine_solver,
+)
+from penode.predictors.multistep import AdamsBashforth
+from penode.predictors.one_step import RungeKutta, Substeps
+from penode.predictors.tableaus import AB2, EULER, RK4
+
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
+
+class Lag(Model):
+    """x' = -a x + b u."""
+
+    states: ClassVar[tuple[str, ...]] = ("x",)
+    inputs: ClassVar[tuple[str, ...]] = ("u",)
+    state_units: ClassVar[tuple[str, ...]] = ("V",)
+
+    a: object = physical("1/s", Positive())
+    b: object = physical("V/s", Positive())
+
+    def derivative(self, x, u):
+        return (self.b * u[0] - self.a * x[0])[None]
+
+
+class Follower(Model):
+    """x' = a (u - x)."""
+
+    states: ClassVar[tuple[str, ...]] = ("x",)
+    inputs: ClassVar[tuple[str, ...]] = ("u",)
+    state_units: ClassVar[tuple[str, ...]] = ("V",)
+
+    a: object = physical("1/s", Positive())
+
+    def derivative(self, x, u):
+        return (self.a * (u[0] - x[0]))[None]
+
+
+def recorded(a, b, step, samples=600, noise=0.01):
+    """Return the exact response to steps five samples long, and noise."""
+    random = np.random.default_rng(0)
+    u, x, kept = (
+        np.repeat(random.normal(size=samples // 5), 5),
+        np.zeros(samples),
+        np.exp(-a * step),
+    )
+    for k in range(samples - 1):
+        x[k + 1] = kept * x[k] + (1 - kept) * b / a * u[k]
+    return Experiment("run", step, {"u": u, "x": x + noise * x.std() * random.normal(size=samples)})
+
+
+def climber(model, run, selector):
+    """Return what `penode.identify` hands to the check."""
+
+    def climbed(plan):
+        problem = LadderProblem.of(model, [run], plan, ignore_events)
+        climb = problem.climb(plan, problem.objective.layout.raw(model))
+        climb = believable(with_free_runs(problem, climb))
+        return Climbed(problem, plan, climb, choose(selector, climb, plan))
+
+    return climbed
+
+
+def value(found, name="a"):
+    names = found.problem.objective.layout.physical
+    return found.climb.fits[found.choice.index].values[names.index(name)]
+
+
+# --- a state of 1e-9 whose rate is started in the basin of an alias -----------------------------
+
+PLAN = ladder_plan((8, 30, 120))
+
+
+@pytest.fixture(scope="module")
+def alias():
+    return climber(Lag(50.0, 1e-8), recorded(0.506, 1e-9, 0.05), Longest())
+
+
+def test_an_alias_is_left_behind(alias):
+    """R(z) = 0.975 of RK4 at z = 0.0253, where it is right, and at 2.77."""
+    assert value(alias(PLAN)) == pytest.approx(55.37, abs=0.02)
+    found = with_fine_solver(PLAN, alias)
+    assert value(found) == pytest.approx(0.506, rel=0.05)
+    assert 1 < substeps(found.plan.solver) <= MOST
+    assert found.objections == ()
+
+
+def test_an_alias_of_a_solver_that_was_asked_for_is_refused(alias):
+    found = with_fine_solver(PLAN, alias, may_refine=False)
+    assert found.plan == PLAN
+    (objection,) = found.objections
+    assert objection.name == "solver too coarse"
+    assert "sub-steps" in objection.repair
+
+
+# --- a rate that is gone before the next sample -------------------------------------------------
+
+
+def test_a_rate_beyond_the_samples_is_refused():
+    """RK4 alone gives 26.6, where its damping is greatest: 1.6 over the sampling interval."""
+    climbed = climber(Follower(1.0), recorded(1000.0, 1000.0, 0.06), Plateau())
+    plan = ladder_plan((1, 4, 16))
+    asked = with_fine_solver(plan, climbed, may_refine=False)
+    assert value(asked) == pytest.approx(1.596 / 0.06, rel=0.01)
+    assert [one.name for one in asked.objections] == ["solver too coarse"]
+    (objection,) = with_fine_solver(plan, climbed).objections
+    assert objection.name == "faster than the samples"
+    assert objection.reason.startswith("a may be any number from this one up")
+
+
+# --- to first order ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    """Return a fit by Euler's method, a tenth of a time constant long."""
+    plan = replace(ladder_plan((1, 4, 16)), solver=RungeKutta(EULER))
+    climbed = climber(Lag(1.0, 1.0), recorded(2.0, 3.0, 0.05), Longest())
+    return plan, climbed
+
+
+def test_a_shift_is_what_training_with_a_finer_solver_gives(coarse):
+    plan, climbed = coarse
+    found = climbed(plan)
+    moved, _ = solver_check._doubled(found.problem, plan, 2, found.climb.fits[2])
+    again = climbed(replace(plan, solver=Substeps(RungeKutta(EULER), 2)))
+    change = again.climb.fits[2].values[:2] - found.climb.fits[2].values[:2]
+    np.testing.assert_allclose(moved, change, rtol=0.1)
+    assert change[0] > 0.03
+
+
+def test_a_solver_is_refined_until_it_does_not_matter_or_no_further(coarse, monkeypatch):
+    plan, climbed = coarse
+    monkeypatch.setattr(solver_check, "MOST", 2)
+    found = with_fine_solver(plan, climbed)
+    assert found.plan.solver == Substeps(RungeKutta(EULER), 2)
+    (objection,) = found.objections
+    assert "moves by" in objection.reason
+    assert objection.repair.startswith("More than 2 sub-steps are needed.")
+    assert "stiff" not in objection.repair
+
+
+def test_a_fine_solver_stays(coarse):
+    _, climbed = coarse
+    plan = ladder_plan((1, 4, 16))
+    found = with_fine_solver(plan, climbed)
+    assert found.plan is plan
+    assert found.objections == ()
+
+
+def test_solvers_that_start_from_several_samples_are_not_examined(coarse):
+    _, climbed = coarse
+    found = climbed(replace(ladder_plan((1,)), solver=AdamsBashforth(AB2)))
+    assert too_coarse(found.problem, found.plan, found.climb, found.choice) is None
+
+
+def test_a_stiff_model_is_told_of_implicit_solvers():
+    told = Coarseness(RungeKutta(RK4), 4, "It moves.", stiffness=3.0)
+    assert told.finer == Substeps(RungeKutta(RK4), 4)
+    assert told.objection.repair.startswith("Take 4 sub-steps a sample (Substeps).")
+    assert "ImplicitMidpoint or Trapezoidal" in told.objection.repair
+
+
+def test_an_interrupted_check_leaves_a_stopped_fit(coarse, monkeypatch):
+    def interrupted(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(solver_check, "too_coarse", interrupted)
+    found = with_fine_solver(ladder_plan((1, 4, 16)), coarse[1])
+    assert found.climb.interrupted
+    assert found.choice.verdict == "stopped"
+    assert found.choice.reason.startswith("The check of the solver was interrupted.")
+
+
+@pytest.mark.slow
+def test_the_default_path_leaves_an_alias_behind():
+    fit = identify(Lag(1.0, 1.0), [recorded(0.506, 1e-9, 0.05, samples=300)])
+    assert fit.parameters["a"].value == pytest.approx(0.506, rel=0.1)

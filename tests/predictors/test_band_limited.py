@@ -1,0 +1,157 @@
+"""The band-limited hold against multisines in closed form, in everything that predicts."""
+
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from penode import Contiguous, Experiment, InputError, Model, Predictor, physical
+from penode.data.windows import cut
+from penode.horizon.loss_weighting import linearised
+from penode.models.inputs import Inputs
+from penode.predictors.band_limited import BandLimitedHold
+from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
+from penode.predictors.multistep import AdamsBashforth
+from penode.predictors.one_step import RungeKutta, Substeps
+from penode.predictors.tableaus import AB3, DOPRI5, EULER, RK4, RK4_38
+from penode.training.residuals import Objective
+from penode.validation.free_run import compare, free_run_errors
+
+PLACES, ACCURACY, SIDE = (0.25, 0.5, 0.9), 1e-9, 64
+
+
+def multisine(lines, top, seed=3):
+    """Return a signal of the time in samples, all lines below a part of the Nyquist frequency."""
+    random = np.random.default_rng(seed)
+    frequency = np.pi * random.uniform(0.0, top, lines)
+    phase, size = random.uniform(0, 2 * np.pi, lines), random.normal(size=lines)
+    return lambda t: 0.7 + np.cos(np.multiply.outer(t, frequency) + phase) @ size / np.sqrt(lines)
+
+
+def errors(signal, samples):
+    """Return what the hold errs by, (time, place), over the deviation of the signal."""
+    k = np.arange(float(samples))
+    found = BandLimitedHold(PLACES).prepared(signal(k)[:, None])
+    np.testing.assert_array_equal(found[:, 0], signal(k))
+    truth = signal(k[:, None] + np.array(PLACES))
+    return np.abs(found[:, 1:] - truth)[:-1] / signal(k).std()
+
+
+@pytest.mark.parametrize(("lines", "top"), [(30, 0.3), (400, 0.8), (400, 0.87)])
+def test_the_interior_of_a_recording_is_exact_below_0_88_of_nyquist(lines, top):
+    assert errors(multisine(lines, top), 1200)[SIDE:-SIDE].max() < ACCURACY
+
+
+@pytest.mark.parametrize(("lines", "top"), [(5, 0.3), (20, 0.8), (40, 0.85)])
+def test_a_multisine_of_few_lines_is_exact_to_the_ends(lines, top):
+    assert errors(multisine(lines, top), 1200).max() < ACCURACY
+
+
+def test_above_nyquist_nothing_is_exact():
+    assert errors(lambda t: np.cos(1.2 * np.pi * t), 1200).max() > 0.1
+
+
+def test_the_ends_of_an_oversampled_input_are_good_and_those_of_a_short_one_smooth():
+    assert errors(multisine(200, 0.3), 1200).max() < 1e-6
+    assert errors(multisine(3, 0.05), 100).max() < 3e-3
+
+
+def test_a_constant_stays_one_to_rounding():
+    for samples in (1, 2, 40, 400):
+        found = BandLimitedHold(PLACES).prepared(np.full((samples, 2), 3.0))
+        np.testing.assert_allclose(found, 3.0, rtol=1e-14)
+
+
+THIRDS = {
+    "rk4": (RungeKutta(RK4), (1 / 2,)),
+    "euler": (RungeKutta(EULER), ()),
+    "3/8": (RungeKutta(RK4_38), (1 / 3, 2 / 3)),
+    "dopri5": (RungeKutta(DOPRI5), (1 / 5, 3 / 10, 4 / 5, 8 / 9)),
+    "sub-steps": (Substeps(RungeKutta(RK4), 3), tuple(np.arange(1, 6) / 6)),
+    "midpoint": (ImplicitMidpoint(), (1 / 2,)),
+    "trapezoidal": (Trapezoidal(), ()),
+    "ab3": (AdamsBashforth(AB3), ()),
+}
+
+
+@pytest.mark.parametrize("name", THIRDS)
+def test_a_solver_is_prepared_for_at_the_places_it_reads(name):
+    solver, places = THIRDS[name]
+    assert Predictor(0.1, solver, BandLimitedHold()).hold.places == pytest.approx(places, abs=1e-11)
+
+
+def test_another_solver_of_a_predictor_is_prepared_for_anew():
+    first = Predictor(0.1, RungeKutta(RK4_38), BandLimitedHold())
+    assert replace(first, solver=RungeKutta(RK4)) == Predictor(0.1, hold=BandLimitedHold())
+
+
+def test_rows_that_were_not_prepared_are_refused():
+    hold, rows = BandLimitedHold((0.5,)), np.zeros((2, 1))
+    for values, fraction in ((rows[:1], 0.0), (rows[:1], 0.5), (rows, 0.25)):
+        with pytest.raises(InputError, match="give `cut` the predictor's `prepared`"):
+            hold(lambda k, values=values: Inputs(values, ("u",)), 0, fraction, 1.0)
+
+
+# --- in all that predicts -----------------------------------------------------------------------
+
+
+class Leak(Model):
+    """x' = -rate u x, so that each step multiplies by the exponential of an integral of u."""
+
+    states: ClassVar[tuple[str, ...]] = ("x",)
+    inputs: ClassVar[tuple[str, ...]] = ("u",)
+    state_units: ClassVar[tuple[str, ...]] = ("V",)
+
+    rate: object = physical("1/s")
+
+    def derivative(self, x, u):
+        return -self.rate * u[0] * x
+
+
+STEP, RATE = 0.5, 0.2
+
+
+def leaking(samples, seed):
+    """Return a recording in closed form, and its factors (time - 1,) from sample to sample."""
+    random = np.random.default_rng(seed)
+    frequency, phase = np.pi * random.uniform(0.1, 0.4, 10), random.uniform(0, 2 * np.pi, 10)
+    k = np.arange(float(samples))
+    u = 0.2 * np.cos(np.outer(k, frequency) + phase).sum(axis=1)
+    x = np.exp(
+        -0.2 * RATE * STEP * (np.sin(np.outer(k, frequency) + phase) / frequency).sum(axis=1)
+    )
+    return Experiment(f"run{seed}", STEP, {"u": u, "x": x}), x[1:] / x[:-1]
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [leaking(600, 1), leaking(500, 2)]
+
+
+MODEL = Leak(RATE)
+PREDICTOR = Predictor(STEP, Substeps(RungeKutta(DOPRI5), 5), BandLimitedHold())
+
+
+@pytest.mark.usefixtures("quickly_compiled")
+def test_single_steps_free_runs_and_their_linearisation_are_the_closed_form(runs):
+    run, factor = runs[0]
+    seen = compare(PREDICTOR, MODEL, run)
+    x = run.channels["x"]
+    np.testing.assert_allclose(seen.one_step[1:, 0], factor * x[:-1], rtol=ACCURACY)
+    np.testing.assert_allclose(seen.free_run[:, 0], x, rtol=100 * ACCURACY)
+    assert free_run_errors(PREDICTOR, [[MODEL]], [run])[0, 0] < 100 * ACCURACY * x.max()
+    matrices = linearised(PREDICTOR, MODEL, run, np.ones(1))[:, 0, 0]
+    at = np.unique(np.linspace(0, len(run) - 2, 64).round().astype(int))
+    np.testing.assert_allclose(matrices, factor[at], rtol=ACCURACY)
+
+
+@pytest.mark.usefixtures("quickly_compiled")
+def test_training_errs_by_the_solver_alone_in_all_windows_of_each_recording(runs):
+    """The recordings are interpolated each by itself, not over the seam."""
+    both, predictor = [run for run, _ in runs], replace(PREDICTOR, solver=RungeKutta(DOPRI5))
+    named = MODEL.states, MODEL.inputs
+    windows = cut(both, *named, 9, placement=Contiguous(), prepared=predictor.prepared)
+    objective = Objective(predictor, MODEL, np.ones(1))
+    terms = objective.gauss_newton(objective.layout.raw(MODEL), windows)
+    assert terms.loss < 3e-5**2 * np.mean(windows.states**2)
