@@ -129,7 +129,8 @@ class Assembly:
             self.problem,
             self._consensus.values,
         )
-        again = Problem(problem.objective, problem.reported, chosen.windows, self._moving)
+        objective = problem.objective_at(chosen.horizon)
+        again = Problem(objective, problem.reported, chosen.windows, self._moving)
         layout = problem.objective.layout
         others = self._moving & ~layout.physical_members
         linear = others.any() and layout.linear_members[others].all()

@@ -92,7 +92,7 @@ def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Pl
 
 def _first_loss(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> float:
     """Return the loss that training ends with at a plan's first horizon."""
-    first = replace(plan, stages=plan.stages[:1])
+    first = replace(plan, stages=plan.stages[:1], learned_prior=None)
     problem = LadderProblem.of(start.model, experiments, first, ignore_events)
     climb = problem.climb(first, problem.objective.layout.raw(start.model))
     return climb.fits[0].solution.terms.loss

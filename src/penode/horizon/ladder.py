@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -161,6 +161,8 @@ class LadderProblem:
     experiments : sequence of Experiment
     observer : callable
         Receives an event for each evaluation and horizon.
+    objectives : dict of int to Objective
+        Those of rungs whose learned part has a prior of their own, by horizon; the climb fills it.
     """
 
     objective: Objective
@@ -168,6 +170,7 @@ class LadderProblem:
     model: Model
     experiments: Sequence[Experiment]
     observer: Observer
+    objectives: dict[int, Objective] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -226,6 +229,9 @@ class LadderProblem:
             place = (number + 1, len(plan.stages))
             if rungs and not rungs[-1].solution.converged:  # what follows would be lost too
                 raw = problem.better(raw, first)
+            if plan.learned_prior:
+                problem, raw = plan.learned_prior.joined(problem, raw, cold=not rungs)
+                self.objectives[stage.horizon] = problem.objective
             solution = stage.optimiser.minimise(problem, raw, self._progress(stage.horizon, place))
             if solution.outcome == DIVERGED or (rungs and _explodes(solution, rungs[0])):
                 break
@@ -244,7 +250,11 @@ class LadderProblem:
             placement=plan.placement,
         )
         moving = self.objective.layout.members(stage.groups)
-        return Problem(self.objective, self.reported, windows, moving)
+        return Problem(self.objective_at(stage.horizon), self.reported, windows, moving)
+
+    def objective_at(self, horizon: int) -> Objective:
+        """Return the objective of a rung: with the prior estimated there, once it was climbed."""
+        return self.objectives.get(horizon, self.objective)
 
     def _finish(self, horizon: int, problem: Problem, solution: Solution) -> HorizonFit:
         jacobian = problem.reported_jacobian(solution.raw)

@@ -79,8 +79,8 @@ def raw_shifts(
     moving = problem.objective.layout.members(stage.groups)
     for shift, one in zip(shifts, imperfections, strict=True):
         imperfect = [one.applied(e, _SMALL) for e in problem.experiments]
-        windows = replace(problem, experiments=imperfect).problem(stage, plan).windows
-        descent = problem.objective.descent(raw, windows)[moving]
+        changed = replace(problem, experiments=imperfect).problem(stage, plan)
+        descent = changed.objective.descent(raw, changed.windows)[moving]
         shift[moving] = terms.inverse @ (descent - terms.descent) / _SMALL
     return shifts
 
