@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 
 from penode.arrays import BoolArray, FloatArray, float64
+from penode.horizon.identifiability import Start
 from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.training.coarse_to_fine import CoarseToFine
@@ -32,6 +33,8 @@ _SHARED = 0.7
 _ALONG = 1e-4
 #: Deviation of a parameter that no point shows, over that of one that they show.
 _UNSEEN = 3.0
+#: Trainings of a map that is not linear, each with the prior estimated after the one before.
+_ROUNDS = 4
 #: Trains without a prior first, where nothing was trained before.
 _FIRST = CoarseToFine(LevenbergMarquardt(evaluations=60))
 
@@ -67,14 +70,26 @@ class LearnedPrior:
         objective = problem.objective
         if not (problem.moving & _members(objective.layout)).any():
             return problem, raw
-        if cold:
-            solution = self.first.minimise(problem, raw)
-            raw = raw if solution.outcome == DIVERGED else solution.raw
-        prior = self.estimated(problem, raw)
+        believing = problem
+        for _ in range(self._rounds(objective.layout) if cold else 0):
+            solution = self.first.minimise(believing, raw)
+            if solution.outcome == DIVERGED:
+                return problem, raw
+            raw = solution.raw
+            believing = self._believing(problem, raw)
+        return (believing if cold else self._believing(problem, raw)), raw
+
+    def _rounds(self, layout: Layout[Model]) -> int:
+        """Return how often training begins anew: a map that is not linear moves its own prior."""
+        return 1 if layout.linear_members[_members(layout)].all() else _ROUNDS
+
+    def _believing(self, problem: Problem, raw: FloatArray) -> Problem:
+        """Return the problem with the prior estimated at raw (parameter,), if the map matters."""
+        prior, objective = self.estimated(problem, raw), problem.objective
         if prior is None:
-            return problem, raw
+            return problem
         penalties = (*objective.loss.penalties, prior)
-        return replace(problem, objective=objective.with_penalties(penalties)), raw
+        return replace(problem, objective=objective.with_penalties(penalties))
 
     def estimated(self, problem: Problem, raw: FloatArray) -> GaussianPrior | None:
         """Return the prior that the data favour; None where the map is of no effect.
@@ -100,19 +115,19 @@ class LearnedPrior:
         return GaussianPrior(factor, np.full(len(factor), scale**2), mean)
 
 
-def with_learned_prior(plan: Plan, model: Model) -> Plan:
-    """Return a plan that gives the learned part of a model a prior, if the model has one.
+def with_priors(plan: Plan, start: Start) -> Plan:
+    """Return a plan that gives a learned part and what the model leaves out priors.
 
     Parameters
     ----------
     plan : Plan
-        One with penalties says already what is believed.
-    model : Model
+        One with penalties says already what is believed of the learned part.
+    start : Start
+        One with checks of its own looks itself for what its model leaves out.
     """
-    learned = _members(Layout(model)).any()
-    if not learned or plan.loss.penalties or plan.learned_prior:
-        return plan
-    return replace(plan, learned_prior=LearnedPrior())
+    learned = _members(Layout(start.model)).any() and not plan.loss.penalties
+    prior = plan.learned_prior or (LearnedPrior() if learned else None)
+    return replace(plan, learned_prior=prior, discrepancy=plan.discrepancy or not start.checks)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ doi:10.1214/aos/1176349743), what is not learned integrated out as in restricted
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.spatial.distance import cdist
 
 from penode.arrays import FloatArray
@@ -20,6 +20,10 @@ from penode.training.gauss_newton_terms import GaussNewtonTerms, inverse_normal
 
 #: Directions of the data's information weaker than this do not show how their residuals vary.
 _SHOWN = 1e-6
+#: Keeps a matrix positive definite beyond rounding, over its diagonal.
+_RIDGE = 1e-12
+#: Length of what goes on over the whole region, in ranges; variance of what is at each point alone.
+_WHOLE, _NUGGET = 1.0, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,33 +99,41 @@ class Rows:
     def evidence(self, data: Information) -> float:
         """Return the log marginal likelihood up to a constant."""
         prior, pull = self.slopes.T @ self.slopes, self.slopes.T @ self.here
-        joint = cho_factor(prior + data.matrix, lower=True)
-        alone = cho_factor(prior, lower=True)
         left = data.slope - pull
-        fit = left @ cho_solve(joint, left) - pull @ cho_solve(alone, pull)
-        return float(0.5 * fit + _half_log_volume(alone) - _half_log_volume(joint))
+        fit, joint = _solved(prior + data.matrix, left)
+        alone, volume = _solved(prior, pull)
+        return 0.5 * (fit - alone + volume - joint)
 
 
-def _half_log_volume(factor: tuple[FloatArray, bool]) -> float:
-    return float(np.sum(np.log(np.diag(factor[0]))))
+def _solved(matrix: FloatArray, right: FloatArray) -> tuple[float, float]:
+    """Return right' matrix^-1 right and the log determinant of a positive definite matrix."""
+    size = np.sqrt(np.diag(matrix))
+    scaled = matrix / np.outer(size, size) + _RIDGE * np.eye(len(size))
+    factor = np.linalg.cholesky(scaled)
+    half = solve_triangular(factor, right / size, lower=True)
+    return float(half @ half), 2 * float(np.sum(np.log(np.diag(factor) * size)))
 
 
 def process_rows(points: FloatArray, length: float, values: FloatArray) -> FloatArray:
     """Return values at points, whitened by a Gaussian process of deviation 1.
 
-    Its covariance is Matérn's of order 3/2: cubic splines are as smooth as its sample mean.
+    It is the sum of two of equal variance and of Matérn's covariance of order 3/2, of which cubic
+    splines are the sample mean: one of the given length, and one as long as the region. What goes
+    on over the whole region, which physical terms can often do too, is so believed to be as large
+    as what the data show of the rest.
 
     Parameters
     ----------
     points : ndarray, shape (point, channel)
+        In ranges of the region.
     length : float
-        In their unit.
+        In ranges.
     values : ndarray, shape (output, point, ...)
         Each output is a process of its own.
     """
-    distance = np.sqrt(3.0) * cdist(points, points) / length
-    covariance = (1 + distance) * np.exp(-distance) + 1e-6 * np.eye(len(points))
-    factor = np.linalg.cholesky(covariance)
-    flat = np.moveaxis(values, 0, -1).reshape(len(points), -1)
+    distance = np.sqrt(3.0) * cdist(points, points)
+    both = [(1 + distance / one) * np.exp(-distance / one) for one in (length, _WHOLE)]
+    factor = np.linalg.cholesky(np.mean(both, axis=0) + _NUGGET * np.eye(len(points)))
+    flat = np.moveaxis(values, 0, 1).reshape(len(points), -1)
     white = solve_triangular(factor, flat, lower=True)
-    return np.moveaxis(white.reshape(*np.moveaxis(values, 0, -1).shape), -1, 0)
+    return np.moveaxis(white.reshape(len(points), len(values), *values.shape[2:]), 1, 0)

@@ -17,6 +17,8 @@ from penode.training.prediction_error import Batch, PredictionError, compiled_wi
 
 #: Starts of windows at which the model is looked at.
 _VISITS, _SHORTEST = 1000, 128
+#: Steps for each state from which the start of a window is estimated.
+_STEPS = 8
 #: A channel matters if the map changes by more than this fraction when the channel does.
 _MATTERS = 1e-6
 
@@ -46,9 +48,9 @@ class Visits:
             At which free starts are estimated.
         windows : Windows
         """
-        few = windows.thinned(max(-(-len(windows) // _VISITS), 1))
+        few = _evenly(windows, min(windows.horizon, _STEPS * windows.states.shape[1]))
         with float64():
-            batch = compiled_windows(few, _VISITS)
+            batch = compiled_windows(few, max(_VISITS, len(few)))
             given = on_device(raw), on_device(error.scale), batch, on_device(few.horizon)
             at = _starts(error, *given)
             states = np.asarray(at)[:, : len(few)].T
@@ -63,6 +65,22 @@ class Visits:
         """Return visits of other channels (visit, channel)."""
         states = self.states.shape[1]
         return Visits(channels[:, :states], channels[:, states:])
+
+
+def _evenly(windows: Windows, horizon: int) -> Windows:
+    """Return short windows that begin evenly between the first and the last of each recording."""
+    spans = [
+        (number, windows.starts[windows.recording == number])
+        for number in np.unique(windows.recording)
+    ]
+    total = sum(int(np.ptp(starts)) + 1 for _, starts in spans)
+    starts = [
+        np.linspace(s.min(), s.max(), max(_VISITS * (int(np.ptp(s)) + 1) // total, 1)).astype(int)
+        for _, s in spans
+    ]
+    recording = [np.full(len(s), n) for s, (n, _) in zip(starts, spans, strict=True)]
+    places = np.concatenate(starts), np.concatenate(recording)
+    return replace(windows, starts=places[0], recording=places[1], horizon=horizon)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -110,13 +128,16 @@ class LearnedEffect:
         learned = self.layout.value_members(("learned",))
         return effect / self.scale[:, None], slopes[..., learned] / self.scale[:, None, None]
 
-    def physical(self, visits: Visits) -> FloatArray:
-        """Return the derivative's slopes by what is not learned, (state, visit, value)."""
+    def by_values(self, visits: Visits) -> FloatArray:
+        """Return the derivative's slopes by all values, (state, visit, value)."""
         with float64():
             given = self.layout, on_device(self.values), *_columns(visits)
             slopes = np.asarray(_slopes(*given))[:, : len(visits.states)]
-        others = ~self.layout.value_members(("learned",))
-        return slopes[..., others] / self.scale[:, None, None]
+        return slopes / self.scale[:, None, None]
+
+    def physical(self, visits: Visits) -> FloatArray:
+        """Return the derivative's slopes by what is not learned, (state, visit, value)."""
+        return self.by_values(visits)[..., ~self.layout.value_members(("learned",))]
 
     def channels(self, visits: Visits, seed: int = 0) -> BoolArray:
         """Return which states and inputs the map depends on, shape (channel,)."""

@@ -132,9 +132,7 @@ class Optimiser(Protocol):
 class PriorRule(Protocol):
     """Gives what is learned a prior, horizon by horizon."""
 
-    def joined(
-        self, problem: Problem, raw: FloatArray, cold: bool
-    ) -> tuple[Problem, FloatArray]:
+    def joined(self, problem: Problem, raw: FloatArray, cold: bool) -> tuple[Problem, FloatArray]:
         """Return the problem with a prior in its loss, and where training begins.
 
         Parameters
@@ -187,6 +185,8 @@ class Plan:
         depends on the path; left out by default.
     learned_prior : PriorRule or None
         Gives what is learned a prior at every horizon; none by default.
+    discrepancy : bool
+        Whether deviations grow by what the model leaves out; not by default.
 
     Raises
     ------
@@ -201,6 +201,7 @@ class Plan:
     loss: Loss = DEFAULT_LOSS
     detour: Optimiser | None = None
     learned_prior: PriorRule | None = None
+    discrepancy: bool = False
 
     def __post_init__(self) -> None:
         if not self.stages:

@@ -69,9 +69,7 @@ class Objective:
         penalties : tuple of Penalty
         """
         loss, error = replace(self.loss, penalties=penalties), self.error
-        return Objective(
-            self.predictor, error.model, self.scale, loss, self.layout.experiments
-        )
+        return Objective(self.predictor, error.model, self.scale, loss, self.layout.experiments)
 
     def loss_and_gradient(self, raw: FloatArray, windows: Windows) -> tuple[float, FloatArray]:
         """Return the loss and its gradient (parameter,) by reverse mode.

@@ -1,0 +1,163 @@
+"""Discrepancy: what the model leaves out, as an unknown smooth function, and what it could hide.
+
+A model that misfits has parameters that are none of nature's: they make up for what is missing.
+What is missing is taken as a Gaussian process of states and inputs in the derivative (M. C. Kennedy
+and A. O'Hagan, J. R. Stat. Soc. B 63 (2001) 425, doi:10.1111/1467-9868.00294). Its amplitudes are
+what the chosen horizon's residuals make most likely, and zero where they are noise. The parameters
+stay as they are; their deviations grow by what the process could stand in for (J. Brynjarsdottir
+and A. O'Hagan, Inverse Probl. 30 (2014) 114007, doi:10.1088/0266-5611/30/11/114007).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from penode.arrays import BoolArray, FloatArray, float64, on_device
+from penode.data.windows import Windows
+from penode.horizon.ladder import HorizonFit, LadderProblem
+from penode.models.discrepancy import GROUP, Discrepant, spline_basis
+from penode.training.covariance import long_enough
+from penode.training.evidence import Information, Rows, process_rows
+from penode.training.gauss_newton_terms import inverse_normal
+from penode.training.learned_effect import LearnedEffect, Visits
+from penode.training.plan import Plan, Problem, Stage
+from penode.training.residuals import Objective
+
+#: Cells of each spline, and points at which it is believed to be a Gaussian process.
+_CELLS, _POINTS = 6, 19
+#: Amplitudes in deviations of the derivative, the first as good as zero; lengths in ranges.
+_AMPLITUDES, _LENGTHS = 10.0 ** np.array([-6.0, *np.arange(-3.0, 0.6, 0.25)]), (0.25, 1.0)
+#: Log evidence from which something is left over.
+_DECISIVE = 3.0
+#: Rounds in which the amplitude of each spline is sought.
+_ROUNDS = 2
+
+
+def what_is_left_out(problem: LadderProblem, rungs: Sequence[HorizonFit], plan: Plan) -> FloatArray:
+    """Return what a discrepancy adds to the deviations of physical parameters, (physical,).
+
+    Parameters
+    ----------
+    problem : LadderProblem
+        What was climbed.
+    rungs : sequence of HorizonFit
+        Those climbed up to the chosen one. The last whose windows are enough to show how their
+        residuals vary is looked at.
+    plan : Plan
+        Their stages.
+    """
+    physical = len(problem.objective.layout.physical)
+    enough = [k for k, rung in enumerate(rungs) if long_enough(rung.windows)]
+    if not enough:
+        return np.zeros(physical)
+    rung, stage = rungs[enough[-1]], plan.stages[enough[-1]]
+    beside = _Beside.of(problem, rung, stage)
+    if beside is None:
+        return np.zeros(physical)
+    terms = beside.problem.gauss_newton(beside.raw)
+    if not terms.finite:
+        return np.zeros(physical)
+    data = Information.of(terms, beside.left_over, rung.windows)
+    rows = beside.most_likely(data)
+    if rows is None:
+        return np.zeros(physical)
+    covariance = np.linalg.inv(data.matrix + rows.slopes.T @ rows.slopes)
+    others = ~beside.left_over
+    inverse = inverse_normal(terms.normal[others][:, others])
+    slopes = beside.problem.reported_jacobian(beside.raw)[:physical][:, others]
+    follow = slopes @ inverse @ terms.normal[others][:, ~others]
+    shift = follow @ covariance @ data.slope
+    variance = np.einsum("pi,ij,pj->p", follow, covariance, follow)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0) + shift**2))
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """A rung's problem with something left over.
+
+    Attributes
+    ----------
+    problem : Problem
+    raw : ndarray, shape (parameter,)
+        The rung's, with nothing left over.
+    left_over : ndarray of bool, shape (moving,)
+    blocks : int
+        Splines, one for each derivative and channel.
+    """
+
+    problem: Problem
+    raw: FloatArray
+    left_over: BoolArray
+    blocks: int
+
+    @classmethod
+    def of(cls, problem: LadderProblem, rung: HorizonFit, stage: Stage) -> "_Beside | None":
+        objective = problem.objective_at(rung.horizon)
+        raw, layout = rung.solution.raw, objective.layout
+        visits = Visits.of(objective.error, raw, rung.windows)
+        effect = LearnedEffect.of(layout, raw, visits)
+        rates = np.flatnonzero(np.abs(effect.by_values(visits)).max(axis=(1, 2)) > 0)
+        if not (len(rates) and np.isfinite(effect.scale).all()):
+            return None
+        windows = _with_changes(rung.windows)
+        low = np.concatenate([visits.states.min(axis=0), windows.inputs.min(axis=0)])
+        high = np.concatenate([visits.states.max(axis=0), windows.inputs.max(axis=0)])
+        high = np.where(high > low, high, low + 1.0)
+        shape = (len(rates), len(low), _CELLS + 3)
+        scale = effect.scale[rates]
+        with float64():
+            model = Discrepant(rung.model, np.zeros(shape), tuple(rates.tolist()), scale, low, high)
+        wide = Objective(
+            objective.predictor, model, objective.scale, objective.loss, layout.experiments
+        )
+        extended = np.concatenate([raw, np.zeros(np.prod(shape)), scale, low, high])
+        left_over = wide.layout.members((GROUP,))
+        moving = left_over.copy()
+        moving[: len(raw)] = layout.members(stage.groups)
+        reported = problem.reported.of_layout(wide.layout)
+        return cls(
+            Problem(wide, reported, windows, moving),
+            extended,
+            left_over[moving],
+            shape[0] * shape[1],
+        )
+
+    def most_likely(self, data: Information) -> Rows | None:
+        """Return the belief that makes the residuals most likely; None if that is nothing."""
+        whites = {length: _white(length) for length in _LENGTHS}
+
+        def rows(length: float, amplitudes: FloatArray) -> Rows:
+            slopes = block_diag(*(whites[length] / a for a in amplitudes))
+            return Rows(slopes, np.zeros(len(slopes)))
+
+        best, found, length = 0.0, np.full(self.blocks, _AMPLITUDES[0]), _LENGTHS[0]
+        for trial in _LENGTHS:
+            for amplitude in _AMPLITUDES:
+                every = np.full(self.blocks, amplitude)
+                evidence = rows(trial, every).evidence(data)
+                if evidence > best:
+                    best, found, length = evidence, every, trial
+        for _ in range(_ROUNDS):
+            for k in range(self.blocks):
+                for amplitude in _AMPLITUDES:
+                    one = found.copy()
+                    one[k] = amplitude
+                    evidence = rows(length, one).evidence(data)
+                    if evidence > best:
+                        best, found = evidence, one
+        return rows(length, found) if best > _DECISIVE else None
+
+
+def _with_changes(windows: Windows) -> Windows:
+    """Return windows that have what each input changed by in a sample as a further one."""
+    changes = np.diff(windows.inputs, axis=0, prepend=windows.inputs[:1])
+    return replace(windows, inputs=np.concatenate([windows.inputs, changes], axis=1))
+
+
+def _white(length: float) -> FloatArray:
+    place = np.linspace(0.0, 1.0, _POINTS)
+    with float64():
+        basis = np.asarray(spline_basis(on_device(place[None]), 0.0, 1.0, _CELLS))[0].T
+    return process_rows(place[:, None], length, basis[None])[0]
