@@ -1,4 +1,4 @@
-"""The prior of a learned part: what it shrinks, whose the shared part is, and what its band says."""
+"""The prior of a learned part: what it shrinks, whose the shared part is, what its band says."""
 
 from dataclasses import replace
 from typing import ClassVar

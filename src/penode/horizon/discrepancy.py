@@ -108,7 +108,7 @@ class _Beside:
         shape = (len(rates), len(low), _CELLS + 3)
         scale = effect.scale[rates]
         with float64():
-            model = Discrepant(rung.model, np.zeros(shape), tuple(rates.tolist()), scale, low, high)
+            model = Discrepant(rung.model, tuple(rates.tolist()), np.zeros(shape), scale, low, high)
         wide = Objective(
             objective.predictor, model, objective.scale, objective.loss, layout.experiments
         )
@@ -132,22 +132,13 @@ class _Beside:
             slopes = block_diag(*(whites[length] / a for a in amplitudes))
             return Rows(slopes, np.zeros(len(slopes)))
 
-        best, found, length = 0.0, np.full(self.blocks, _AMPLITUDES[0]), _LENGTHS[0]
-        for trial in _LENGTHS:
-            for amplitude in _AMPLITUDES:
-                every = np.full(self.blocks, amplitude)
-                evidence = rows(trial, every).evidence(data)
-                if evidence > best:
-                    best, found, length = evidence, every, trial
-        for _ in range(_ROUNDS):
-            for k in range(self.blocks):
-                for amplitude in _AMPLITUDES:
-                    one = found.copy()
-                    one[k] = amplitude
-                    evidence = rows(length, one).evidence(data)
-                    if evidence > best:
-                        best, found = evidence, one
-        return rows(length, found) if best > _DECISIVE else None
+        alike = [(length, np.full(self.blocks, a)) for length in _LENGTHS for a in _AMPLITUDES]
+        length, found = max(alike, key=lambda pair: rows(*pair).evidence(data))
+        for k in list(range(self.blocks)) * _ROUNDS:
+            trials = [np.where(np.arange(self.blocks) == k, a, found) for a in _AMPLITUDES]
+            found = max(trials, key=lambda one: rows(length, one).evidence(data))
+        best = rows(length, found)
+        return best if best.evidence(data) > _DECISIVE else None
 
 
 def _with_changes(windows: Windows) -> Windows:
@@ -156,8 +147,11 @@ def _with_changes(windows: Windows) -> Windows:
     return replace(windows, inputs=np.concatenate([windows.inputs, changes], axis=1))
 
 
+_UNIT = np.zeros(1), np.ones(1)
+
+
 def _white(length: float) -> FloatArray:
     place = np.linspace(0.0, 1.0, _POINTS)
     with float64():
-        basis = np.asarray(spline_basis(on_device(place[None]), 0.0, 1.0, _CELLS))[0].T
+        basis = np.asarray(spline_basis(on_device(place[None]), *_UNIT, _CELLS))[0].T
     return process_rows(place[:, None], length, basis[None])[0]

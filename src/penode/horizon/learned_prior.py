@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from penode.arrays import BoolArray, FloatArray, float64
+from penode.arrays import BoolArray, FloatArray, float64, on_device
 from penode.horizon.identifiability import Start
 from penode.models.base import Model
 from penode.models.layout import Layout
@@ -163,7 +163,7 @@ class _Belief:
         here, slopes = effect.at(points)
         shown = np.abs(slopes).max(axis=(1, 2)) > 0
         with float64():
-            values = np.asarray(layout.values(raw))[layout.value_members(("learned",))]
+            values = np.asarray(layout.values(on_device(raw)))[layout.value_members(("learned",))]
         size = np.abs(slopes).max(axis=(0, 1), initial=0.0)
         typical = np.median(size[size > 0]) if (size > 0).any() else 1.0
         none = Rows(np.zeros((0, len(values))), np.zeros(0))

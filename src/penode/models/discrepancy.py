@@ -38,8 +38,8 @@ class Discrepant(Model):
     """
 
     model: Model
-    coefficients: Leaf = parameter(group=GROUP)
     rates: tuple[int, ...] = eqx.field(static=True)
+    coefficients: Leaf = parameter(group=GROUP)
     # Numbers of a recording are arguments of compiled code: it serves the next recording too.
     scale: Leaf = parameter(group=HELD)
     low: Leaf = parameter(group=HELD)
@@ -101,7 +101,7 @@ class Discrepant(Model):
         return self.model.maps()
 
 
-def spline_basis(channels: JaxArray, low: JaxArray, high: JaxArray, cells: int) -> JaxArray:
+def spline_basis(channels: JaxArray, low: Leaf, high: Leaf, cells: int) -> JaxArray:
     """Return cubic B-splines (channel, cells + 3, batch) of channels (channel, batch).
 
     Beyond its range from low to high, (channel, batch or 1), a channel stays where it ends.

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.spatial.distance import cdist
 
-from penode.arrays import FloatArray
+from penode.arrays import BoolArray, FloatArray
 from penode.data.windows import Windows
 from penode.training.covariance import bandwidth_in_windows, bartlett
 from penode.training.gauss_newton_terms import GaussNewtonTerms, inverse_normal
@@ -45,7 +45,7 @@ class Information:
     variance: float
 
     @classmethod
-    def of(cls, terms: GaussNewtonTerms, learned: FloatArray, windows: Windows) -> "Information":
+    def of(cls, terms: GaussNewtonTerms, learned: BoolArray, windows: Windows) -> "Information":
         """Return the information of data without penalties.
 
         Residuals within a window, of windows that overlap, and of a model that misfits, are not
