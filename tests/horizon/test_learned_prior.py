@@ -88,7 +88,7 @@ def _curve(curve, at):
 
 
 def deviation(rung, at):
-    covariance = sandwich(rung.solution.terms, rung.windows)
+    covariance = sandwich(rung.solution.terms, rung.series)
     band = LearnedUncertainty(covariance, rung.solution.raw[None], np.ones(1))
     return band.deviation(rung.model, at[:, None])[:, 0]
 

@@ -130,7 +130,7 @@ class Assembly:
             self.problem,
             self._consensus.values,
         )
-        objective = problem.objective_at(chosen.horizon)
+        objective = chosen.objective or problem.objective
         again = Problem(objective, problem.reported, chosen.windows, self._moving)
         layout = problem.objective.layout
         others = self._moving & ~layout.physical_members

@@ -18,7 +18,7 @@ from penode.arrays import BoolArray, FloatArray, float64, on_device
 from penode.data.windows import Windows
 from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.models.discrepancy import GROUP, Discrepant, spline_basis
-from penode.training.covariance import long_enough
+from penode.training.covariance import ScoreSeries
 from penode.training.evidence import Information, Rows, process_rows
 from penode.training.gauss_newton_terms import inverse_normal
 from penode.training.learned_effect import LearnedEffect, Visits
@@ -49,7 +49,7 @@ def what_is_left_out(problem: LadderProblem, rungs: Sequence[HorizonFit], plan: 
         Their stages.
     """
     physical = len(problem.objective.layout.physical)
-    enough = [k for k, rung in enumerate(rungs) if long_enough(rung.windows)]
+    enough = [k for k, rung in enumerate(rungs) if _many_windows(rung)]
     if not enough:
         return np.zeros(physical)
     rung, stage = rungs[enough[-1]], plan.stages[enough[-1]]
@@ -59,7 +59,7 @@ def what_is_left_out(problem: LadderProblem, rungs: Sequence[HorizonFit], plan: 
     terms = beside.problem.gauss_newton(beside.raw)
     if not terms.finite:
         return np.zeros(physical)
-    data = Information.of(terms, beside.left_over, rung.windows)
+    data = Information.of(terms, beside.left_over, ScoreSeries.of_windows(rung.windows))
     rows = beside.most_likely(data)
     if rows is None:
         return np.zeros(physical)
@@ -94,7 +94,7 @@ class _Beside:
 
     @classmethod
     def of(cls, problem: LadderProblem, rung: HorizonFit, stage: Stage) -> "_Beside | None":
-        objective = problem.objective_at(rung.horizon)
+        objective = rung.objective or problem.objective
         raw, layout = rung.solution.raw, objective.layout
         visits = Visits.of(objective.error, raw, rung.windows)
         effect = LearnedEffect.of(layout, raw, visits)
@@ -139,6 +139,10 @@ class _Beside:
             found = max(trials, key=lambda one: rows(length, one).evidence(data))
         best = rows(length, found)
         return best if best.evidence(data) > _DECISIVE else None
+
+
+def _many_windows(rung: HorizonFit) -> bool:
+    return ScoreSeries.of_windows(rung.windows).long_enough
 
 
 def _with_changes(windows: Windows) -> Windows:

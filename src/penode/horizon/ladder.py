@@ -114,6 +114,8 @@ class HorizonFit:
         Why the deviation of each physical parameter is not known; empty where it is.
     free_run : ndarray, shape (state,), or None
         Errors of a free run (rms), infinite where it diverged; None while they are not known.
+    objective : Objective or None
+        What was minimised, with the prior of a learned part; None stands for the problem's.
     """
 
     horizon: int
@@ -129,6 +131,7 @@ class HorizonFit:
     prior: FloatArray | float = 0.0
     reasons: tuple[str, ...] = ()
     free_run: FloatArray | None = None
+    objective: Objective | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,6 +227,7 @@ class LadderProblem:
     def _climb(self, plan: Plan, raw: FloatArray, rungs: list[HorizonFit]) -> None:
         """Append finished rungs until the plan ends or a stage diverges."""
         first = raw
+        self.objectives.clear()
         for number, stage in enumerate(plan.stages):
             problem = self.problem(stage, plan)
             place = (number + 1, len(plan.stages))
@@ -250,11 +254,8 @@ class LadderProblem:
             placement=plan.placement,
         )
         moving = self.objective.layout.members(stage.groups)
-        return Problem(self.objective_at(stage.horizon), self.reported, windows, moving)
-
-    def objective_at(self, horizon: int) -> Objective:
-        """Return the objective of a rung: with the prior estimated there, once it was climbed."""
-        return self.objectives.get(horizon, self.objective)
+        objective = self.objectives.get(stage.horizon, self.objective)
+        return Problem(objective, self.reported, windows, moving)
 
     def _finish(self, horizon: int, problem: Problem, solution: Solution) -> HorizonFit:
         jacobian = problem.reported_jacobian(solution.raw)
@@ -286,6 +287,7 @@ class LadderProblem:
             model=model,
             prior=prior_deviation(solution.terms, of_physical),
             reasons=reasons,
+            objective=problem.objective,
         )
 
     def _unknown(self, horizon: int, series: ScoreSeries) -> str:

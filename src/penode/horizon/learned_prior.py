@@ -16,6 +16,7 @@ from penode.horizon.identifiability import Start
 from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.training.coarse_to_fine import CoarseToFine
+from penode.training.covariance import ScoreSeries
 from penode.training.evidence import Information, Rows, process_rows
 from penode.training.learned_effect import LearnedEffect, Visits
 from penode.training.penalties import GaussianPrior
@@ -107,7 +108,11 @@ class LearnedPrior:
         belief = _Belief.of(problem, raw, self.orthogonal)
         if not (terms.finite and belief.effective):
             return None
-        data = Information.of(terms, _members(layout)[problem.moving], problem.windows)
+        series = ScoreSeries.of_windows(problem.windows)
+        if not series.long_enough:
+            scores = alone.objective.sample_scores(raw, problem.windows)[problem.moving]
+            terms, series = replace(terms, scores=scores), ScoreSeries.of_samples(scores)
+        data = Information.of(terms, _members(layout)[problem.moving], series)
         rows = belief.rows(*belief.most_likely(data))
         scale = np.sqrt(data.variance / terms.count)
         factor = scale * rows.slopes

@@ -14,8 +14,7 @@ from scipy.linalg import solve_triangular
 from scipy.spatial.distance import cdist
 
 from penode.arrays import BoolArray, FloatArray
-from penode.data.windows import Windows
-from penode.training.covariance import bandwidth_in_windows, bartlett
+from penode.training.covariance import ScoreSeries, bartlett
 from penode.training.gauss_newton_terms import GaussNewtonTerms, inverse_normal
 
 #: Directions of the data's information weaker than this do not show how their residuals vary.
@@ -45,7 +44,7 @@ class Information:
     variance: float
 
     @classmethod
-    def of(cls, terms: GaussNewtonTerms, learned: BoolArray, windows: Windows) -> "Information":
+    def of(cls, terms: GaussNewtonTerms, learned: BoolArray, series: ScoreSeries) -> "Information":
         """Return the information of data without penalties.
 
         Residuals within a window, of windows that overlap, and of a model that misfits, are not
@@ -58,7 +57,8 @@ class Information:
         terms : GaussNewtonTerms
             Of the data alone.
         learned : ndarray of bool, shape (moving,)
-        windows : Windows
+        series : ScoreSeries
+            Of the terms' scores.
         """
         normal, scores = terms.normal, terms.scores
         others = ~learned
@@ -71,7 +71,7 @@ class Information:
         kept = eigenvalues > _SHOWN * eigenvalues[-1]
         centred = own - own.mean(axis=1, keepdims=True)
         along = (vectors[:, kept] / np.sqrt(eigenvalues[kept])).T @ (centred / size[:, None])
-        ratios = np.diag(bartlett(along, bandwidth_in_windows(windows)))
+        ratios = np.diag(bartlett(along, series.lags))
         variance = float(np.mean(ratios))
         return cls(matrix / variance, slope / variance, variance)
 
