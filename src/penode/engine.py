@@ -39,6 +39,7 @@ from penode.horizon.cross_checks import Anchor
 from penode.horizon.default_plan import default_plan
 from penode.horizon.held_out import HeldOut
 from penode.horizon.ladder import HORIZONS, Climb, HorizonFit, LadderProblem, fitting_plan
+from penode.horizon.learned_prior import LearnedPrior
 from penode.horizon.loss_weighting import LossWeighting, linearised, loss_weighting, weight_matrix
 from penode.horizon.parallel_starts import Sweep, sweep
 from penode.horizon.selection import Choice, Longest, Plateau, Selector
@@ -171,6 +172,7 @@ __all__ = [
     "Layout",
     "Leaf",
     "LearnedMap",
+    "LearnedPrior",
     "LearnedUncertainty",
     "LevenbergMarquardt",
     "Line",

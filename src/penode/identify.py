@@ -15,6 +15,7 @@ from penode.horizon.free_runs import with_free_runs
 from penode.horizon.held_out import selector_for
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, Observer, ignore_events
+from penode.horizon.learned_prior import with_priors
 from penode.horizon.objections import CHECKS, guarded, objections, with_objections
 from penode.horizon.selection import Selector, believable, choose
 from penode.horizon.simulation import confirmed, parting
@@ -89,7 +90,7 @@ def identify(
     require_sound(start.model)
     given = plan
     plan = start.with_penalties(given or default_plan(start.model, experiments))
-    plan = plan if given else with_hold(plan, start, experiments)
+    plan = plan if given else with_priors(with_hold(plan, start, experiments), start)
     plan = with_declared_priors(plan, start, experiments)
     problem = LadderProblem.of(start.model, experiments, plan, observer)
     longest = max(stage.horizon for stage in plan.stages)

@@ -14,8 +14,9 @@ from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.fit.learned_uncertainty import LearnedUncertainty
 from penode.fit.outcome import AVERAGED, Contribution
 from penode.fit.provenance import provenance_of
-from penode.horizon.consensus import Consensus, averaged, map_weights, retrained
+from penode.horizon.consensus import LEFT_OUT, Consensus, averaged, map_weights, retrained
 from penode.horizon.cross_checks import CrossCheck
+from penode.horizon.discrepancy import what_is_left_out
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.horizon.loss_weighting import linearised
@@ -129,7 +130,8 @@ class Assembly:
             self.problem,
             self._consensus.values,
         )
-        again = Problem(problem.objective, problem.reported, chosen.windows, self._moving)
+        objective = chosen.objective or problem.objective
+        again = Problem(objective, problem.reported, chosen.windows, self._moving)
         layout = problem.objective.layout
         others = self._moving & ~layout.physical_members
         linear = others.any() and layout.linear_members[others].all()
@@ -208,10 +210,14 @@ class Assembly:
     def _budgets(self) -> list[tuple[Contribution, ...]]:
         """Return the uncertainty budget of every physical parameter."""
         chosen, problem = self.rungs[self.choice.index], self.problem
+        parts = self._consensus.parts
+        if self.plan.discrepancy:
+            left_out = what_is_left_out(problem, self.plan, self.rungs, self.choice.index)
+            parts = {**parts, LEFT_OUT: left_out}
         slopes = problem.reported.jacobian(chosen.solution.raw)[: len(self.names)]
         return [
             budget(
-                {source: float(part[k]) for source, part in self._consensus.parts.items()},
+                {source: float(part[k]) for source, part in parts.items()},
                 self.start.imperfections,
                 self._shifts @ slopes[k],
             )

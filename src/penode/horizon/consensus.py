@@ -37,6 +37,7 @@ _FINEST = 1e-5
 #: What a deviation comes from: rows of the uncertainty budget.
 STATISTICS, HORIZON = "statistics of the residuals", "spread over the horizons"
 PRIOR, NUMERICS = "prior of the learned map", "numerical agreement"
+LEFT_OUT = "what the model leaves out"
 
 #: Deviations are cut here, SI units, so that no weight is zero over zero.
 _UNSURE = 1e100

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -114,6 +114,8 @@ class HorizonFit:
         Why the deviation of each physical parameter is not known; empty where it is.
     free_run : ndarray, shape (state,), or None
         Errors of a free run (rms), infinite where it diverged; None while they are not known.
+    objective : Objective or None
+        What was minimised, with the prior of a learned part; None stands for the problem's.
     """
 
     horizon: int
@@ -129,6 +131,7 @@ class HorizonFit:
     prior: FloatArray | float = 0.0
     reasons: tuple[str, ...] = ()
     free_run: FloatArray | None = None
+    objective: Objective | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +164,8 @@ class LadderProblem:
     experiments : sequence of Experiment
     observer : callable
         Receives an event for each evaluation and horizon.
+    objectives : dict of int to Objective
+        Those of rungs whose learned part has a prior of their own, by horizon; the climb fills it.
     """
 
     objective: Objective
@@ -168,6 +173,7 @@ class LadderProblem:
     model: Model
     experiments: Sequence[Experiment]
     observer: Observer
+    objectives: dict[int, Objective] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -221,11 +227,15 @@ class LadderProblem:
     def _climb(self, plan: Plan, raw: FloatArray, rungs: list[HorizonFit]) -> None:
         """Append finished rungs until the plan ends or a stage diverges."""
         first = raw
+        self.objectives.clear()
         for number, stage in enumerate(plan.stages):
             problem = self.problem(stage, plan)
             place = (number + 1, len(plan.stages))
             if rungs and not rungs[-1].solution.converged:  # what follows would be lost too
                 raw = problem.better(raw, first)
+            if plan.learned_prior:
+                problem, raw = plan.learned_prior.joined(problem, raw, cold=not rungs)
+                self.objectives[stage.horizon] = problem.objective
             solution = stage.optimiser.minimise(problem, raw, self._progress(stage.horizon, place))
             if solution.outcome == DIVERGED or (rungs and _explodes(solution, rungs[0])):
                 break
@@ -246,7 +256,8 @@ class LadderProblem:
             prepared=predictor.prepared,
         )
         moving = self.objective.layout.members(stage.groups)
-        return Problem(self.objective, self.reported, windows, moving)
+        objective = self.objectives.get(stage.horizon, self.objective)
+        return Problem(objective, self.reported, windows, moving)
 
     def _finish(self, horizon: int, problem: Problem, solution: Solution) -> HorizonFit:
         jacobian = problem.reported_jacobian(solution.raw)
@@ -278,6 +289,7 @@ class LadderProblem:
             model=model,
             prior=prior_deviation(solution.terms, of_physical),
             reasons=reasons,
+            objective=problem.objective,
         )
 
     def _unknown(self, horizon: int, series: ScoreSeries) -> str:

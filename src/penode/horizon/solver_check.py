@@ -253,7 +253,7 @@ def _doubled(
     problem: LadderProblem, plan: Plan, index: int, rung: HorizonFit
 ) -> tuple[FloatArray, float]:
     """Return what doubling moves, (physical,), SI units, and how visibly the error changes."""
-    before, stage = problem.objective, plan.stages[index]
+    before, stage = rung.objective or problem.objective, plan.stages[index]
     solver = with_substeps(plan.solver, 2 * substeps(plan.solver))
     predictor = Predictor(before.predictor.time_step, solver, plan.hold)
     finer = Objective(

@@ -13,7 +13,7 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.fit.outcome import Contribution
-from penode.horizon.consensus import HORIZON, PRIOR, STATISTICS
+from penode.horizon.consensus import HORIZON, LEFT_OUT, PRIOR, STATISTICS
 from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.training.plan import Plan, Stage
 
@@ -22,6 +22,7 @@ _REMEDIES = {
     STATISTICS: "Record longer, or with less noise.",
     HORIZON: "Add to the model what its residual still shows.",
     PRIOR: "Record more operating points.",
+    LEFT_OUT: "Add to the model what its residual still shows.",
 }
 
 
@@ -79,8 +80,8 @@ def raw_shifts(
     moving = problem.objective.layout.members(stage.groups)
     for shift, one in zip(shifts, imperfections, strict=True):
         imperfect = [one.applied(e, _SMALL) for e in problem.experiments]
-        windows = replace(problem, experiments=imperfect).problem(stage, plan).windows
-        descent = problem.objective.descent(raw, windows)[moving]
+        changed = replace(problem, experiments=imperfect).problem(stage, plan)
+        descent = changed.objective.descent(raw, changed.windows)[moving]
         shift[moving] = terms.inverse @ (descent - terms.descent) / _SMALL
     return shifts
 

@@ -147,6 +147,10 @@ class Reported:
         self.layout = layout
         self._points = np.asarray(points, dtype=np.float64)
 
+    def of_layout(self, layout: Layout[Model]) -> "Reported":
+        """Return the same quantities of a model with another layout."""
+        return Reported(layout, self._points)
+
     def jacobian(self, raw: FloatArray) -> FloatArray:
         """Return d(reported)/d(raw), shape (reported, parameter); physical parameters first."""
         with float64():

@@ -129,6 +129,24 @@ class Optimiser(Protocol):
         ...
 
 
+class PriorRule(Protocol):
+    """Gives what is learned a prior, horizon by horizon."""
+
+    def joined(self, problem: Problem, raw: FloatArray, cold: bool) -> tuple[Problem, FloatArray]:
+        """Return the problem with a prior in its loss, and where training begins.
+
+        Parameters
+        ----------
+        problem : Problem
+            Of one horizon.
+        raw : ndarray, shape (parameter,)
+            Where training would begin.
+        cold : bool
+            Whether nothing was trained before.
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class Stage:
     """One horizon of training.
@@ -165,6 +183,10 @@ class Plan:
     detour : Optimiser or None
         Trains once more at the chosen horizon from the start alone, to see whether the answer
         depends on the path; left out by default.
+    learned_prior : PriorRule or None
+        Gives what is learned a prior at every horizon; none by default.
+    discrepancy : bool
+        Whether deviations grow by what the model leaves out; not by default.
 
     Raises
     ------
@@ -178,6 +200,8 @@ class Plan:
     hold: Hold = DEFAULT_HOLD
     loss: Loss = DEFAULT_LOSS
     detour: Optimiser | None = None
+    learned_prior: PriorRule | None = None
+    discrepancy: bool = False
 
     def __post_init__(self) -> None:
         if not self.stages:

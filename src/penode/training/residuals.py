@@ -1,6 +1,7 @@
 """THE objective: one residual, from which loss, gradient, Gauss-Newton terms and scores derive."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from typing import Any
 
@@ -59,6 +60,16 @@ class Objective:
         self.scale = np.asarray(scale, dtype=np.float64)
         self.loss = loss
         self.error = PredictionError(predictor, self.layout, self.scale, loss, model)
+
+    def with_penalties(self, penalties: tuple[Penalty, ...]) -> "Objective":
+        """Return the objective with these penalties in place of its own; compiled code serves both.
+
+        Parameters
+        ----------
+        penalties : tuple of Penalty
+        """
+        loss, error = replace(self.loss, penalties=penalties), self.error
+        return Objective(self.predictor, error.model, self.scale, loss, self.layout.experiments)
 
     def loss_and_gradient(self, raw: FloatArray, windows: Windows) -> tuple[float, FloatArray]:
         """Return the loss and its gradient (parameter,) by reverse mode.

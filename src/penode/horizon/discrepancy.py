@@ -1,0 +1,184 @@
+"""Discrepancy: what the model leaves out, as an unknown smooth function, and what it could hide.
+
+A model that misfits has parameters that are none of nature's: they make up for what is missing.
+What is missing is taken as a Gaussian process of states and inputs in the derivative (M. C. Kennedy
+and A. O'Hagan, J. R. Stat. Soc. B 63 (2001) 425, doi:10.1111/1467-9868.00294). Its amplitudes are
+what the chosen horizon's residuals make most likely, and zero where they are noise. The parameters
+stay as they are; their deviations grow by what the process could stand in for (J. Brynjarsdottir
+and A. O'Hagan, Inverse Probl. 30 (2014) 114007, doi:10.1088/0266-5611/30/11/114007).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from penode.arrays import BoolArray, FloatArray, float64, on_device
+from penode.data.windows import Windows
+from penode.horizon.ladder import HorizonFit, LadderProblem
+from penode.models.discrepancy import GROUP, Discrepant, spline_basis
+from penode.training.covariance import ScoreSeries
+from penode.training.evidence import Information, Rows, process_rows
+from penode.training.gauss_newton_terms import inverse_normal
+from penode.training.learned_effect import LearnedEffect, Visits
+from penode.training.plan import Plan, Problem, Stage
+from penode.training.residuals import Objective
+
+#: Cells of each spline, and points at which it is believed to be a Gaussian process.
+_CELLS, _POINTS = 6, 19
+#: Amplitudes in deviations of the derivative, the first as good as zero; lengths in ranges.
+_AMPLITUDES, _LENGTHS = 10.0 ** np.array([-6.0, *np.arange(-3.0, 0.6, 0.25)]), (0.25, 1.0)
+#: Log evidence from which something is left over.
+_DECISIVE = 3.0
+#: Deviations of a mean square by which the error grows where something may be left over.
+_GROWS = 2.0
+#: Rounds in which the amplitude of each spline is sought.
+_ROUNDS = 2
+
+
+def what_is_left_out(
+    problem: LadderProblem, plan: Plan, rungs: Sequence[HorizonFit], chosen: int
+) -> FloatArray:
+    """Return what a discrepancy adds to the deviations of physical parameters, (physical,).
+
+    Parameters
+    ----------
+    problem : LadderProblem
+        What was climbed.
+    plan : Plan
+        Its stages.
+    rungs : sequence of HorizonFit
+    chosen : int
+        The last up to it whose windows are enough to show how their residuals vary is looked at.
+    """
+    physical = len(problem.objective.layout.physical)
+    if not _error_grows(problem, rungs):
+        return np.zeros(physical)
+    rungs = rungs[: chosen + 1]
+    enough = [k for k, rung in enumerate(rungs) if _many_windows(rung)]
+    if not enough:
+        return np.zeros(physical)
+    rung, stage = rungs[enough[-1]], plan.stages[enough[-1]]
+    beside = _Beside.of(problem, rung, stage)
+    if beside is None:
+        return np.zeros(physical)
+    terms = beside.problem.gauss_newton(beside.raw)
+    if not terms.finite:
+        return np.zeros(physical)
+    data = Information.of(terms, beside.left_over, ScoreSeries.of_windows(rung.windows))
+    rows = beside.most_likely(data)
+    if rows is None:
+        return np.zeros(physical)
+    covariance = np.linalg.inv(data.matrix + rows.slopes.T @ rows.slopes)
+    others = ~beside.left_over
+    inverse = inverse_normal(terms.normal[others][:, others])
+    slopes = beside.problem.reported_jacobian(beside.raw)[:physical][:, others]
+    follow = slopes @ inverse @ terms.normal[others][:, ~others]
+    shift = follow @ covariance @ data.slope
+    variance = np.einsum("pi,ij,pj->p", follow, covariance, follow)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0) + shift**2))
+
+
+def _error_grows(problem: LadderProblem, rungs: Sequence[HorizonFit]) -> bool:
+    """Return whether the error grows with the horizon by more than chance.
+
+    White noise of the sensors is all that a right model leaves, as large at every horizon: of the
+    values in a window those are spent that its start takes.
+    """
+    error, horizons = problem.objective.error, np.array([rung.horizon for rung in rungs])
+    predicted = horizons * len(error.compared)
+    spent = np.sum(error.stiffness == 0)
+    kept = predicted > spent
+    losses = np.array([rung.solution.terms.loss for rung in rungs])
+    variance = (losses * predicted)[kept] / (predicted - spent)[kept]
+    values = len(rungs[0].windows.states) * len(error.compared)
+    return bool(variance.max() > (1 + _GROWS * np.sqrt(2 / values)) * variance.min())
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """A rung's problem with something left over.
+
+    Attributes
+    ----------
+    problem : Problem
+    raw : ndarray, shape (parameter,)
+        The rung's, with nothing left over.
+    left_over : ndarray of bool, shape (moving,)
+    blocks : int
+        Splines, one for each derivative and channel.
+    """
+
+    problem: Problem
+    raw: FloatArray
+    left_over: BoolArray
+    blocks: int
+
+    @classmethod
+    def of(cls, problem: LadderProblem, rung: HorizonFit, stage: Stage) -> "_Beside | None":
+        objective = rung.objective or problem.objective
+        raw, layout = rung.solution.raw, objective.layout
+        visits = Visits.of(objective.error, raw, rung.windows)
+        effect = LearnedEffect.of(layout, raw, visits)
+        rates = np.flatnonzero(np.abs(effect.by_values(visits)).max(axis=(1, 2)) > 0)
+        if not (len(rates) and np.isfinite(effect.scale).all()):
+            return None
+        windows = _with_changes(rung.windows)
+        low = np.concatenate([visits.states.min(axis=0), windows.inputs.min(axis=0)])
+        high = np.concatenate([visits.states.max(axis=0), windows.inputs.max(axis=0)])
+        high = np.where(high > low, high, low + 1.0)
+        shape = (len(rates), len(low), _CELLS + 3)
+        scale = effect.scale[rates]
+        with float64():
+            model = Discrepant(rung.model, tuple(rates.tolist()), np.zeros(shape), scale, low, high)
+        wide = Objective(
+            objective.predictor, model, objective.scale, objective.loss, layout.experiments
+        )
+        extended = np.concatenate([raw, np.zeros(np.prod(shape)), scale, low, high])
+        left_over = wide.layout.members((GROUP,))
+        moving = left_over.copy()
+        moving[: len(raw)] = layout.members(stage.groups)
+        reported = problem.reported.of_layout(wide.layout)
+        return cls(
+            Problem(wide, reported, windows, moving),
+            extended,
+            left_over[moving],
+            shape[0] * shape[1],
+        )
+
+    def most_likely(self, data: Information) -> Rows | None:
+        """Return the belief that makes the residuals most likely; None if that is nothing."""
+        whites = {length: _white(length) for length in _LENGTHS}
+
+        def rows(length: float, amplitudes: FloatArray) -> Rows:
+            slopes = block_diag(*(whites[length] / a for a in amplitudes))
+            return Rows(slopes, np.zeros(len(slopes)))
+
+        alike = [(length, np.full(self.blocks, a)) for length in _LENGTHS for a in _AMPLITUDES]
+        length, found = max(alike, key=lambda pair: rows(*pair).evidence(data))
+        for k in list(range(self.blocks)) * _ROUNDS:
+            trials = [np.where(np.arange(self.blocks) == k, a, found) for a in _AMPLITUDES]
+            found = max(trials, key=lambda one: rows(length, one).evidence(data))
+        best = rows(length, found)
+        return best if best.evidence(data) > _DECISIVE else None
+
+
+def _many_windows(rung: HorizonFit) -> bool:
+    return ScoreSeries.of_windows(rung.windows).long_enough
+
+
+def _with_changes(windows: Windows) -> Windows:
+    """Return windows that have what each input changed by in a sample as a further one."""
+    changes = np.diff(windows.inputs, axis=0, prepend=windows.inputs[:1])
+    return replace(windows, inputs=np.concatenate([windows.inputs, changes], axis=1))
+
+
+_UNIT = np.zeros(1), np.ones(1)
+
+
+def _white(length: float) -> FloatArray:
+    place = np.linspace(0.0, 1.0, _POINTS)
+    with float64():
+        basis = np.asarray(spline_basis(on_device(place[None]), *_UNIT, _CELLS))[0].T
+    return process_rows(place[:, None], length, basis[None])[0]

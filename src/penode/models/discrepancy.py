@@ -1,0 +1,110 @@
+"""A model beside which something is left over: a smooth function of states and inputs."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import JaxArray, Leaf
+from penode.models.base import Model
+from penode.models.inputs import Inputs
+from penode.models.parameters import parameter
+from penode.models.splines import cubic_kernel
+
+#: Groups of the coefficients, and of what never moves.
+GROUP, HELD = "discrepancy", "held"
+
+
+class Discrepant(Model):
+    """A model whose derivative lacks a sum of cubic splines, each of one channel.
+
+    Channels are the states, the inputs, and what the inputs changed by in a sample, as further
+    inputs: a mode that was neglected because it is fast answers to these.
+
+    Attributes
+    ----------
+    model : Model
+        What was fitted.
+    coefficients : array, shape (rate, channel, cells + 3)
+        In units of `scale`; zero where nothing is left over.
+    rates : tuple of int
+        Places of the states in whose derivative something may be left over.
+    scale : array, shape (rate,)
+        One unit of each of these derivatives, SI units per second.
+    low, high : array, shape (channel,)
+        Between which each channel was recorded, SI units.
+    """
+
+    model: Model
+    rates: tuple[int, ...] = eqx.field(static=True)
+    coefficients: Leaf = parameter(group=GROUP)
+    # Numbers of a recording are arguments of compiled code: it serves the next recording too.
+    scale: Leaf = parameter(group=HELD)
+    low: Leaf = parameter(group=HELD)
+    high: Leaf = parameter(group=HELD)
+
+    @property
+    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the model's states."""
+        return self.model.states
+
+    @property
+    def state_units(self) -> tuple[str, ...]:  # type: ignore[override]
+        """SI units of the model's states."""
+        return self.model.state_units
+
+    @property
+    def unmeasured(self) -> tuple[str, ...]:  # type: ignore[override]
+        """States of the model that no sensor measures."""
+        return self.model.unmeasured
+
+    @property
+    def input_rates(self) -> Mapping[str, str]:  # type: ignore[override]
+        """Inputs of the model that go on between samples."""
+        return self.model.input_rates
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the model's inputs, and of their changes."""
+        return (*self.model.inputs, *(f"change of {name}" for name in self.model.inputs))
+
+    def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
+        """Return the model's derivative and what it lacks, (state, batch)."""
+        own = Inputs(u.values[: len(self.model.inputs)], self.model.inputs, u.span)
+        rate = self.model.derivative(x, own)
+        width = max(x.shape[-1], u.values.shape[-1])
+        channels = jnp.concatenate(
+            [jnp.broadcast_to(part, (len(part), width)) for part in (x, u.values)]
+        )
+        basis = spline_basis(channels, self.low, self.high, self.coefficients.shape[2] - 3)
+        for k, at in enumerate(self.rates):
+            lacking = jnp.sum(self.coefficients[k] * basis, axis=(0, 1))
+            rate = rate.at[at].add(self.scale[k] * lacking)
+        return rate
+
+    def learned(self, x: JaxArray) -> JaxArray:
+        """Return the model's learned part."""
+        return self.model.learned(x)
+
+    def corrected(self, measured: JaxArray) -> JaxArray:
+        """Return the states behind what the sensors read."""
+        return self.model.corrected(measured)
+
+    def stored(self, x: JaxArray) -> JaxArray:
+        """Return what the model's equation balances."""
+        return self.model.stored(x)
+
+    def maps(self) -> Mapping[str, Callable[..., Any]]:
+        """Return the model's learned maps."""
+        return self.model.maps()
+
+
+def spline_basis(channels: JaxArray, low: Leaf, high: Leaf, cells: int) -> JaxArray:
+    """Return cubic B-splines (channel, cells + 3, batch) of channels (channel, batch).
+
+    Beyond its range from low to high, (channel, batch or 1), a channel stays where it ends.
+    """
+    place = jnp.clip((channels - low) / (high - low), 0.0, 1.0) * cells
+    return cubic_kernel(place[:, None] - np.arange(-1, cells + 2)[:, None])[0]

@@ -1,0 +1,181 @@
+"""What the learned part of a model adds to the derivative where the recordings have been."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from penode.arrays import BoolArray, FloatArray, JaxArray, float64, on_device, with_shared_length
+from penode.data.windows import Windows
+from penode.models.base import Model
+from penode.models.inputs import Inputs
+from penode.models.layout import Layout
+from penode.training.free_starts import estimated_starts
+from penode.training.prediction_error import Batch, PredictionError, compiled_windows
+
+#: Starts of windows at which the model is looked at.
+_VISITS, _SHORTEST = 1000, 128
+#: Steps for each state from which the start of a window is estimated.
+_STEPS = 8
+#: A channel matters if the map changes by more than this fraction when the channel does.
+_MATTERS = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Visits:
+    """States and inputs at the starts of windows, the estimated starts in them.
+
+    Attributes
+    ----------
+    states : ndarray, shape (visit, state)
+        SI units.
+    inputs : ndarray, shape (visit, input)
+    """
+
+    states: FloatArray
+    inputs: FloatArray
+
+    @classmethod
+    def of(cls, error: PredictionError, raw: FloatArray, windows: Windows) -> "Visits":
+        """Return some hundred visits evenly over the recordings.
+
+        Parameters
+        ----------
+        error : PredictionError
+        raw : ndarray, shape (parameter,)
+            At which free starts are estimated.
+        windows : Windows
+        """
+        few = _evenly(windows, min(windows.horizon, _STEPS * windows.states.shape[1]))
+        with float64():
+            batch = compiled_windows(few, max(_VISITS, len(few)))
+            given = on_device(raw), on_device(error.scale), batch, on_device(few.horizon)
+            at = _starts(error, *given)
+            states = np.asarray(at)[:, : len(few)].T
+        return cls(states, few.inputs[few.starts])
+
+    @property
+    def channels(self) -> FloatArray:
+        """States and inputs beside each other, shape (visit, channel)."""
+        return np.concatenate([self.states, self.inputs], axis=1)
+
+    def at(self, channels: FloatArray) -> "Visits":
+        """Return visits of other channels (visit, channel)."""
+        states = self.states.shape[1]
+        return Visits(channels[:, :states], channels[:, states:])
+
+
+def _evenly(windows: Windows, horizon: int) -> Windows:
+    """Return short windows that begin evenly between the first and the last of each recording."""
+    spans = [
+        (number, windows.starts[windows.recording == number])
+        for number in np.unique(windows.recording)
+    ]
+    total = sum(int(np.ptp(starts)) + 1 for _, starts in spans)
+    starts = [
+        np.linspace(s.min(), s.max(), max(_VISITS * (int(np.ptp(s)) + 1) // total, 1)).astype(int)
+        for _, s in spans
+    ]
+    recording = [np.full(len(s), n) for s, (n, _) in zip(starts, spans, strict=True)]
+    places = np.concatenate(starts), np.concatenate(recording)
+    return replace(windows, starts=places[0], recording=places[1], horizon=horizon)
+
+
+@partial(jax.jit, static_argnums=0)
+def _starts(
+    error: PredictionError, raw: JaxArray, scale: JaxArray, batch: Batch, horizon: JaxArray
+) -> JaxArray:
+    values, error = error.layout.values(raw)[:, None], replace(error, scale=scale)
+    correction = estimated_starts(error, values, horizon, batch)
+    return error.start(error.layout.split(values), correction, batch)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedEffect:
+    """The learned part of a model in its derivative, about given values.
+
+    All is in units of the derivative's deviation over the visits, state by state.
+
+    Attributes
+    ----------
+    layout : Layout
+    values : ndarray, shape (value,)
+    scale : ndarray, shape (state,)
+        Deviations of the derivatives, SI units per second.
+    """
+
+    layout: Layout[Model]
+    values: FloatArray
+    scale: FloatArray
+
+    @classmethod
+    def of(cls, layout: Layout[Model], raw: FloatArray, visits: Visits) -> "LearnedEffect":
+        """Return the effect about raw parameters (parameter,)."""
+        with float64():
+            values = np.asarray(layout.values(jnp.asarray(raw)))
+            rate = np.asarray(_derivative(layout, on_device(values), *_columns(visits)))
+        rate = rate[:, : len(visits.states)]
+        return cls(layout, values, np.maximum(np.sqrt(np.mean(rate**2, axis=1)), 1e-300))
+
+    def at(self, visits: Visits) -> tuple[FloatArray, FloatArray]:
+        """Return the effect (state, visit) and its slopes by the learned values, (..., learned)."""
+        with float64():
+            given = self.layout, on_device(self.values), *_columns(visits)
+            both = (np.asarray(part) for part in _effect(*given))
+        effect, slopes = (part[:, : len(visits.states)] for part in both)
+        learned = self.layout.value_members(("learned",))
+        return effect / self.scale[:, None], slopes[..., learned] / self.scale[:, None, None]
+
+    def by_values(self, visits: Visits) -> FloatArray:
+        """Return the derivative's slopes by all values, (state, visit, value)."""
+        with float64():
+            given = self.layout, on_device(self.values), *_columns(visits)
+            slopes = np.asarray(_slopes(*given))[:, : len(visits.states)]
+        return slopes / self.scale[:, None, None]
+
+    def physical(self, visits: Visits) -> FloatArray:
+        """Return the derivative's slopes by what is not learned, (state, visit, value)."""
+        return self.by_values(visits)[..., ~self.layout.value_members(("learned",))]
+
+    def channels(self, visits: Visits, seed: int = 0) -> BoolArray:
+        """Return which states and inputs the map depends on, shape (channel,)."""
+        draw = np.random.default_rng(seed)
+        given = visits.channels
+        slopes = self.at(visits)[1]
+        size = np.abs(slopes).max(axis=(0, 1))
+        matters = np.zeros(given.shape[1], bool)
+        for k in range(given.shape[1]):
+            other = given.copy()
+            other[:, k] = draw.permutation(given[:, k])
+            change = np.abs(self.at(visits.at(other))[1] - slopes).max(axis=(0, 1))
+            matters[k] = np.any(change > _MATTERS * np.maximum(size, 1e-300))
+        return matters
+
+
+def _columns(visits: Visits) -> tuple[JaxArray, JaxArray]:
+    """Return states and inputs (channel, visit), padded: few programs serve any number."""
+    states, inputs = (
+        with_shared_length(part.T, shortest=_SHORTEST) for part in (visits.states, visits.inputs)
+    )
+    return states, inputs
+
+
+def _rate(layout: Layout[Model], values: JaxArray, x: JaxArray, u: JaxArray) -> JaxArray:
+    model = layout.model(values[:, None])
+    return model.derivative(x, Inputs(u, model.inputs))
+
+
+_derivative = jax.jit(_rate, static_argnums=0)
+_slopes = jax.jit(jax.jacfwd(_rate, argnums=1), static_argnums=0)
+
+
+@partial(jax.jit, static_argnums=0)
+def _effect(
+    layout: Layout[Model], values: JaxArray, x: JaxArray, u: JaxArray
+) -> tuple[JaxArray, JaxArray]:
+    """Return the derivative less that without a learned part, and its slopes by the values."""
+    without = jnp.where(layout.value_members(("learned",)), 0.0, values)
+    effect = _rate(layout, values, x, u) - _rate(layout, without, x, u)
+    return effect, jax.jacfwd(_rate, argnums=1)(layout, values, x, u)

@@ -1,0 +1,101 @@
+"""What the model leaves out: found where it is, nothing where residuals are noise."""
+
+from dataclasses import replace
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from penode import Experiment, Model, identify, ladder_plan, physical
+from penode.arrays import Leaf
+from penode.engine import LadderProblem, Loss, Positive
+from penode.horizon.consensus import LEFT_OUT
+from penode.horizon.discrepancy import what_is_left_out
+from penode.horizon.ladder import ignore_events
+from penode.models.discrepancy import spline_basis
+
+MASS, DAMPING, STEP, SAMPLES, NOISE = 1.3, 0.4, 0.05, 1500, 0.01
+
+
+class Mass(Model):
+    """q' = v, mass v' = u - damping v - q."""
+
+    states: ClassVar[tuple[str, ...]] = ("q", "v")
+    inputs: ClassVar[tuple[str, ...]] = ("u",)
+    state_units: ClassVar[tuple[str, ...]] = ("m", "m/s")
+
+    mass: Leaf = physical("kg", Positive())
+    damping: Leaf = physical("Ns/m")
+
+    def derivative(self, x, u):
+        return jnp.stack([x[1], (u[0] - self.damping * x[1] - x[0]) / self.mass])
+
+
+def recorded(friction, seed=1):
+    """Return a recording with noise, of a mass with friction beside the damping."""
+    random = np.random.default_rng(seed)
+    u = np.repeat(random.normal(0.0, 2.0, SAMPLES // 15), 15)
+
+    def rate(x, force):
+        lost = DAMPING * x[1] + friction * np.tanh(x[1] / 0.02)
+        return np.array([x[1], (force - lost - x[0]) / MASS])
+
+    x, states, h = np.zeros(2), np.empty((SAMPLES, 2)), STEP / 10
+    for k, force in enumerate(u):
+        states[k] = x
+        for _ in range(10):
+            x = x + h * rate(x + h / 2 * rate(x, force), force)
+    states += NOISE * random.normal(size=states.shape)
+    return Experiment("run", STEP, {"q": states[:, 0], "v": states[:, 1], "u": u})
+
+
+PLAN = replace(ladder_plan((4,)), loss=Loss(free_starts={"q": None, "v": None}))
+
+
+def climbed(run):
+    problem = LadderProblem.of(Mass(1.0, 0.1), [run], PLAN, ignore_events)
+    return problem, problem.climb(PLAN, problem.objective.layout.raw(Mass(1.0, 0.1))).fits
+
+
+def test_friction_left_out_widens_what_it_stands_in_for():
+    problem, fits = climbed(recorded(friction=0.3))
+    added = what_is_left_out(problem, fits, PLAN)
+    gap = np.abs(fits[0].values - [MASS, DAMPING])
+    own = fits[0].deviation
+    assert gap[1] > 5 * own[1]
+    assert gap[1] < 2.5 * np.hypot(own, added)[1]
+    assert added[1] < 3 * gap[1]
+    assert added[0] < 0.2 * added[1]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nothing_is_left_out_where_residuals_are_noise(seed):
+    problem, fits = climbed(recorded(friction=0.0, seed=seed))
+    assert np.all(what_is_left_out(problem, fits, PLAN) < 0.3 * fits[0].deviation)
+
+
+def test_recordings_too_short_to_show_it_add_nothing():
+    run = recorded(friction=0.3)
+    short = Experiment("short", STEP, {k: v[:30] for k, v in run.channels.items()})
+    problem, fits = climbed(short)
+    assert not what_is_left_out(problem, fits, PLAN).any()
+
+
+def test_a_fit_has_a_row_for_it_in_the_budget_only_where_the_plan_asks():
+    run = recorded(friction=0.3)
+    start = Mass(1.0, 0.1)
+    silent, asked = (
+        identify(start, [run], plan=replace(PLAN, discrepancy=on)).parameters["damping"]
+        for on in (False, True)
+    )
+    rows = {row.source: row for row in asked.budget}
+    assert LEFT_OUT not in {row.source for row in silent.budget}
+    assert asked.std == pytest.approx(np.hypot(silent.std, rows[LEFT_OUT].std))
+    assert rows[LEFT_OUT].remedy
+
+
+def test_splines_sum_to_one_and_stay_where_a_channel_ends():
+    basis = np.asarray(spline_basis(jnp.linspace(-2.0, 2.0, 9)[None], -1.0, 1.0, 6))
+    np.testing.assert_allclose(basis.sum(axis=1), 1.0, rtol=1e-6)
+    np.testing.assert_allclose(basis[..., 0], basis[..., 2], atol=1e-6)
