@@ -60,7 +60,7 @@ def climbed(run):
 
 def test_friction_left_out_widens_what_it_stands_in_for():
     problem, fits = climbed(recorded(friction=0.3))
-    added = what_is_left_out(problem, fits, PLAN)
+    added = what_is_left_out(problem, PLAN, fits, 0)
     gap = np.abs(fits[0].values - [MASS, DAMPING])
     own = fits[0].deviation
     assert gap[1] > 5 * own[1]
@@ -72,14 +72,14 @@ def test_friction_left_out_widens_what_it_stands_in_for():
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_nothing_is_left_out_where_residuals_are_noise(seed):
     problem, fits = climbed(recorded(friction=0.0, seed=seed))
-    assert np.all(what_is_left_out(problem, fits, PLAN) < 0.3 * fits[0].deviation)
+    assert np.all(what_is_left_out(problem, PLAN, fits, 0) < 0.3 * fits[0].deviation)
 
 
 def test_recordings_too_short_to_show_it_add_nothing():
     run = recorded(friction=0.3)
     short = Experiment("short", STEP, {k: v[:30] for k, v in run.channels.items()})
     problem, fits = climbed(short)
-    assert not what_is_left_out(problem, fits, PLAN).any()
+    assert not what_is_left_out(problem, PLAN, fits, 0).any()
 
 
 def test_a_fit_has_a_row_for_it_in_the_budget_only_where_the_plan_asks():

@@ -53,7 +53,7 @@ def what_is_left_out(
         The last up to it whose windows are enough to show how their residuals vary is looked at.
     """
     physical = len(problem.objective.layout.physical)
-    if not _error_grows(problem, rungs):
+    if len(rungs) > 1 and not _error_grows(problem, rungs):
         return np.zeros(physical)
     rungs = rungs[: chosen + 1]
     enough = [k for k, rung in enumerate(rungs) if _many_windows(rung)]
