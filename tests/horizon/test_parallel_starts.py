@@ -39,6 +39,7 @@ def test_a_sweep_is_its_fits_one_by_one(systems):
         assert found.loss[p, k] == pytest.approx(fit.horizon.ladder[-1].rmse ** 2)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_a_diverged_start_has_no_loss(systems):
     system = systems["linear machine"]
     lost = replace(system.model, R=np.array(-1e9))

@@ -88,6 +88,7 @@ def test_more_batches_than_windows_are_one_each(machine, problem):
     np.testing.assert_allclose(solution.raw, expected, rtol=1e-10)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_a_start_that_diverges_is_given_back(machine, problem):
     start = machine.raw - np.array([30.0, 30.0, 0.0, 0.0])
     solution = FirstOrder(epochs=3, batches=5).minimise(problem, start)

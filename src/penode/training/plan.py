@@ -74,7 +74,7 @@ class Problem:
         layout = self.objective.layout
         learned = ~layout.members(("physical",) if layout.physical else ())
         largest = np.max(np.diag(normal), where=learned, initial=0.0)
-        return np.diag(_ROUNDING * largest * learned)
+        return np.diag(np.where(learned, _ROUNDING * largest, 0.0))
 
     def reported_jacobian(self, raw: FloatArray) -> FloatArray:
         """Return d(reported)/d(moving raw), shape (reported, moving)."""

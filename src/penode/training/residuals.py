@@ -105,7 +105,7 @@ class Objective:
             loss=float(squares) / residuals + float(penalties @ penalties),
             count=residuals,
             normal=normal + residuals * squared(slopes),
-            descent=scores.sum(axis=1) - residuals * slopes.T @ penalties,
+            descent=_summed(scores) - residuals * slopes.T @ penalties,
             scores=scores,
             prior=prior,
         )
@@ -123,7 +123,7 @@ class Objective:
         residuals = len(windows.starts) * windows.horizon * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
         scores = self._sums(raw, windows, normal=False)[2]
-        return np.asarray(scores.sum(axis=1) - residuals * slopes.T @ penalties)
+        return np.asarray(_summed(scores) - residuals * slopes.T @ penalties)
 
     def sample_scores(self, raw: FloatArray, windows: Windows) -> FloatArray:
         """Return the scores of `gauss_newton` by sample instead, shape (parameter, sample).
@@ -252,6 +252,11 @@ class Objective:
         """Return the windows' starts at their minimum, where they do not move the gradient."""
         starts = estimated_starts(self.error, values, jnp.asarray(horizon), batch)
         return jax.lax.stop_gradient(starts)
+
+
+def _summed(scores: FloatArray) -> FloatArray:
+    """Return the scores summed over windows, (parameter,), which have no sum where one diverged."""
+    return scores.sum(axis=1) if np.isfinite(scores).all() else np.full(len(scores), np.nan)
 
 
 def _penalties(layout: Layout[Model], penalties: tuple[Penalty, ...], raw: JaxArray) -> JaxArray:
