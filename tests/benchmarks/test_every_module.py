@@ -5,7 +5,8 @@ import importlib
 import importlib.util
 import pkgutil
 import shutil
-from dataclasses import replace
+import subprocess
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,8 @@ from benchmarks import (
     memory,
     operations,
     parallel_starts,
+    peer_models,
+    peers,
     problem,
     roofline,
     scale,
@@ -32,10 +35,13 @@ from benchmarks import (
 from benchmarks import run as all_benchmarks
 from penode.arrays import float64
 from penode.data import gathered
+from penode.models.inputs import Inputs
+from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.start import nominal_start
 from penode.pmsm.study_settings import Study
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import RK4_38
+from validate import learned_sets, public_sets, simulated_sets
 
 #: Modules that need packages of an environment of their own.
 ELSEWHERE = {
@@ -43,13 +49,26 @@ ELSEWHERE = {
     "torchdiffeq_gradient": "torchdiffeq",
     "time_to_accuracy": "torchdiffeq",
     "jax_sysid_fit": "jax_sysid",
+    "peer_casadi": "casadi",
+    "peer_jax": "jax_sysid",
 }
 HERE = {
     "bench_speed", "c_lookup", "diffrax_gradient", "fit_machines", "gauss_newton",
-    "identification", "long_recording", "memory", "operations", "parallel_starts", "problem",
-    "roofline", "run", "scale", "sweep",
+    "identification", "long_recording", "memory", "operations", "parallel_starts", "peer_models",
+    "peers", "problem", "roofline", "run", "scale", "sweep",
 }  # fmt: skip
 FOLDER = Path(benchmarks.__file__).parent
+PEER_STARTS = {
+    "tanks": learned_sets.Tanks(0.05, 0.05, 0.05, 0.05, 0.5),
+    "silverbox": learned_sets.CubicSpring(1e5, 50.0, 2e5, 1e5, 0.01),
+    "bouc_wen": learned_sets.Hysteresis(1.5, 5.0, 3e4, 3e4, 500.0, -500.0),
+    "emps": learned_sets.Positioner(80.0, 150.0, 10.0, 1.0),
+    "tclab": learned_sets.TemperatureLab(10.0, 0.01, 0.0075, 10.0),
+    "rlc": learned_sets.Circuit(2.0, 300e-9, 60e-6, 0.8, 4.0, 2.0),
+    "two_mass": simulated_sets.TwoMass(**simulated_sets.TWO_MASS),
+    "van_de_vusse": simulated_sets.VanDeVusse(**simulated_sets.REACTOR),
+    "lotka_volterra": simulated_sets.PredatorPrey(**simulated_sets.SPECIES),
+}
 
 
 def test_every_module_has_a_case():
@@ -60,11 +79,11 @@ def test_every_module_has_a_case():
 
 def test_make_bench_runs_all_that_need_nothing_else():
     here = {one.__name__.removeprefix("benchmarks.") for one in all_benchmarks.HERE}
-    own_command = {"fit_machines", "long_recording", "scale", "sweep"}
-    assert here == HERE - own_command - {"operations", "problem", "run"}
+    own_command = {"fit_machines", "long_recording", "peers", "scale", "sweep"}
+    assert here == HERE - own_command - {"operations", "peer_models", "problem", "run"}
     assert all(callable(one.main) for one in all_benchmarks.HERE)
     named = {name for name in ELSEWHERE if f"benchmarks.{name}" in all_benchmarks.ELSEWHERE}
-    assert named == set(ELSEWHERE) - {"torch_problem"}
+    assert named == set(ELSEWHERE) - {"torch_problem", "peer_casadi", "peer_jax"}
 
 
 @pytest.fixture(scope="module")
@@ -260,3 +279,58 @@ def test_commands_on_a_long_recording_are_measured(monkeypatch, capsys):
     monkeypatch.setattr(scale, "SAMPLES", (20_000,))
     scale.main()
     assert capsys.readouterr().out.count("| 20000 |") == 2
+
+
+@pytest.mark.parametrize("name", peer_models.MODELS)
+def test_peers_are_given_the_model_of_the_set(name):
+    """The derivative of plain arithmetic is that of penode's model, at random states."""
+    model, random = PEER_STARTS[name], np.random.default_rng(1)
+    names = [part.name for part in fields(model) if getattr(model, part.name) is not None]
+    values = random.uniform(0.5, 1.5, len(names)) * [float(getattr(model, key)) for key in names]
+    level = 300.0 if name == "tclab" else 0.1 if name == "emps" else 12.0 if name == "tanks" else 1
+    x = level * random.uniform(0.9, 1.1, len(model.states))
+    u = random.normal(size=max(len(model.inputs), 1))
+    with float64():
+        drive = Inputs(u[: len(model.inputs), None], model.inputs)
+        moved = replace(model, **dict(zip(names, values, strict=True)))
+        wanted = with_batch_axis(moved).derivative(x[:, None], drive)
+    found = peer_models.MODELS[name].derivative(np, x, u, values)
+    np.testing.assert_allclose(found, np.asarray(wanted)[:, 0], rtol=1e-12)
+
+
+def test_a_peer_is_given_the_recording_and_where_to_begin():
+    start, (run, _), truth = simulated_sets.van_de_vusse(20)
+    one = public_sets.PublicSet(start, run, run, known=truth)
+    given = peer_models.problem_of("van_de_vusse", one, run)
+    assert given.sizes == (2, 1, 3)
+    np.testing.assert_array_equal(given.outputs[:, 0], run.channels["b"])
+    assert given.rows == (1,)
+    theta = np.log(np.array(list(truth.values())) / given.start)
+    np.testing.assert_allclose(given.fixed(theta).start, list(truth.values()))
+
+
+def test_lines_of_code_are_neither_blank_nor_comments_nor_docstrings():
+    def three(a):
+        """Return a sum.
+
+        It has two lines.
+        """
+        # the first
+        b = a + len("text")
+
+        return b
+
+    assert peers.lines_of(three) == 3
+
+
+def test_a_peer_that_fails_or_takes_too_long_is_named(monkeypatch, tmp_path):
+    def fails(command, **_):
+        return subprocess.CompletedProcess(command, 1, "", "Traceback\nno such file\n")
+
+    def lasts(command, timeout, **_):
+        raise subprocess.TimeoutExpired(command, timeout)
+
+    monkeypatch.setattr(subprocess, "run", fails)
+    assert peers.text_of("tanks", "scipy", tmp_path).endswith("failed: no such file")
+    monkeypatch.setattr(subprocess, "run", lasts)
+    assert peers.text_of("tanks", "scipy", tmp_path).endswith("no answer in 600 s")

@@ -12,10 +12,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from validate.command import identify
 from validate.drawn_recordings import draw_campaign
+from validate.examples import example
 from validate.identified import EXACT, Identified, identified, outcome
 from validate.other_simulators import plan as planning
 from validate.other_simulators import table
@@ -25,10 +27,16 @@ from validate.other_simulators.sensors import Sensors
 from validate.other_simulators.wrong_logs import WRONG
 
 import validate
-from penode import Experiment
+from penode import Experiment, Predictor
+from penode.arrays import float64
 from penode.data.save import save
 from penode.fit.left_out import left_out
+from penode.models.inputs import Inputs
+from penode.models.parameters import with_batch_axis
 from penode.pmsm.exports.formats import export
+from penode.predictors.one_step import RungeKutta, Substeps
+from penode.predictors.tableaus import RK4
+from penode.validation.free_run import compare
 from validate import (
     aliasing,
     conventions,
@@ -39,12 +47,14 @@ from validate import (
     imperfections,
     imported_machine,
     interruption,
+    learned_sets,
     ledger,
     map_errors,
     processes,
     public_sets,
     random_starts,
     repetition,
+    simulated_sets,
     sweep_interruption,
 )
 
@@ -59,11 +69,11 @@ ELSEWHERE = {
     "other_simulators.record": "motulator",
 }
 HERE = {
-    "aliasing", "bad_files", "conventions", "drawn_recordings", "flux_maps", "full_disk",
-    "horizon_choice", "identified", "imperfect_drives", "imperfections", "imported_machine",
-    "interruption", "ledger", "map_errors", "other_simulators", "processes", "public_sets",
-    "random_starts",
-    "repetition", "sweep_interruption",
+    "aliasing", "bad_files", "conventions", "drawn_recordings", "examples", "flux_maps",
+    "full_disk", "horizon_choice", "identified", "imperfect_drives", "imperfections",
+    "imported_machine", "interruption", "learned_sets", "ledger", "map_errors", "other_simulators",
+    "processes", "public_sets", "random_starts", "repetition", "simulated_sets",
+    "sweep_interruption",
 }  # fmt: skip
 
 
@@ -401,3 +411,56 @@ def test_public_sets(tmp_path, capsys):
     (line,) = capsys.readouterr().out.splitlines()
     assert "ZeroOrderHold" in line
     assert float(line.split(" test ")[1].split(";")[0]) < 0.02
+
+
+STARTS = {
+    "tanks+outflow": ("06_tanks", "Tanks", (0.05, 0.05, 0.05, 0.05, 0.5)),
+    "silverbox+spring": ("07_silverbox", "CubicSpring", (1e5, 50.0, 2e5, 1e5, 0.0)),
+    "bouc_wen+hysteresis": ("08_bouc_wen", "Hysteresis", (1.5, 5.0, 3e4, 3e4, 500.0, -500.0)),
+    "emps+friction": ("02_emps", "Positioner", (80.0, 150.0, 10.0, 0.0)),
+    "tclab+loss": ("03_tclab", "TemperatureLab", (10.0, 0.01, 0.0075, 10.0)),
+}
+
+
+def test_every_learned_part_but_the_inductance_stands_beside_a_law():
+    assert learned_sets.LEARNED.keys() == STARTS.keys() | {"rlc+inductance"}
+
+
+def rates(model, x, u):
+    """Return the derivative at states (state, batch) and inputs (input, batch)."""
+    with float64():
+        return np.asarray(with_batch_axis(model).derivative(x, Inputs(u, model.inputs)))
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_a_learned_part_that_is_zero_changes_nothing_and_another_one_does(name):
+    script, kind, values = STARTS[name]
+    plain = getattr(example(script), kind)(*values)
+    model, random = learned_sets.LEARNED[name](plain), np.random.default_rng(3)
+    x = 300.0 + random.normal(size=(4, 7)) if kind == "TemperatureLab" else random.random((3, 7))
+    x, u = x[: len(plain.states)] * (0.1 if kind == "Positioner" else 1), random.random((2, 7))
+    u = u[: len(plain.inputs)]
+    np.testing.assert_array_equal(rates(model, x, u), rates(plain, x, u))
+    assert not np.asarray(with_batch_axis(model).learned(x)).any()
+    other = jax.tree.map(lambda leaf: leaf + (leaf.ndim > 0), model)
+    changed = (rates(other, x, u) != rates(plain, x, u)).any(axis=1)
+    assert changed[-1] or changed[0]
+
+
+@pytest.mark.parametrize("name", ["two_mass", "van_de_vusse", "lotka_volterra"])
+def test_a_simulated_set_follows_its_model_with_the_true_parameters(name):
+    start, (train, test), truth = getattr(simulated_sets, name)(60)
+    assert truth.keys() == {key for key, one in vars(start).items() if np.ndim(one) == 0}
+    model = type(start)(**truth)
+    predictor = Predictor(train.time_step, Substeps(RungeKutta(RK4), 4))
+    guess = {key: np.full(60, float(name == "lotka_volterra")) for key in model.unmeasured}
+    for run in (train, test):
+        guessed = replace(run, channels={**run.channels, **guess})
+        free = compare(predictor, model, guessed, free=model.states)
+        gap = np.std(free.measured - free.free_run)
+        assert 0.5 < gap / simulated_sets.NOISE[name] < 1.3
+
+
+def test_an_error_of_public_sets_counts_the_channels_that_have_a_unit():
+    gap = np.stack([np.full(4, 3e-3), np.full(4, 7.0)], axis=1)
+    assert public_sets.scaled_errors((1e-3, 0.0), gap) == pytest.approx([3.0])

@@ -1,0 +1,148 @@
+"""Three sets simulated by SciPy: a two-mass drive, a stirred tank reactor, predator and prey."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from penode import Experiment, Model, physical
+from penode.arrays import FloatArray, JaxArray
+from penode.engine import Inputs, Positive
+
+Rates = Callable[[Any, Any, Any], list[Any]]
+
+
+class TwoMass(Model):
+    """A motor turns a load over an elastic shaft; the load rubs; the motor's speed is measured."""
+
+    states = ("motor", "twist", "load")
+    state_units = ("rad/s", "rad", "rad/s")
+    unmeasured = ("twist", "load")
+    inputs = ("torque",)
+    J1: Any = physical("kg m2", Positive())
+    J2: Any = physical("kg m2", Positive())
+    stiffness: Any = physical("Nm", Positive())
+    damping: Any = physical("Nm s", Positive())
+    viscous: Any = physical("Nm s", Positive())
+    coulomb: Any = physical("Nm", Positive())
+
+    def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
+        """Return the rates of the speeds and of the twist."""
+        shaft = self.stiffness * x[1] + self.damping * (x[0] - x[2])
+        rub = self.viscous * x[2] + self.coulomb * jnp.tanh(x[2] / 0.05)
+        return jnp.stack([(u[0] - shaft) / self.J1, x[0] - x[2], (shaft - rub) / self.J2])
+
+
+class VanDeVusse(Model):
+    """A -> B -> C and 2 A -> D in a stirred tank; the product B is measured."""
+
+    states = ("a", "b")
+    state_units = ("mol/l", "mol/l")
+    unmeasured = ("a",)
+    inputs = ("dilution",)
+    k1: Any = physical("1/s", Positive())
+    k2: Any = physical("1/s", Positive())
+    k3: Any = physical("l/(mol s)", Positive())
+
+    def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
+        """Return the rates of the concentrations; 5.1 mol/l of A flow in."""
+        a = u[0] * (5.1 - x[0]) - self.k1 * x[0] - self.k3 * x[0] ** 2
+        return jnp.stack([a, self.k1 * x[0] - self.k2 * x[1] - u[0] * x[1]])
+
+
+class PredatorPrey(Model):
+    """Lotka and Volterra; the prey is counted, predators in units of what they eat."""
+
+    states = ("prey", "predator")
+    state_units = ("", "1/s")
+    unmeasured = ("predator",)
+    inputs = ()
+    birth: Any = physical("1/s", Positive())
+    death: Any = physical("1/s", Positive())
+    growth: Any = physical("1/s", Positive())
+
+    def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
+        """Return the rates of both."""
+        prey = x[0] * (self.birth - x[1])
+        return jnp.stack([prey, x[1] * (self.growth * x[0] - self.death)])
+
+
+def _two_mass(x: Any, u: Any, p: Any) -> list[Any]:
+    shaft = p["stiffness"] * x[1] + p["damping"] * (x[0] - x[2])
+    rub = p["viscous"] * x[2] + p["coulomb"] * np.tanh(x[2] / 0.05)
+    return [(u - shaft) / p["J1"], x[0] - x[2], (shaft - rub) / p["J2"]]
+
+
+def _reactor(x: Any, u: Any, p: Any) -> list[Any]:
+    from_a = p["k1"] * x[0]
+    return [u * (5.1 - x[0]) - from_a - p["k3"] * x[0] ** 2, from_a - p["k2"] * x[1] - u * x[1]]
+
+
+def _species(x: Any, u: Any, p: Any) -> list[Any]:
+    return [x[0] * (p["birth"] - x[1]), x[1] * (p["growth"] * x[0] - p["death"])]
+
+
+def simulated(
+    rates: Rates, truth: dict[str, float], first: list[float], step: float, u: FloatArray
+) -> FloatArray:
+    """Return the states (state, time) while every input stands still for a sample."""
+    path = [np.array(first)]
+    for held in u[:-1]:
+        run = solve_ivp(
+            lambda _, x, now=held: rates(x, now, truth), (0, step), path[-1],
+            method="DOP853", rtol=1e-9, atol=1e-11,
+        )  # fmt: skip
+        path.append(run.y[:, -1])
+    return np.array(path).T
+
+
+def _steps(seed: int, low: float, high: float, each: int, samples: int) -> FloatArray:
+    """Return a signal of random steps."""
+    levels = np.random.default_rng(seed).uniform(low, high, samples // each + 1)
+    return np.repeat(levels, each)[:samples]
+
+
+TWO_MASS = {
+    "J1": 2e-3, "J2": 5e-3, "stiffness": 30.0, "damping": 0.02, "viscous": 0.01, "coulomb": 0.3,
+}  # fmt: skip
+REACTOR = {"k1": 50 / 3600, "k2": 100 / 3600, "k3": 10 / 3600}
+SPECIES = {"birth": 0.8, "death": 0.5, "growth": 0.4}
+
+#: Deviations of the noise, in the measured state's unit.
+NOISE = {"two_mass": 0.2, "van_de_vusse": 0.01, "lotka_volterra": 0.03}
+
+
+def two_mass(samples: int = 2000) -> tuple[Model, list[Experiment], dict[str, float]]:
+    """Return the start, a recording and one to test, 2 s each, and the truth."""
+    runs = []
+    for seed in (1, 2):
+        u = _steps(seed, -2.0, 2.0, 25, samples)
+        motor = simulated(_two_mass, TWO_MASS, [0.0, 0.0, 0.0], 1e-3, u)[0]
+        motor = motor + np.random.default_rng(10 + seed).normal(0, NOISE["two_mass"], motor.shape)
+        runs.append(Experiment(f"two_mass {seed}", 1e-3, {"torque": u, "motor": motor}))
+    return TwoMass(3e-3, 3e-3, 20.0, 0.05, 0.02, 0.1), runs, TWO_MASS
+
+
+def van_de_vusse(samples: int = 600) -> tuple[Model, list[Experiment], dict[str, float]]:
+    """Return the start, a recording and one to test, 100 min each, and the truth."""
+    runs = []
+    for seed in (1, 2):
+        u = _steps(seed, 5 / 3600, 60 / 3600, 20, samples)
+        b = simulated(_reactor, REACTOR, [2.0, 1.0], 10.0, u)[1]
+        b = b + np.random.default_rng(10 + seed).normal(0, NOISE["van_de_vusse"], b.shape)
+        runs.append(Experiment(f"reactor {seed}", 10.0, {"dilution": u, "b": b}))
+    return VanDeVusse(0.02, 0.02, 2e-3), runs, REACTOR
+
+
+def lotka_volterra(samples: int = 600) -> tuple[Model, list[Experiment], dict[str, float]]:
+    """Return the start, a recording and one to test from elsewhere, 60 s each, and the truth."""
+    runs = []
+    for seed, first in ((1, [2.0, 0.5]), (2, [1.0, 1.2])):
+        prey = simulated(_species, SPECIES, first, 0.1, np.zeros(samples))[0]
+        prey = prey + np.random.default_rng(10 + seed).normal(
+            0, NOISE["lotka_volterra"], prey.shape
+        )
+        runs.append(Experiment(f"prey {seed}", 0.1, {"prey": prey}))
+    return PredatorPrey(1.0, 0.4, 0.5), runs, SPECIES
