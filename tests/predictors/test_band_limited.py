@@ -3,14 +3,17 @@
 from dataclasses import replace
 from typing import ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from penode import Contiguous, Experiment, InputError, Model, Predictor, physical
+from penode.arrays import float64
 from penode.data.windows import cut
 from penode.horizon.loss_weighting import linearised
 from penode.models.inputs import Inputs
 from penode.predictors.band_limited import BandLimitedHold
+from penode.predictors.field import Field
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta, Substeps
@@ -155,3 +158,30 @@ def test_training_errs_by_the_solver_alone_in_all_windows_of_each_recording(runs
     objective = Objective(predictor, MODEL, np.ones(1))
     terms = objective.gauss_newton(objective.layout.raw(MODEL), windows)
     assert terms.loss < 3e-5**2 * np.mean(windows.states**2)
+
+
+class Turning(Model):
+    """An angle that goes on at its rate, and a voltage beside it."""
+
+    states: ClassVar[tuple[str, ...]] = ("x",)
+    inputs: ClassVar[tuple[str, ...]] = ("angle", "rate", "u")
+    state_units: ClassVar[tuple[str, ...]] = ("V",)
+    input_rates: ClassVar[dict[str, str]] = {"angle": "rate"}
+
+    def derivative(self, x, u):
+        return u["u"][None]
+
+
+def test_inputs_that_have_a_rate_go_on_at_it():
+    """Angles that wrap are no band-limited signal."""
+    signal, k = multisine(10, 0.5), np.arange(600.0)
+    inputs = np.stack([(0.7 * k) % (2 * np.pi), np.full(600, 0.7 / STEP), signal(k)], axis=1)
+    predictor = Predictor(STEP, hold=BandLimitedHold())
+    rows = predictor.prepared(inputs)
+    with float64():
+        field = Field(
+            Turning(), lambda k: jnp.asarray(rows[300 + k][:, None]), predictor.hold, STEP
+        )
+        read = field.input(0, 0.5)
+    assert float(read["angle"][0]) == pytest.approx(inputs[300, 0] + 0.35, rel=1e-14)
+    assert float(read["u"][0]) == pytest.approx(signal(300.5), rel=ACCURACY)

@@ -107,6 +107,8 @@ class Climbed:
     choice : Choice
     objections : tuple of Objection
         What the check of the solver says against the result; nothing where none was made.
+    finer : Solver or None
+        One with more sub-steps, where they are needed.
     """
 
     problem: LadderProblem
@@ -114,6 +116,7 @@ class Climbed:
     climb: Climb
     choice: Choice
     objections: tuple[Objection, ...] = ()
+    finer: Solver | None = None
 
     def cross_checked(self, start: Start) -> CrossCheck:
         """Return what contradicts the choice."""
@@ -139,22 +142,31 @@ def with_fine_solver(
         Whether the solver may be changed; otherwise, and above 16 sub-steps, what is too coarse
         stays as an objection.
     """
-    found = climbed(plan)
-    while not found.climb.interrupted:
-        try:
-            coarse = too_coarse(found.problem, found.plan, found.climb, found.choice)
-        except KeyboardInterrupt:
-            chosen = found.climb.fits[found.choice.index]
-            found.problem.observer({"event": "stop", "horizon": chosen.horizon})
-            reason = f"The check of the solver was interrupted. Before it: {found.choice.reason}"
-            choice = replace(found.choice, verdict="stopped", reason=reason)
-            return replace(found, choice=choice, climb=replace(found.climb, interrupted=True))
-        finer = coarse.finer if coarse and may_refine else None
-        if finer is None:
-            raised = too_fast(found) or ((coarse.objection,) if coarse else ())
-            return replace(found, objections=raised)
-        found = climbed(replace(found.plan, solver=finer))
+    found = examined(climbed(plan))
+    while may_refine and found.finer is not None:
+        found = examined(climbed(replace(found.plan, solver=found.finer)))
     return found
+
+
+def examined(found: Climbed) -> Climbed:
+    """Return a climb with what its solver's check says; one that was interrupted as it is.
+
+    Parameters
+    ----------
+    found : Climbed
+    """
+    if found.climb.interrupted:
+        return found
+    try:
+        coarse = too_coarse(found.problem, found.plan, found.climb, found.choice)
+        raised = too_fast(found) or ((coarse.objection,) if coarse else ())
+        return replace(found, objections=raised, finer=coarse.finer if coarse else None)
+    except KeyboardInterrupt:
+        horizon = found.climb.fits[found.choice.index].horizon
+        found.problem.observer({"event": "stop", "horizon": horizon})
+        reason = f"The check of the solver was interrupted. Before it: {found.choice.reason}"
+        choice = replace(found.choice, verdict="stopped", reason=reason)
+        return replace(found, choice=choice, climb=replace(found.climb, interrupted=True))
 
 
 def too_coarse(
