@@ -19,7 +19,7 @@ from penode.horizon.learned_prior import with_priors
 from penode.horizon.objections import CHECKS, guarded, objections, with_objections
 from penode.horizon.selection import Selector, believable, choose
 from penode.horizon.simulation import confirmed, parting
-from penode.horizon.solver_check import Climbed, with_fine_solver
+from penode.horizon.solver_check import Climbed, examined, with_fine_solver
 from penode.models.base import Model
 from penode.models.checked import require_sound
 from penode.training.plan import Plan
@@ -111,7 +111,7 @@ def identify(
         try:
             again = climbed(found.plan, check.better)
             if again.loss_at(found.choice) < found.loss_at(found.choice):
-                found, check = again, again.cross_checked(start)
+                found, check = examined(again), again.cross_checked(start)
         except KeyboardInterrupt:
             check = replace(check, interrupted=True)
     problem, plan, climb, choice = found.problem, found.plan, found.climb, found.choice
