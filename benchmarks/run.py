@@ -1,6 +1,7 @@
 """Run the benchmarks that need no more than the development environment: ``make bench``.
 
-Three more need torch or jax-sysid, in an environment of their own; their commands are printed last.
+Four more need torch, CasADi or jax-sysid, in an environment of their own; their commands are
+printed last.
 """
 
 from benchmarks import (
@@ -32,6 +33,7 @@ Not run here:
   bench-env/bin/pip install -c constraints.txt -e '.[dev]' -r benchmarks/requirements.txt
   taskset -c 0 bench-env/bin/python -m benchmarks.torchdiffeq_gradient
   taskset -c 0 bench-env/bin/python -m benchmarks.time_to_accuracy
+  bench-env/bin/python -m benchmarks.peers
 
   bench-env/bin/pip install --no-deps jax-sysid==1.1.0 jaxopt==0.8.5
   bench-env/bin/pip install -c constraints.txt flax joblib cloudpickle

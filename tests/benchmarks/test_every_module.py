@@ -80,6 +80,7 @@ def test_every_module_has_a_case():
 def test_make_bench_runs_all_that_need_nothing_else():
     here = {one.__name__.removeprefix("benchmarks.") for one in all_benchmarks.HERE}
     own_command = {"fit_machines", "long_recording", "peers", "scale", "sweep"}
+    assert "benchmarks.peers" in all_benchmarks.ELSEWHERE
     assert here == HERE - own_command - {"operations", "peer_models", "problem", "run"}
     assert all(callable(one.main) for one in all_benchmarks.HERE)
     named = {name for name in ELSEWHERE if f"benchmarks.{name}" in all_benchmarks.ELSEWHERE}

@@ -409,8 +409,8 @@ def test_public_sets(tmp_path, capsys):
     np.savetxt(file, rows, delimiter=",", header=header, comments="")
     public_sets.main([str(tmp_path), "tanks"])
     (line,) = capsys.readouterr().out.splitlines()
-    assert "ZeroOrderHold" in line
-    assert float(line.split(" test ")[1].split(";")[0]) < 0.02
+    assert "ZeroOrder " in line
+    assert float(line.split(" simulation ")[1].split(";")[0]) < 0.02
 
 
 STARTS = {
