@@ -11,6 +11,7 @@ from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
 from penode.horizon.declared_priors import with_declared_priors
 from penode.horizon.default_plan import default_plan, with_hold
+from penode.horizon.fine_solver import Climbed, examined, with_fine_solver
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.held_out import selector_for
 from penode.horizon.identifiability import Start
@@ -19,7 +20,6 @@ from penode.horizon.learned_prior import with_priors
 from penode.horizon.objections import CHECKS, guarded, objections, with_objections
 from penode.horizon.selection import Selector, believable, choose
 from penode.horizon.simulation import confirmed, parting
-from penode.horizon.solver_check import Climbed, examined, with_fine_solver
 from penode.models.base import Model
 from penode.models.checked import require_sound
 from penode.training.plan import Plan
@@ -98,11 +98,12 @@ def identify(
     for unseen in validation:
         require_predictable(problem.objective.predictor, start.model, unseen)
 
-    raw = problem.objective.layout.raw(start.model)
+    cold = problem.objective.layout.raw(start.model)
 
-    def climbed(plan: Plan, raw: FloatArray = raw) -> Climbed:
+    def climbed(plan: Plan, raw: FloatArray | None = None) -> Climbed:
         problem = LadderProblem.of(start.model, experiments, plan, observer)
-        climb = believable(with_free_runs(problem, problem.climb(plan, raw)))
+        climb = problem.climb(plan, cold if raw is None else raw)
+        climb = believable(with_free_runs(problem, climb))
         return Climbed(problem, plan, climb, choose(selector, climb, plan))
 
     found = climbed(plan) if given else with_fine_solver(plan, climbed)

@@ -8,17 +8,16 @@ import pytest
 
 from penode import Experiment, Model, identify, ladder_plan, physical
 from penode.engine import Positive
-from penode.horizon import solver_check
+from penode.horizon import fine_solver, solver_check
+from penode.horizon.fine_solver import Climbed, with_fine_solver
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.horizon.selection import Longest, Plateau, believable, choose
 from penode.horizon.solver_check import (
     MOST,
-    Climbed,
     Coarseness,
     substeps,
     too_coarse,
-    with_fine_solver,
 )
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta, Substeps
@@ -70,9 +69,9 @@ def recorded(a, b, step, samples=600, noise=0.01):
 def climber(model, run, selector):
     """Return what `penode.identify` hands to the check."""
 
-    def climbed(plan):
+    def climbed(plan, raw=None):
         problem = LadderProblem.of(model, [run], plan, ignore_events)
-        climb = problem.climb(plan, problem.objective.layout.raw(model))
+        climb = problem.climb(plan, problem.objective.layout.raw(model) if raw is None else raw)
         climb = believable(with_free_runs(problem, climb))
         return Climbed(problem, plan, climb, choose(selector, climb, plan))
 
@@ -140,10 +139,12 @@ def coarse():
 def test_a_shift_is_what_training_with_a_finer_solver_gives(coarse):
     plan, climbed = coarse
     found = climbed(plan)
-    moved, _ = solver_check._doubled(found.problem, plan, 2, found.climb.fits[2])
+    step, moved, _ = solver_check._doubled(found.problem, plan, 2, found.climb.fits[2])
     again = climbed(replace(plan, solver=Substeps(RungeKutta(EULER), 2)))
     change = again.climb.fits[2].values[:2] - found.climb.fits[2].values[:2]
     np.testing.assert_allclose(moved, change, rtol=0.1)
+    slopes = found.problem.reported.jacobian(found.climb.fits[2].solution.raw)[:2]
+    np.testing.assert_allclose(slopes @ step, moved)
     assert change[0] > 0.03
 
 
@@ -183,7 +184,7 @@ def test_an_interrupted_check_leaves_a_stopped_fit(coarse, monkeypatch):
     def interrupted(*given):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(solver_check, "too_coarse", interrupted)
+    monkeypatch.setattr(fine_solver, "too_coarse", interrupted)
     found = with_fine_solver(ladder_plan((1, 4, 16)), coarse[1])
     assert found.climb.interrupted
     assert found.choice.verdict == "stopped"

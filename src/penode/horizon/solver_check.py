@@ -5,7 +5,6 @@ end at an alias, a value at which a wrong solution goes through the samples.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
@@ -14,8 +13,6 @@ import numpy as np
 from penode.arrays import FloatArray, float64
 from penode.fit.outcome import AVERAGED, Objection
 from penode.horizon.consensus import Consensus
-from penode.horizon.cross_checks import CrossCheck, cross_check
-from penode.horizon.identifiability import Start
 from penode.horizon.ladder import Climb, HorizonFit, LadderProblem
 from penode.horizon.selection import Choice
 from penode.models.base import Model
@@ -36,6 +33,8 @@ _PART, _FINEST = 0.1, 1e-5
 _SQUARES, _VISIBLE = 0.2, 1e-3
 #: Most sub-steps that are tried, and the fastest rate times their length that is not stiff.
 MOST, _STIFF = 16, 1.0
+#: Part of a value, where that is more than its deviation, from which a move may lead from an alias.
+_ALIAS = 0.1
 #: Rate times sampling interval from which a transient has died out at the next sample.
 _GONE = 3.0
 #: Samples at which rates are looked at, the relative step of a parameter by which its part in them
@@ -58,12 +57,16 @@ class Coarseness:
         What shows it, as a sentence.
     stiffness : float
         Fastest rate of the model along the recordings times the length of a sub-step.
+    near : ndarray, shape (parameter,), or None
+        Raw parameters where training with a finer solver will end, to first order; None where the
+        error is so large that they may be an alias, and training has to begin at its start.
     """
 
     solver: Solver
     count: int
     reason: str
     stiffness: float
+    near: FloatArray | None = None
 
     @property
     def finer(self) -> Solver | None:
@@ -95,80 +98,6 @@ def with_substeps(solver: Solver, count: int) -> Solver:
     return Substeps(solver.solver if isinstance(solver, Substeps) else solver, count)
 
 
-@dataclass(frozen=True, eq=False)
-class Climbed:
-    """A plan, what became of it, and what speaks against its solver.
-
-    Attributes
-    ----------
-    problem : LadderProblem
-    plan : Plan
-    climb : Climb
-    choice : Choice
-    objections : tuple of Objection
-        What the check of the solver says against the result; nothing where none was made.
-    finer : Solver or None
-        One with more sub-steps, where they are needed.
-    """
-
-    problem: LadderProblem
-    plan: Plan
-    climb: Climb
-    choice: Choice
-    objections: tuple[Objection, ...] = ()
-    finer: Solver | None = None
-
-    def cross_checked(self, start: Start) -> CrossCheck:
-        """Return what contradicts the choice."""
-        return cross_check(self.problem, self.plan, self.climb, self.choice, start)
-
-    def loss_at(self, choice: Choice) -> float:
-        """Return the loss at a rung that was chosen, infinite where it was not reached."""
-        fits = self.climb.fits
-        return fits[choice.index].solution.terms.loss if choice.index < len(fits) else math.inf
-
-
-def with_fine_solver(
-    plan: Plan, climbed: Callable[[Plan], Climbed], may_refine: bool = True
-) -> Climbed:
-    """Climb, and climb anew with more sub-steps until they do not move the estimate.
-
-    Parameters
-    ----------
-    plan : Plan
-    climbed : callable
-        Climbs a plan from the start, so that a coarse solver's alias is left behind.
-    may_refine : bool
-        Whether the solver may be changed; otherwise, and above 16 sub-steps, what is too coarse
-        stays as an objection.
-    """
-    found = examined(climbed(plan))
-    while may_refine and found.finer is not None:
-        found = examined(climbed(replace(found.plan, solver=found.finer)))
-    return found
-
-
-def examined(found: Climbed) -> Climbed:
-    """Return a climb with what its solver's check says; one that was interrupted as it is.
-
-    Parameters
-    ----------
-    found : Climbed
-    """
-    if found.climb.interrupted:
-        return found
-    try:
-        coarse = too_coarse(found.problem, found.plan, found.climb, found.choice)
-        raised = too_fast(found) or ((coarse.objection,) if coarse else ())
-        return replace(found, objections=raised, finer=coarse.finer if coarse else None)
-    except KeyboardInterrupt:
-        horizon = found.climb.fits[found.choice.index].horizon
-        found.problem.observer({"event": "stop", "horizon": horizon})
-        reason = f"The check of the solver was interrupted. Before it: {found.choice.reason}"
-        choice = replace(found.choice, verdict="stopped", reason=reason)
-        return replace(found, choice=choice, climb=replace(found.climb, interrupted=True))
-
-
 def too_coarse(
     problem: LadderProblem, plan: Plan, climb: Climb, choice: Choice
 ) -> Coarseness | None:
@@ -198,7 +127,7 @@ def too_coarse(
     rung, names = climb.fits[choice.index], problem.objective.layout.physical
     said = _said(climb, choice)
     limits = np.maximum(_PART * said.deviation, _FINEST * np.abs(said.values))
-    moved, seen = _doubled(problem, plan, choice.index, rung)
+    step, moved, seen = _doubled(problem, plan, choice.index, rung)
     shares = dict(zip(names, _share(moved, limits), strict=True))
 
     now = substeps(plan.solver)
@@ -214,8 +143,8 @@ def too_coarse(
     if excess <= 1.0 and not unsure:
         return None
     fastest = _fastest(rung, rung.model)
-    if excess <= 1.0:
-        excess = fastest**plan.solver.order / _STIFF
+    if unsure:
+        excess = (fastest / _STIFF) ** plan.solver.order
         reason = (
             f"The model's fastest rate times a step of the solver is {fastest:.2g}, and the "
             f"recordings do not show {' and '.join(unsure)}: the solver may decide."
@@ -224,19 +153,25 @@ def too_coarse(
         return None
     # What the doubling changed is nearly all of the error, and falls by 2^order a doubling.
     doublings = max(math.ceil(math.log2(min(excess, 1e30)) / plan.solver.order), 1)
-    return Coarseness(plan.solver, now * 2**doublings, reason, fastest)
+    known = np.where(np.isfinite(said.deviation), said.deviation, 0.0)
+    is_near = (np.abs(moved) <= np.maximum(_ALIAS * np.abs(said.values), known)).all()
+    near = rung.solution.raw + step if is_near and not unsure else None
+    return Coarseness(plan.solver, now * 2**doublings, reason, fastest, near)
 
 
-def too_fast(found: Climbed) -> tuple[Objection, ...]:
+def too_fast(
+    problem: LadderProblem, plan: Plan, climb: Climb, choice: Choice
+) -> tuple[Objection, ...]:
     """Return the objection to parameters of a rate that is gone before the next sample.
 
     Parameters
     ----------
-    found : Climbed
+    problem, plan, climb, choice
+        As `too_coarse` takes them.
     """
-    rung = found.climb.fits[found.choice.index]
-    unsure = _unsure_rates(found.problem, rung, _said(found.climb, found.choice))
-    rate = _fastest(rung, rung.model) * substeps(found.plan.solver) if unsure else 0.0
+    rung = climb.fits[choice.index]
+    unsure = _unsure_rates(problem, rung, _said(climb, choice))
+    rate = _fastest(rung, rung.model) * substeps(plan.solver) if unsure else 0.0
     if rate <= _GONE:
         return ()
     reason = (
@@ -263,8 +198,18 @@ def _share(moved: FloatArray, limits: FloatArray) -> FloatArray:
 
 def _doubled(
     problem: LadderProblem, plan: Plan, index: int, rung: HorizonFit
-) -> tuple[FloatArray, float]:
-    """Return what doubling moves, (physical,), SI units, and how visibly the error changes."""
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return what doubling changes.
+
+    Returns
+    -------
+    step : ndarray, shape (parameter,)
+        Of the raw parameters.
+    moved : ndarray, shape (physical,)
+        What it moves the physical parameters by, SI units.
+    seen : float
+        How the error changes, over what is visible.
+    """
     before, stage = rung.objective or problem.objective, plan.stages[index]
     solver = with_substeps(plan.solver, 2 * substeps(plan.solver))
     predictor = Predictor(before.predictor.time_step, solver, plan.hold)
@@ -276,7 +221,7 @@ def _doubled(
     physical = len(before.layout.physical)
     after = again.gauss_newton(raw)
     if not after.finite:
-        return np.full(physical, np.inf), np.inf
+        return np.zeros(len(raw)), np.full(physical, np.inf), np.inf
     step = terms.inverse @ (after.descent - terms.descent)
     compared = before.error.compared
     as_it_varies = replace(before.loss, scale=channel_deviation)
@@ -284,7 +229,8 @@ def _doubled(
     moves = np.mean((spread / before.scale)[compared] ** 2)
     visible = _SQUARES * terms.loss + _VISIBLE**2 * moves
     seen = np.sqrt(abs(after.loss - terms.loss) / visible)
-    return again.reported_jacobian(raw)[:physical] @ step, float(seen)
+    moved = again.reported_jacobian(raw)[:physical] @ step
+    return again.spread(step), moved, float(seen)
 
 
 def _unsure_rates(problem: LadderProblem, rung: HorizonFit, said: Consensus) -> list[str]:
