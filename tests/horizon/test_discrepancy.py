@@ -14,6 +14,8 @@ from penode.horizon.consensus import LEFT_OUT
 from penode.horizon.discrepancy import what_is_left_out
 from penode.horizon.ladder import ignore_events
 from penode.models.discrepancy import spline_basis
+from penode.predictors.band_limited import BandLimitedHold
+from penode.predictors.holds import FirstOrderHold
 
 MASS, DAMPING, STEP, SAMPLES, NOISE = 1.3, 0.4, 0.05, 1500, 0.01
 
@@ -99,3 +101,14 @@ def test_splines_sum_to_one_and_stay_where_a_channel_ends():
     basis = np.asarray(spline_basis(jnp.linspace(-2.0, 2.0, 9)[None], -1.0, 1.0, 6))
     np.testing.assert_allclose(basis.sum(axis=1), 1.0, rtol=1e-6)
     np.testing.assert_allclose(basis[..., 0], basis[..., 2], atol=1e-6)
+
+
+def test_a_hold_that_prepares_inputs_between_samples_changes_little():
+    """Commands that stand still for 15 samples hold nothing between them but at their steps."""
+    run, added = recorded(friction=0.3), []
+    for hold in (FirstOrderHold(), BandLimitedHold()):
+        plan = replace(PLAN, hold=hold)
+        problem = LadderProblem.of(Mass(1.0, 0.1), [run], plan, ignore_events)
+        fits = problem.climb(plan, problem.objective.layout.raw(Mass(1.0, 0.1))).fits
+        added.append(what_is_left_out(problem, plan, fits, 0))
+    np.testing.assert_allclose(added[1][1], added[0][1], rtol=0.3)

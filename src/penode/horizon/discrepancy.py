@@ -124,9 +124,11 @@ class _Beside:
         rates = np.flatnonzero(np.abs(effect.by_values(visits)).max(axis=(1, 2)) > 0)
         if not (len(rates) and np.isfinite(effect.scale).all()):
             return None
-        windows = _with_changes(rung.windows)
-        low = np.concatenate([visits.states.min(axis=0), windows.inputs.min(axis=0)])
-        high = np.concatenate([visits.states.max(axis=0), windows.inputs.max(axis=0)])
+        count = len(rung.model.inputs)
+        windows = _with_changes(rung.windows, count)
+        inputs = windows.inputs[:, : 2 * count]
+        low = np.concatenate([visits.states.min(axis=0), inputs.min(axis=0)])
+        high = np.concatenate([visits.states.max(axis=0), inputs.max(axis=0)])
         high = np.where(high > low, high, low + 1.0)
         shape = (len(rates), len(low), _CELLS + 3)
         scale = effect.scale[rates]
@@ -168,10 +170,15 @@ def _many_windows(rung: HorizonFit) -> bool:
     return ScoreSeries.of_windows(rung.windows).long_enough
 
 
-def _with_changes(windows: Windows) -> Windows:
-    """Return windows that have what each input changed by in a sample as a further one."""
-    changes = np.diff(windows.inputs, axis=0, prepend=windows.inputs[:1])
-    return replace(windows, inputs=np.concatenate([windows.inputs, changes], axis=1))
+def _with_changes(windows: Windows, count: int) -> Windows:
+    """Return windows that have what each input changed by in a sample as a further one.
+
+    A hold may have prepared inputs between samples too, `count` by `count` beside those at them.
+    """
+    inputs = windows.inputs.reshape(len(windows.inputs), -1, max(count, 1))
+    changes = np.diff(inputs, axis=0, prepend=inputs[:1])
+    both = np.concatenate([inputs, changes], axis=2)
+    return replace(windows, inputs=both.reshape(len(both), -1))
 
 
 _UNIT = np.zeros(1), np.ones(1)

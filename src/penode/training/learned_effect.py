@@ -54,7 +54,7 @@ class Visits:
             given = on_device(raw), on_device(error.scale), batch, on_device(few.horizon)
             at = _starts(error, *given)
             states = np.asarray(at)[:, : len(few)].T
-        return cls(states, few.inputs[few.starts])
+        return cls(states, few.inputs[few.starts, : len(error.model.inputs)])
 
     @property
     def channels(self) -> FloatArray:
