@@ -78,7 +78,7 @@ def row(name: str, draws: Sequence[Record]) -> str:
         f"{name:20.20s} {len(positive):4d}/{len(draws):3d} {inside:4d}/{len(finite):4d} "
         f"{share:4.0f} % {missing:4d} {_middle(sizes):8.2f} {len(right):8d} {implausible:6d} "
         f"{refused:6d}  {100 * _middle([large(o.get('error')) for o in draws]):7.2g} %  "
-        f"{ratios[0]:6.2f} {ratios[1]:6.2f} {ratios[2]:6.2f}  {_middle(cold):5.0f} "
+        f"{ratios[0]:6.3g} {ratios[1]:6.3g} {ratios[2]:6.3g}  {_middle(cold):5.0f} "
         f"{_middle(warm):5.0f} {_middle(programs):5.0f}"
     )
 
