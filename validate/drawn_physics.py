@@ -28,6 +28,7 @@ one process, so that compiled programs serve them all.
 import argparse
 import json
 import os
+import signal
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
@@ -72,6 +73,8 @@ def _run_kind(numbers: Sequence[int], name: str) -> None:
         process = get_context("spawn").Process(target=_work, args=(name, left))
         process.start()
         process.join()
+        if process.exitcode == -signal.SIGTERM:  # by a person: no result
+            return
         if process.exitcode:
             reason = f"the process ended by itself, status {process.exitcode}"
             first = next((n for n in left if f"{name} {n}" not in known()), None)

@@ -59,7 +59,9 @@ def result_of(kind: Kind, number: int) -> Record:
             record |= {"verdict": "failed", "reason": reason}
         else:
             record |= {"seconds": time.perf_counter() - began, **found(drawn, fit)}
-    record["warned"] = sorted({f"{w.category.__name__}: {w.message}" for w in caught})
+    record["warned"] = sorted(
+        {f"{w.category.__name__}: {w.message} ({w.filename}:{w.lineno})" for w in caught}
+    )
     record |= {"compiled": len(compiled), "compiling": sum(compiled)}
     return {"seconds": time.perf_counter() - began, "positive": False, "rungs": [], **record}
 

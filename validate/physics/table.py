@@ -9,8 +9,8 @@ from validate.ledger import Record
 from validate.physics.outcome import best_of, covered, is_right, large
 
 HEAD = (
-    "physics              positive  covered  no interval  |e|/half  right, implausible, not "
-    "positive   error, its ratio to the best rung's: chosen  H first  H last   seconds  compiled"
+    "                     positive   covered  infinite  |e|/half   right: implausible, not    "
+    "error  over best: chosen first   last  seconds: first later compiled"
 )
 
 
@@ -60,7 +60,7 @@ def cause_of(one: Record) -> str:
 
 
 def row(name: str, draws: Sequence[Record]) -> str:
-    """Return the figures of some draws, as a line."""
+    """Return the figures of some draws, as a line below `HEAD`."""
     positive = [one for one in draws if one["positive"]]
     right = [one for one in draws if is_right(one)]
     finite = [(one, key) for one in positive for key, half in one["half"].items() if half]
@@ -76,9 +76,9 @@ def row(name: str, draws: Sequence[Record]) -> str:
     share = 100 * inside / len(finite) if finite else np.nan
     return (
         f"{name:20.20s} {len(positive):4d}/{len(draws):3d} {inside:4d}/{len(finite):4d} "
-        f"{share:4.0f} % {missing:4d} {_middle(sizes):8.2f} {len(right):8d} {implausible:6d} "
-        f"{refused:6d}  {100 * _middle([large(o.get('error')) for o in draws]):7.2g} %  "
-        f"{ratios[0]:6.2f} {ratios[1]:6.2f} {ratios[2]:6.2f}  {_middle(cold):5.0f} "
+        f"{share:4.0f} % {missing:4d} {_middle(sizes):8.2f} {len(right):8d} {implausible:8d} "
+        f"{refused:8d} {100 * _middle([large(o.get('error')) for o in draws]):8.2g} % "
+        f"{ratios[0]:12.3g} {ratios[1]:6.3g} {ratios[2]:6.3g} {_middle(cold):11.0f} "
         f"{_middle(warm):5.0f} {_middle(programs):5.0f}"
     )
 
