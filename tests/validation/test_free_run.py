@@ -163,6 +163,13 @@ class Seen(Hidden):
     unmeasured: ClassVar[tuple[str, ...]] = ()
 
 
+class Escaping(Seen):
+    """x' = k (1 + x^2), a tangent: gone to infinity in no time, wherever it starts."""
+
+    def derivative(self, x, u):
+        return jnp.stack([self.k * (1 + x[0] ** 2), 0 * x[1]])
+
+
 STEP, START = 0.1, np.array([0.6, -1.1])
 
 
@@ -200,6 +207,13 @@ def test_a_wrong_first_sample_is_estimated_away(free):
     held = compare(Predictor(STEP), Seen(2.0), run)
     np.testing.assert_array_equal(held.free_run[0], run.stack(("x", "v"))[0])
     assert max(held.free_run_errors.values()) > 0.05
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_free_run_that_diverges_from_every_start_has_an_infinite_error():
+    run, _ = recorded()
+    found = compare(Predictor(STEP), Escaping(50.0), run, free=("x", "v"))
+    assert found.free_run_errors["x"] == np.inf
 
 
 def test_what_estimates_starts_is_compiled_once(caplog):

@@ -18,6 +18,9 @@ from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
 from penode.validation.comparison import Comparison
 
+#: What stands for an error or a slope of a free run that diverged.
+_DIVERGED = 1e100
+
 
 def with_unmeasured(experiment: Experiment, model: Model) -> Experiment:
     """Return the recording with a channel of zeros for each unmeasured state that has no guess."""
@@ -286,17 +289,23 @@ def _estimated_start(
 
     def residual(free: FloatArray) -> FloatArray:
         gap = np.asarray(_run_from(free, *fixed))[compared, :ahead] - target
-        return np.nan_to_num(gap.ravel(), nan=1e150, posinf=1e150)
+        return _bounded(gap.ravel())
 
     def slope(free: FloatArray) -> FloatArray:
         slopes = np.asarray(_slope_of_run(free, *fixed))[compared, :ahead]
-        return slopes.reshape(-1, len(freed))
+        return _bounded(slopes.reshape(-1, len(freed)))
 
-    solution = least_squares(
-        residual, np.asarray(first)[freed], jac=slope, x_scale="jac", max_nfev=50
-    )
+    with np.errstate(all="ignore"):  # of a run that diverges from every start
+        solution = least_squares(
+            residual, np.asarray(first)[freed], jac=slope, x_scale="jac", max_nfev=50
+        )
     start: JaxArray = first.at[np.array(freed)].set(solution.x)[None]
     return start
+
+
+def _bounded(values: FloatArray) -> FloatArray:
+    """Return values of a run that may diverge as numbers whose squares can be summed."""
+    return np.clip(np.nan_to_num(values, nan=_DIVERGED), -_DIVERGED, _DIVERGED)
 
 
 def _from_free(
