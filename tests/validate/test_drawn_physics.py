@@ -1,6 +1,8 @@
 """Laws of the drawn physics: model and plant are one equation, the simulator is exact."""
 
 import json
+import signal
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -71,8 +73,8 @@ def test_the_simulator_is_exact_on_a_linear_plant(hold, signal):
 
 
 def test_inputs_are_late_or_cut_off():
-    for signal in (steps(0, 5, 6), ramps(0, 5, 6), sines(2, 3, 5, 20)):
-        path = signal(np.random.default_rng(5), 40)
+    for drawn in (steps(0, 5, 6), ramps(0, 5, 6), sines(2, 3, 5, 20)):
+        path = drawn(np.random.default_rng(5), 40)
         values = path.sampled(40)
         np.testing.assert_allclose(path.late(2).sampled(40)[2:], values[:-2], rtol=1e-12)
         np.testing.assert_array_equal(path.within(1, 3).sampled(40), np.clip(values, 1, 3))
@@ -139,6 +141,19 @@ def test_what_is_kept_is_not_done_again(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         drawn_physics.main(["1", "0", "no_such_kind"])
     assert "no kind no_such_kind" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("status", "kept"), [(-signal.SIGTERM, 0), (-signal.SIGKILL, 1)])
+def test_a_process_that_ends_by_itself_is_a_result_and_one_that_is_ended_is_none(
+    status, kept, tmp_path, monkeypatch
+):
+    """SIGTERM is a person's, SIGKILL the system's where memory runs out."""
+    monkeypatch.chdir(tmp_path)
+    ended = SimpleNamespace(start=lambda: None, join=lambda: None, exitcode=status)
+    context = SimpleNamespace(Process=lambda target, args: ended)
+    monkeypatch.setattr(drawn_physics, "get_context", lambda _: context)
+    drawn_physics._run_kind([0], "pendulum")
+    assert len(drawn_physics.known()) == kept
 
 
 @pytest.mark.slow
