@@ -1,6 +1,7 @@
 """The numbered scripts of examples/ as modules."""
 
 import importlib.util
+import sys
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -15,5 +16,6 @@ def example(name: str) -> ModuleType:
     assert spec
     assert spec.loader
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # where the source of its classes is looked for
     spec.loader.exec_module(module)
     return module

@@ -322,6 +322,7 @@ def test_lines_of_code_are_neither_blank_nor_comments_nor_docstrings():
         return b
 
     assert peers.lines_of(three) == 3
+    assert 10 < peers.lines_of(learned_sets.Tanks) < 25  # a class of a script
 
 
 def test_a_peer_that_fails_or_takes_too_long_is_named(monkeypatch, tmp_path):
