@@ -163,7 +163,7 @@ CASES: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "exchanged in use": (fails(lambda s, x, u: -x["F"] * u), ('x["F"]', "u['F']")),
     "state by name": (fails(lambda s, x, u: -x["v"] * x), ('x["v"]', "x[1]")),
     "state of u": (fails(lambda s, x, u: -u["v"] * x), ("no input 'v'", "x[1]")),
-    "input spelled": (fails(lambda s, x, u: -u["f"] * x), ("no input 'f'", "(is it F?)")),
+    "input spelled": (fails(lambda s, x, u: -u["f"] * x), ("no input 'f'", "(did you mean F?)")),
     "input beyond": (fails(lambda s, x, u: u[1] * x), ("no input 1", "inputs are F")),
     "whole u": (fails(lambda s, x, u: x + u), ("x + u", 'u["F"]')),
     "no u": (fails(lambda self, x: -x), ("takes x beside self", "derivative(self, x, u)")),
@@ -188,7 +188,10 @@ CASES: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "unit none": (given(lambda: named(state_units=("m", None))), ("state_units", "None", "quotes")),
     "twice": (given(lambda: named(states=("p", "p"))), ("p stands twice", "name of its own")),
     "both": (given(lambda: named(inputs=("p",))), ("p stands twice", "inputs p")),
-    "unmeasured": (given(lambda: named(unmeasured=("V",))), ("unmeasured", "V (is it v?)", "p, v")),
+    "unmeasured": (
+        given(lambda: named(unmeasured=("V",))),
+        ("V (did you mean v?)", "p, v"),
+    ),
     "unmeasured text": (given(lambda: named(unmeasured="v")), ("unmeasured", "('v',)")),
     "all unmeasured": (given(lambda: named(unmeasured=("p", "v"))), ("measured", "`unmeasured`")),
     # parameters
@@ -213,7 +216,7 @@ CASES: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "nothing": (given(lambda: Pendulum(3.0, 0.1), []), ("no recording", "[penode.load(path)]")),
     "channel spelled": (
         given(lambda: Pendulum(3.0, 0.1), [Experiment("run", STEP, {"P": TIME, "v": TIME})]),
-        ("no channel p (is it P?)", "P, v", "rename"),
+        ("no channel p (did you mean P?)", "P, v", "rename"),
     ),
     "nan": (
         given(lambda: Pendulum(3.0, 0.1), [recorded(p=np.where(TIME > 3, np.nan, TIME))()]),

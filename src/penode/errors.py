@@ -31,11 +31,24 @@ def printable(text: str) -> str:
     )
 
 
-def meant(name: str, known: Iterable[str]) -> str:
-    """Return which known name is spelled most like one, as `` (is it force?)``; empty if none."""
-    alike = {each.casefold(): each for each in known}
-    found = difflib.get_close_matches(name.casefold(), alike, n=1)
-    return f" (is it {alike[found[0]]}?)" if found else ""
+def did_you_mean(word: str, candidates: Iterable[str]) -> str:
+    """Return the nearest known word as a part of a sentence, nothing where none is near.
+
+    Parameters
+    ----------
+    word : str
+        What came.
+    candidates : iterable of str
+        What could have come.
+
+    Returns
+    -------
+    str
+        Such as ``" (did you mean unit?)"``, or an empty string.
+    """
+    spelt = {name.lower(): name for name in candidates}
+    near = difflib.get_close_matches(word.lower(), spelt, n=1, cutoff=0.5)
+    return f" (did you mean {spelt[near[0]]}?)" if near else ""
 
 
 class InputError(ValueError):

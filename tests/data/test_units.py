@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from penode.data.units import UNITS, did_you_mean, find_unit, unit_name
-from penode.errors import InputError
+from penode.data.units import UNITS, find_unit, unit_name
+from penode.errors import InputError, did_you_mean
 
 
 @pytest.mark.parametrize(

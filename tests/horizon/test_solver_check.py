@@ -9,7 +9,7 @@ import pytest
 from penode import Experiment, Model, identify, ladder_plan, physical
 from penode.engine import Positive
 from penode.horizon import fine_solver, solver_check
-from penode.horizon.fine_solver import Climbed, with_fine_solver
+from penode.horizon.fine_solver import Climbed, examined, with_fine_solver
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.horizon.selection import Longest, Plateau, believable, choose
@@ -103,7 +103,7 @@ def test_an_alias_is_left_behind(alias):
 
 
 def test_an_alias_of_a_solver_that_was_asked_for_is_refused(alias):
-    found = with_fine_solver(PLAN, alias, may_refine=False)
+    found = examined(alias(PLAN))
     assert found.plan == PLAN
     (objection,) = found.objections
     assert objection.name == "solver too coarse"
@@ -117,7 +117,7 @@ def test_a_rate_beyond_the_samples_is_refused():
     """RK4 alone gives 26.6, where its damping is greatest: 1.6 over the sampling interval."""
     climbed = climber(Follower(1.0), recorded(1000.0, 1000.0, 0.06), Plateau())
     plan = ladder_plan((1, 4, 16))
-    asked = with_fine_solver(plan, climbed, may_refine=False)
+    asked = examined(climbed(plan))
     assert value(asked) == pytest.approx(1.596 / 0.06, rel=0.01)
     assert [one.name for one in asked.objections] == ["solver too coarse"]
     (objection,) = with_fine_solver(plan, climbed).objections

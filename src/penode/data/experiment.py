@@ -11,7 +11,7 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.data.form import require_form
 from penode.data.gathered import mapping_of, released
-from penode.errors import InputError, meant
+from penode.errors import InputError, did_you_mean
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ class Experiment:
         if missing:
             raise InputError(
                 f"{self.name}: no channel {', '.join(missing)}"
-                f"{meant(missing[0], self.channels)}; it has "
+                f"{did_you_mean(missing[0], self.channels)}; it has "
                 f"{', '.join(self.channels) or 'none'}; add or rename the column."
             )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from penode.errors import InputError
 
-#: Kind of numbers -> what is wrong with them, and the mend.
+#: Kind of numbers -> what is wrong with them, and the fix.
 _MENDS = {
     "b": "is boolean; give numbers, as in values.astype(float)",
     "c": "is complex; give real numbers, as in values.real",
@@ -60,7 +60,7 @@ def require_form(name: Any, time_step: Any, channels: Any) -> None:
 
 
 def _unusable(values: Any) -> str:
-    """Return why values are no series of real numbers, and the mend; nothing if they are."""
+    """Return why values are no series of real numbers, and the fix; nothing if they are."""
     try:
         array = values if isinstance(values, np.ndarray) else np.asarray(values)
     except (TypeError, ValueError):  # rows of different lengths
@@ -71,8 +71,8 @@ def _unusable(values: Any) -> str:
         return _MENDS.get(array.dtype.kind, odd)
     if array.ndim != 1:
         one = array.size and array.size == max(array.shape, default=0)
-        mend = "as in values.ravel()" if one else "and each column a name of its own"
-        return f"has shape {array.shape}; give one number a sample, shape (time,), {mend}"
+        fix = "as in values.ravel()" if one else "and each column a name of its own"
+        return f"has shape {array.shape}; give one number a sample, shape (time,), {fix}"
     if np.ma.is_masked(values):
         return "has masked samples; cut the recording there"
     return ""

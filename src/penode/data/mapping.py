@@ -16,8 +16,8 @@ from penode.data.one_clock import Sampled, on_one_clock
 from penode.data.stretches import SHORTEST
 from penode.data.table import TIME, Table, cell_error, list_names
 from penode.data.time_axis import uniform_stretches
-from penode.data.units import UNITS, Unit, did_you_mean, find_unit, unit_name
-from penode.errors import InputError
+from penode.data.units import UNITS, Unit, find_unit, unit_name
+from penode.errors import InputError, did_you_mean
 
 
 @dataclass(frozen=True)

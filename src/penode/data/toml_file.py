@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from penode.data.content import Content
-from penode.data.units import did_you_mean
-from penode.errors import InputError
+from penode.errors import InputError, did_you_mean
 
 # Bytes of the longest file; people write these.
 _LONGEST = 1 << 20

@@ -1,13 +1,12 @@
 """Units: what files call them, and what one is in SI."""
 
-import difflib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from penode.arrays import FloatArray
-from penode.errors import InputError
+from penode.errors import InputError, did_you_mean
 
 
 @dataclass(frozen=True)
@@ -158,23 +157,3 @@ def find_unit(where: str, text: str) -> Unit:
             f"{', '.join(UNITS)}, and scale for what is left."
         )
     return UNITS[name]
-
-
-def did_you_mean(word: str, candidates: Iterable[str]) -> str:
-    """Return the nearest known word as a part of a sentence, nothing where none is near.
-
-    Parameters
-    ----------
-    word : str
-        What came.
-    candidates : iterable of str
-        What could have come.
-
-    Returns
-    -------
-    str
-        Such as ``" (did you mean unit?)"``, or an empty string.
-    """
-    spelt = {name.lower(): name for name in candidates}
-    near = difflib.get_close_matches(word.lower(), spelt, n=1, cutoff=0.5)
-    return f" (did you mean {spelt[near[0]]}?)" if near else ""

@@ -12,7 +12,7 @@ from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.fit.learned_uncertainty import LearnedUncertainty
-from penode.fit.outcome import AVERAGED, Contribution
+from penode.fit.outcome import Contribution
 from penode.fit.provenance import provenance_of
 from penode.horizon.consensus import LEFT_OUT, Consensus, averaged, map_weights, retrained
 from penode.horizon.cross_checks import CrossCheck
@@ -115,12 +115,7 @@ class Assembly:
 
     @cached_property
     def _consensus(self) -> Consensus:
-        chosen = self.rungs[self.choice.index]
-        if self.choice.verdict in AVERAGED:
-            together = Consensus.of(self._agreeing)
-            if not together.off_the_valley(chosen):
-                return together
-        return Consensus.around(chosen, self._agreeing)
+        return Consensus.reported(self.choice, self.rungs)
 
     @cached_property
     def _raw(self) -> FloatArray:
@@ -135,7 +130,7 @@ class Assembly:
         layout = problem.objective.layout
         others = self._moving & ~layout.physical_members
         linear = others.any() and layout.linear_members[others].all()
-        if self.choice.verdict in AVERAGED and linear:
+        if self._consensus.mean and linear:
             return averaged(again, chosen, self._agreeing, values)
         return retrained(again, chosen, values)
 

@@ -11,8 +11,9 @@ import numpy as np
 from scipy.special import chdtri
 
 from penode.arrays import FloatArray
+from penode.fit.outcome import AVERAGED
 from penode.horizon.ladder import HorizonFit
-from penode.horizon.selection import weighted_deviation
+from penode.horizon.selection import Choice, weighted_deviation
 from penode.training.covariance import bartlett
 from penode.training.gauss_newton_terms import FLAT, inverse_normal
 from penode.training.plan import DIVERGED, Optimiser, Problem
@@ -45,7 +46,7 @@ _UNSURE = 1e100
 
 @dataclass(frozen=True, eq=False)
 class Consensus:
-    """Physical parameters as rungs give them together.
+    """Physical parameters as rungs give them together, or as one gives them among them.
 
     Attributes
     ----------
@@ -54,10 +55,13 @@ class Consensus:
     parts : mapping of str to ndarray, shape (physical,)
         Deviations by what they come from; their squares add. Statistics are infinite where most of
         the weight is on rungs that do not know their own deviation.
+    mean : bool
+        Whether they are the rungs' mean, not those of the chosen rung alone.
     """
 
     values: FloatArray
     parts: Mapping[str, FloatArray]
+    mean: bool = True
 
     @property
     def deviation(self) -> FloatArray:
@@ -111,7 +115,27 @@ class Consensus:
         _, spread = _middle(values, weights)
         physical = values.shape[1]
         statistics = chosen.deviation[:physical]
-        return cls(chosen.values[:physical], {STATISTICS: statistics, HORIZON: spread})
+        parts = {STATISTICS: statistics, HORIZON: spread}
+        return cls(chosen.values[:physical], parts, mean=False)
+
+    @classmethod
+    def reported(cls, choice: Choice, rungs: Sequence[HorizonFit]) -> "Consensus":
+        """Return what is reported of a climbed ladder: the mean over a plateau, else one rung's.
+
+        A mean beside a bent valley of the loss is not reported either.
+
+        Parameters
+        ----------
+        choice : Choice
+        rungs : sequence of HorizonFit
+            All of them.
+        """
+        chosen, agreeing = rungs[choice.index], [rungs[k] for k in choice.agreeing]
+        if choice.verdict in AVERAGED:
+            together = cls.of(agreeing)
+            if not together.off_the_valley(chosen):
+                return together
+        return cls.around(chosen, agreeing)
 
 
 def _weighed(rungs: Sequence[HorizonFit]) -> tuple[FloatArray, FloatArray]:

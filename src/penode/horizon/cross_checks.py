@@ -159,8 +159,6 @@ def check_path_dependence(
 ) -> tuple[tuple[str, ...], FloatArray | None]:
     """Train once more at the chosen horizon from the start, and return what contradicts the ladder.
 
-    Sentences, and the raw parameters where a better minimum lies elsewhere.
-
     Parameters
     ----------
     problem : LadderProblem
@@ -171,6 +169,13 @@ def check_path_dependence(
         The ladder's.
     start : ndarray, shape (parameter,)
         Raw parameters at which the ladder began.
+
+    Returns
+    -------
+    sentences : tuple of str
+        One for each parameter that comes out elsewhere, at less loss.
+    better : ndarray, shape (parameter,), or None
+        Raw parameters there.
     """
     optimiser = plan.detour
     if optimiser is None:

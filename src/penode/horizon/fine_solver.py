@@ -47,22 +47,19 @@ class Climbed:
         return fits[choice.index].solution.terms.loss if choice.index < len(fits) else math.inf
 
 
-def with_fine_solver(
-    plan: Plan, climbed: Callable[[Plan, FloatArray | None], Climbed], may_refine: bool = True
-) -> Climbed:
+def with_fine_solver(plan: Plan, climbed: Callable[[Plan, FloatArray | None], Climbed]) -> Climbed:
     """Climb, and climb anew with more sub-steps until they do not move the estimate.
+
+    What is too coarse with 16 of them stays as an objection.
 
     Parameters
     ----------
     plan : Plan
     climbed : callable
         Climbs a plan from raw parameters (parameter,), or from the start where None is given.
-    may_refine : bool
-        Whether the solver may be changed; otherwise, and above 16 sub-steps, what is too coarse
-        stays as an objection.
     """
     found = examined(climbed(plan, None))
-    while may_refine and found.coarse and found.coarse.finer:
+    while found.coarse and found.coarse.finer:
         finer = replace(found.plan, solver=found.coarse.finer)
         found = examined(climbed(finer, found.coarse.near))
     return found

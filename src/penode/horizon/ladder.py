@@ -78,6 +78,7 @@ def fitting_plan(plan: Plan, experiments: Sequence[Experiment]) -> Plan:
     return replace(plan, stages=tuple(itertools.compress(plan.stages, enough)))
 
 
+#: Why a deviation is not known where few windows outweigh all others.
 _FEW = "one or two windows decide it; record longer, or excite more evenly"
 #: Error of a horizon over that of the first from which predictions have exploded.
 _EXPLODED = 1e6

@@ -57,17 +57,7 @@ class LearnedPrior:
     first: Optimiser = _FIRST
 
     def joined(self, problem: Problem, raw: FloatArray, cold: bool) -> tuple[Problem, FloatArray]:
-        """Return the problem with a prior in its loss, and where training begins.
-
-        Parameters
-        ----------
-        problem : Problem
-            Of one horizon.
-        raw : ndarray, shape (parameter,)
-            Where training would begin.
-        cold : bool
-            Whether nothing was trained before.
-        """
+        """Return the problem with the prior, and where training begins (see `PriorRule`)."""
         objective = problem.objective
         if not (problem.moving & _members(objective.layout)).any():
             return problem, raw

@@ -87,7 +87,7 @@ def _better(choice: Choice, rungs: Sequence[HorizonFit]) -> tuple[int, float, st
     if choice.verdict not in AVERAGED:
         return None
     best, errors = best_in_free_run(rungs), _free_run_errors(rungs)
-    together = Consensus.of([rungs[k] for k in choice.agreeing])
+    together = Consensus.reported(choice, rungs)
     names = Layout(rungs[best].model).physical
     gap = np.abs(rungs[best].values[: len(names)] - together.values)
     outside = np.flatnonzero(gap > NORMAL_95 * together.deviation)

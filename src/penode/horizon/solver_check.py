@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray, float64
-from penode.fit.outcome import AVERAGED, Objection
+from penode.fit.outcome import Objection
 from penode.horizon.consensus import Consensus
 from penode.horizon.ladder import Climb, HorizonFit, LadderProblem
 from penode.horizon.selection import Choice
@@ -125,7 +125,7 @@ def too_coarse(
     if problem.objective.predictor.past > 1:
         return None
     rung, names = climb.fits[choice.index], problem.objective.layout.physical
-    said = _said(climb, choice)
+    said = Consensus.reported(choice, climb.fits)
     limits = np.maximum(_PART * said.deviation, _FINEST * np.abs(said.values))
     step, moved, seen = _doubled(problem, plan, choice.index, rung)
     shares = dict(zip(names, _share(moved, limits), strict=True))
@@ -170,7 +170,7 @@ def too_fast(
         As `too_coarse` takes them.
     """
     rung = climb.fits[choice.index]
-    unsure = _unsure_rates(problem, rung, _said(climb, choice))
+    unsure = _unsure_rates(problem, rung, Consensus.reported(choice, climb.fits))
     rate = _fastest(rung, rung.model) * substeps(plan.solver) if unsure else 0.0
     if rate <= _GONE:
         return ()
@@ -180,14 +180,6 @@ def too_fast(
         "sample."
     )
     return (Objection("faster than the samples", reason, "Sample faster, or fix that rate."),)
-
-
-def _said(climb: Climb, choice: Choice) -> Consensus:
-    """Return the physical parameters as they will be reported, deviations infinite if unknown."""
-    agreeing = [climb.fits[k] for k in choice.agreeing]
-    if choice.verdict in AVERAGED:
-        return Consensus.of(agreeing)
-    return Consensus.around(climb.fits[choice.index], agreeing)
 
 
 def _share(moved: FloatArray, limits: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 from jax.extend.core import Literal
 
 from penode.arrays import float64
-from penode.errors import InputError, meant
+from penode.errors import InputError, did_you_mean
 from penode.models.base import Model
 from penode.models.declared import require_declared
 from penode.models.inputs import Inputs
@@ -21,7 +21,7 @@ from penode.models.users_code import failing_line
 #: Length of the batch axis: no model has as many rows of anything.
 _BATCH = 9973
 
-#: What stands in the message of an error -> what is wrong, and its mend.
+#: What stands in the message of an error -> what is wrong, and the fix.
 _KNOWN: tuple[tuple[str, str], ...] = (
     (
         "truth value",
@@ -33,10 +33,10 @@ _KNOWN: tuple[tuple[str, str], ...] = (
         "if, while, and, or, not, min and max cannot ask for values that are not known yet; "
         "choose with jnp.where(condition, a, b), jnp.minimum or jnp.maximum",
     ),
-    ("__array__()", "NumPy cannot compute with traced arrays; take the function of jax.numpy"),
+    ("__array__()", "NumPy cannot compute with traced arrays; use the function of jax.numpy"),
     (
         "converted to Python scalars",
-        "math and float need a number, but an array came; take the function of jax.numpy",
+        "math and float need a number, but an array came; use the function of jax.numpy",
     ),
     ("immutable", "arrays cannot be changed in place; stack rows with jnp.stack([...])"),
     (
@@ -144,7 +144,7 @@ def _shown(shape: tuple[int, ...]) -> str:
 
 
 def _sentence(place: str, error: Exception, model: Model) -> str:
-    """Return what is wrong in a method, where, and its mend."""
+    """Return what is wrong in a method, where, and the fix."""
     text = str(error.args[0] if isinstance(error, KeyError) and error.args else error).strip()
     first = text.partition("\n")[0].rstrip(".")
     where = f"{place}, {failing_line(error.__traceback__)}"
@@ -156,10 +156,10 @@ def _sentence(place: str, error: Exception, model: Model) -> str:
     if asked in model.inputs:
         instead = f", but u has: u[{asked!r}]"
     names = {"input": (*model.inputs, "name")[0], "instead": instead}
-    for sign, mend in _KNOWN:
+    for sign, fix in _KNOWN:
         if sign in text:
-            return f"{where}: {mend.format(**names)}."
-    return f"{where}: {type(error).__name__}: {first or 'it fails'}; mend that line."
+            return f"{where}: {fix.format(**names)}."
+    return f"{where}: {type(error).__name__}: {first or 'it fails'}; fix that line."
 
 
 def _elsewhere(text: str, model: Model) -> str:
@@ -167,7 +167,7 @@ def _elsewhere(text: str, model: Model) -> str:
     asked = text.partition("'")[2].partition("'")[0]
     if asked in model.states:
         return f", and {asked} is a state: x[{model.states.index(asked)}]"
-    return meant(asked, model.inputs) if asked else "; x has the states, u the inputs"
+    return did_you_mean(asked, model.inputs) if asked else "; x has the states, u the inputs"
 
 
 def _dependence(program: Any) -> set[int]:

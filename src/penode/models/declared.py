@@ -7,7 +7,7 @@ from typing import Any
 
 import jax
 
-from penode.errors import InputError, meant
+from penode.errors import InputError, did_you_mean
 from penode.models.base import Model
 from penode.models.layout import Layout
 
@@ -87,8 +87,8 @@ def _require_agreement(model: Model) -> None:
     unknown = [name for name in model.unmeasured if name not in model.states]
     if unknown:
         raise InputError(
-            f"{kind}.unmeasured names {unknown[0]}{meant(unknown[0], model.states)}, but the "
-            f"states are {states}; name some of them."
+            f"{kind}.unmeasured names {unknown[0]}{did_you_mean(unknown[0], model.states)}, but "
+            f"the states are {states}; name some of them."
         )
     if len(set(model.unmeasured)) == len(model.states):
         raise InputError(

@@ -198,7 +198,7 @@ def _declare(setting: Setting, default: Any = _REQUIRED) -> Any:
 
 
 def _undeclarable(unit: Any, transform: Any, prior: Any) -> str:
-    """Return what is wrong with a declaration, and its mend; nothing if it is right."""
+    """Return what is wrong with a declaration, and the fix; nothing if it is right."""
     if not isinstance(unit, str):
         came = "no unit came" if unit is _REQUIRED else f"the unit {unit!r} came"
         return f'{came}; give the SI unit as text, as in penode.physical("kg"), "1" for none.'

@@ -237,10 +237,8 @@ def prior_deviation(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray
 
     Parameters
     ----------
-    terms : GaussNewtonTerms
-        At the minimum.
-    jacobian : ndarray, shape (reported, parameter)
-        Derivative of the reported quantities.
+    terms, jacobian
+        As in `sandwich_deviation`.
     """
     return np.sqrt(_prior_variance(terms, jacobian @ terms.inverse))
 
@@ -252,17 +250,15 @@ def _prior_variance(terms: GaussNewtonTerms, along: FloatArray) -> FloatArray:
 
 
 def undetermined(terms: GaussNewtonTerms, jacobian: FloatArray) -> BoolArray:
-    """Return how much of each reported quantity no window sees, (reported, parameter) of booleans.
+    """Return which parameters share with a quantity what no window sees, (reported, parameter).
 
-    A direction in which the normal matrix is flat has no variance in a pseudo-inverse, and none
-    that is known. True where a parameter has part in such a direction of a quantity.
+    A direction in which the normal matrix is flat has no variance in a pseudo-inverse, but none
+    that is known. A row without any is of a quantity that the data determine.
 
     Parameters
     ----------
-    terms : GaussNewtonTerms
-        At the minimum.
-    jacobian : ndarray, shape (reported, parameter)
-        Derivative of the reported quantities.
+    terms, jacobian
+        As in `sandwich_deviation`.
     """
     flat = flat_directions(terms.normal)
     rows = jacobian / marquardt_scale(terms.normal)
@@ -278,9 +274,7 @@ def influence(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    terms : GaussNewtonTerms
-        At the minimum.
-    jacobian : ndarray, shape (reported, parameter)
-        Derivative of the reported quantities.
+    terms, jacobian
+        As in `sandwich_deviation`.
     """
     return np.asarray(jacobian @ terms.inverse @ terms.scores)
