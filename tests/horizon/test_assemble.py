@@ -5,14 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.horizon.test_default_plan import Lag
+from tests.horizon.test_simulation import lag
 
-from penode import Plan, Stage, Start
+from penode import Plan, Stage, Start, ladder_plan
 from penode.data.windows import Jittered
 from penode.horizon.assemble import Assembly
 from penode.horizon.consensus import Consensus
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.ladder import Climb, LadderProblem
 from penode.horizon.selection import Choice
+from penode.models.polynomials import Polynomial
 from penode.training.covariance import Reported
 from penode.training.loss import Loss, equation, last_step
 from penode.training.plan import Solution
@@ -85,6 +88,31 @@ def test_a_mean_beside_a_bent_valley_is_not_reported(climbed):
     fit = fit_of(climbed, values=[away, there])
     assert fit.parameters["R"].value == 0.2
     assert fit.parameters["R"].std > climbed[1][1].deviation[2]
+
+
+class Sagging(Lag):
+    """The same with a polynomial beside it, linear in its coefficients."""
+
+    curve: Polynomial
+
+    def derivative(self, x, u):
+        return super().derivative(x, u) + self.learned(x)
+
+    def learned(self, x):
+        return self.curve.value_and_jacobian(x)[0]
+
+
+def test_the_map_beside_a_bent_valley_is_the_chosen_rungs():
+    model, plan = Sagging(2.0, Polynomial.zero(1, 1, 2)), ladder_plan((1, 4))
+    problem = LadderProblem.of(model, [lag()], plan, lambda event: None)
+    climb = problem.climb(plan, problem.objective.layout.raw(model))
+    first, second = with_free_runs(problem, climb).fits
+    away = replace(first, values=first.values * 1.5)
+    choice = Choice(1, "plateau", "Because.", (0, 1))
+    fit = Assembly(problem, Start(model), plan, (away, second), choice).fit((), time.monotonic())
+    assert fit.parameters["a"].value == second.values[0]
+    np.testing.assert_allclose(fit.model.curve.coefficients, second.model.curve.coefficients)
+    assert np.abs(first.solution.raw - second.solution.raw).max() > 1e-3
 
 
 def test_what_the_rungs_of_no_plateau_differ_by_widens_the_interval(climbed):

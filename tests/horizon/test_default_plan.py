@@ -1,5 +1,6 @@
 """The default plan: where its ladder begins and ends, how many windows, which starts are free."""
 
+from dataclasses import replace
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -207,6 +208,18 @@ def test_noise_at_the_first_horizon_makes_no_hold(seed):
     start = Start(Tanks(0.08, 0.08))
     plan = with_hold(default_plan(start.model, [tanks(seed)]), start, [tanks(seed)])
     assert plan.hold == ZeroOrderHold()
+
+
+def test_what_noise_hides_at_the_first_horizon_shows_in_the_middle():
+    """Of so much noise one step shows nothing of the ramps between samples."""
+    random = np.random.default_rng(1)
+    u, x = held(FirstOrderHold(), random)
+    noisy = Experiment("lag", SAMPLED, {"u": u, "x": x + 0.8 * random.normal(size=400)})
+    start = Start(Lag(1.0))
+    plan = default_plan(start.model, [noisy])
+    alone = replace(plan, stages=plan.stages[:1])
+    assert with_hold(alone, start, [noisy]).hold == ZeroOrderHold()
+    assert with_hold(plan, start, [noisy]).hold == FirstOrderHold()
 
 
 def test_the_plan_serves_a_climb(run):

@@ -84,6 +84,17 @@ def test_recordings_too_short_to_show_it_add_nothing():
     assert not what_is_left_out(problem, PLAN, fits, 0).any()
 
 
+@pytest.mark.parametrize(("friction", "looked_at"), [(0.3, True), (0.0, False)])
+def test_it_is_looked_for_where_the_error_grows_with_the_horizon(friction, looked_at, monkeypatch):
+    run, asked = recorded(friction), []
+    plan = replace(ladder_plan((4, 20, 80)), loss=PLAN.loss)
+    problem = LadderProblem.of(Mass(1.0, 0.1), [run], plan, ignore_events)
+    fits = problem.climb(plan, problem.objective.layout.raw(Mass(1.0, 0.1))).fits
+    monkeypatch.setattr("penode.horizon.discrepancy._Beside.of", lambda *given: asked.append(given))
+    assert not what_is_left_out(problem, plan, fits, 1).any()
+    assert bool(asked) == looked_at
+
+
 def test_a_fit_has_a_row_for_it_in_the_budget_only_where_the_plan_asks():
     run = recorded(friction=0.3)
     start = Mass(1.0, 0.1)
