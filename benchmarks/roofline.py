@@ -80,7 +80,7 @@ def forward_time(problem: Problem, windows: Windows) -> float:
     whole = problem.objective.loss_and_gradient_of
     loss = jax.jit(lambda *of: whole(*of)[0], static_argnums=2)
     with float64():
-        batch = compiled_windows(windows, len(windows.starts))
+        batch = compiled_windows(problem.objective.error, windows, len(windows.starts))
         raw = jnp.asarray(problem.raw)
         return median_time(lambda: loss(raw, batch, windows.horizon).block_until_ready())
 

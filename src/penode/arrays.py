@@ -49,10 +49,10 @@ def shared_length(samples: int) -> int:
 
 
 #: A call over as many samples costs a millisecond, another program half a second and more.
-_SHORTEST = 4096
+SHORTEST = 4096
 
 
-def with_shared_length(rows: JaxArray | FloatArray, shortest: int = _SHORTEST) -> JaxArray:
+def with_shared_length(rows: JaxArray | FloatArray, shortest: int = SHORTEST) -> JaxArray:
     """Return rows (channel, time) whose last sample goes on up to a `shared_length`.
 
     Recordings of about the same length then run through one compiled program, and so do all of a
@@ -69,9 +69,9 @@ def in_blocks(rows: FloatArray) -> list[FloatArray]:
 
     One compiled program then serves any number of samples, where each of them is by itself.
     """
-    starts = range(0, max(rows.shape[1], 1), _SHORTEST)
-    parts = [rows[:, first : first + _SHORTEST] for first in starts]
-    return [np.pad(part, [(0, 0), (0, _SHORTEST - part.shape[1])]) for part in parts]
+    starts = range(0, max(rows.shape[1], 1), SHORTEST)
+    parts = [rows[:, first : first + SHORTEST] for first in starts]
+    return [np.pad(part, [(0, 0), (0, SHORTEST - part.shape[1])]) for part in parts]
 
 
 _Given = ParamSpec("_Given")

@@ -12,9 +12,12 @@ from penode.arrays import float64
 from penode.data.windows import cut
 from penode.horizon.loss_weighting import linearised
 from penode.models.inputs import Inputs
+from penode.pmsm.machine.holds import HOLDS
 from penode.predictors.band_limited import BandLimitedHold
-from penode.predictors.field import Field
+from penode.predictors.base import DEFAULT_SOLVER
+from penode.predictors.holds import FirstOrderHold, ZeroOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
+from penode.predictors.input_table import Part
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta, Substeps
 from penode.predictors.tableaus import AB3, DOPRI5, EULER, RK4, RK4_38
@@ -35,7 +38,7 @@ def multisine(lines, top, seed=3):
 def errors(signal, samples):
     """Return what the hold errs by, (time, place), over the deviation of the signal."""
     k = np.arange(float(samples))
-    found = BandLimitedHold(PLACES).prepared(signal(k)[:, None])
+    found = BandLimitedHold().between(signal(k)[:, None], (0.0, *PLACES))[:, :, 0]
     np.testing.assert_array_equal(found[:, 0], signal(k))
     truth = signal(k[:, None] + np.array(PLACES))
     return np.abs(found[:, 1:] - truth)[:-1] / signal(k).std()
@@ -62,38 +65,54 @@ def test_the_ends_of_an_oversampled_input_are_good_and_those_of_a_short_one_smoo
 
 def test_a_constant_stays_one_to_rounding():
     for samples in (1, 2, 40, 400):
-        found = BandLimitedHold(PLACES).prepared(np.full((samples, 2), 3.0))
+        found = BandLimitedHold().between(np.full((samples, 2), 3.0), PLACES)
         np.testing.assert_allclose(found, 3.0, rtol=1e-14)
 
 
 THIRDS = {
-    "rk4": (RungeKutta(RK4), (1 / 2,)),
-    "euler": (RungeKutta(EULER), ()),
-    "3/8": (RungeKutta(RK4_38), (1 / 3, 2 / 3)),
-    "dopri5": (RungeKutta(DOPRI5), (1 / 5, 3 / 10, 4 / 5, 8 / 9)),
-    "sub-steps": (Substeps(RungeKutta(RK4), 3), tuple(np.arange(1, 6) / 6)),
-    "midpoint": (ImplicitMidpoint(), (1 / 2,)),
-    "trapezoidal": (Trapezoidal(), ()),
-    "ab3": (AdamsBashforth(AB3), ()),
+    "rk4": (RungeKutta(RK4), (0, 1 / 2, 1)),
+    "euler": (RungeKutta(EULER), (0,)),
+    "3/8": (RungeKutta(RK4_38), (0, 1 / 3, 2 / 3, 1)),
+    "dopri5": (RungeKutta(DOPRI5), (0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1)),
+    "sub-steps": (Substeps(RungeKutta(RK4), 3), (0, 1 / 2, 1)),
+    "midpoint": (ImplicitMidpoint(), (0, 1 / 2)),
+    "trapezoidal": (Trapezoidal(), (0, 1)),
 }
 
 
 @pytest.mark.parametrize("name", THIRDS)
-def test_a_solver_is_prepared_for_at_the_places_it_reads(name):
+def test_a_table_has_the_places_that_a_solver_reads_in_each_of_its_sub_steps(name):
     solver, places = THIRDS[name]
-    assert Predictor(0.1, solver, BandLimitedHold()).hold.places == pytest.approx(places, abs=1e-11)
+    predictor = Predictor(0.1, solver, BandLimitedHold())
+    assert predictor.table.places == pytest.approx(places, abs=1e-11)
+    count = predictor.table.count
+    inputs = np.random.default_rng(1).normal(size=(300, 2))
+    rows = predictor.prepared(inputs).reshape(300, count, len(places), 2)
+    for number in range(count):
+        within = [(number + place) / count for place in places]
+        np.testing.assert_array_equal(rows[:, number], BandLimitedHold().between(inputs, within))
 
 
-def test_another_solver_of_a_predictor_is_prepared_for_anew():
-    first = Predictor(0.1, RungeKutta(RK4_38), BandLimitedHold())
-    assert replace(first, solver=RungeKutta(RK4)) == Predictor(0.1, hold=BandLimitedHold())
+def test_a_multistep_solver_reads_samples_alone():
+    predictor = Predictor(0.1, AdamsBashforth(AB3), BandLimitedHold())
+    assert predictor.table is None
+    assert len(predictor.prepared(np.ones((4, 1)))) == 4
 
 
-def test_rows_that_were_not_prepared_are_refused():
-    hold, rows = BandLimitedHold((0.5,)), np.zeros((2, 1))
-    for values, fraction in ((rows[:1], 0.0), (rows[:1], 0.5), (rows, 0.25)):
-        with pytest.raises(InputError, match="give `cut` the predictor's `prepared`"):
-            hold(lambda k, values=values: Inputs(values, ("u",)), 0, fraction, 1.0)
+def test_one_program_serves_every_recorded_hold_and_every_number_of_sub_steps():
+    """And no other solver, step or hold of one's own."""
+    one = Predictor(0.1, Substeps(RungeKutta(RK4), 1), BandLimitedHold())
+    for count in (2, 16):
+        for hold in (ZeroOrderHold(), FirstOrderHold(), BandLimitedHold()):
+            assert Predictor(0.1, Substeps(RungeKutta(RK4), count), hold).program == one.program
+    assert Predictor(0.2, one.solver, one.hold).program != one.program
+    assert Predictor(0.1, Substeps(RungeKutta(EULER), 1), one.hold).program != one.program
+    assert Predictor(0.1, one.solver, HOLDS["stationary"]).program != one.program
+
+
+def test_a_place_between_samples_is_refused_without_the_recording():
+    with pytest.raises(InputError, match="predict by a Predictor, which interpolates it once"):
+        BandLimitedHold()(lambda k: Inputs(np.zeros((1, 1)), ("u",)), 0, 0.5, 1.0)
 
 
 # --- in all that predicts -----------------------------------------------------------------------
@@ -176,12 +195,10 @@ def test_inputs_that_have_a_rate_go_on_at_it():
     """Angles that wrap are no band-limited signal."""
     signal, k = multisine(10, 0.5), np.arange(600.0)
     inputs = np.stack([(0.7 * k) % (2 * np.pi), np.full(600, 0.7 / STEP), signal(k)], axis=1)
-    predictor = Predictor(STEP, hold=BandLimitedHold())
-    rows = predictor.prepared(inputs)
+    predictor = Predictor(STEP, Substeps(DEFAULT_SOLVER, 2), BandLimitedHold())
+    row = predictor.prepared(inputs)[300].reshape(2, 3, 3)[1, 1]
     with float64():
-        field = Field(
-            Turning(), lambda k: jnp.asarray(rows[300 + k][:, None]), predictor.hold, STEP
-        )
-        read = field.input(0, 0.5)
-    assert float(read["angle"][0]) == pytest.approx(inputs[300, 0] + 0.35, rel=1e-14)
-    assert float(read["u"][0]) == pytest.approx(signal(300.5), rel=ACCURACY)
+        part = Part(1, 2, jnp.asarray(inputs[300][:, None]), STEP)
+        read = part.moved_on(Inputs(jnp.asarray(row[:, None]), Turning.inputs), Turning(), 0.5)
+    assert float(read["angle"][0]) == pytest.approx(inputs[300, 0] + 0.75 * 0.7, rel=1e-14)
+    assert float(read["u"][0]) == pytest.approx(signal(300.75), rel=ACCURACY)

@@ -146,7 +146,7 @@ def test_estimated_starts_are_those_of_scipy(case, windows):
     few = part_of(windows, np.arange(0, WINDOWS, 12))
     with float64():
         values = jnp.asarray(RAW[:, None])
-        parts = (few.states.T, few.inputs.T, few.starts, few.recording, np.ones(len(few)))
+        parts = (few.states.T, few.inputs.T, few.starts, few.recording, np.ones(len(few)), 1)
         batch = Batch(*(jnp.asarray(part) for part in parts))
         found = estimated_starts(case.objective.error, values, jnp.asarray(HORIZON), batch)
     expected = case.starts(RAW, few)

@@ -15,7 +15,9 @@ from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, ignore_events, ladder_plan
 from penode.models.base import Model
 from penode.predictors.band_limited import BandLimitedHold
+from penode.predictors.base import DEFAULT_SOLVER
 from penode.predictors.holds import FirstOrderHold, Hold
+from penode.predictors.one_step import Substeps
 from penode.training.loss import Loss
 from penode.training.plan import Plan
 
@@ -62,7 +64,12 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
     horizons = default_horizons(model, experiments)
     starts = {name: None for name in model.states if name not in model.unmeasured}
     plan = ladder_plan(horizons, seed=seed)
-    return replace(plan, placement=Jittered(seed, fewest=_WINDOWS), loss=Loss(free_starts=starts))
+    return replace(
+        plan,
+        placement=Jittered(seed, fewest=_WINDOWS),
+        loss=Loss(free_starts=starts),
+        solver=Substeps(DEFAULT_SOLVER, 1),
+    )
 
 
 def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:

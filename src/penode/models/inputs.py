@@ -27,7 +27,7 @@ class Inputs(eqx.Module):
 
     values: JaxArray
     names: tuple[str, ...] = eqx.field(static=True)
-    span: tuple[float, float] | None = eqx.field(static=True, default=(0.0, 0.0))
+    span: tuple[float | JaxArray, float | JaxArray] | None = (0.0, 0.0)
 
     def __getitem__(self, which: str | int | tuple[str, ...]) -> JaxArray:
         """Return one row (batch,), or the rows (row, batch) of several names.
@@ -64,11 +64,11 @@ class Inputs(eqx.Module):
         kept = [rows.get(name, self.values[k]) for k, name in enumerate(self.names)]
         return Inputs(jnp.stack(kept), self.names, self.span)
 
-    def over(self, span: tuple[float, float] | None) -> "Inputs":
+    def over(self, span: tuple[float | JaxArray, float | JaxArray] | None) -> "Inputs":
         """Return the same values for another part of the sample; see `span`."""
         return Inputs(self.values, self.names, span)
 
-    def part_for(self, purpose: str) -> tuple[float, float]:
+    def part_for(self, purpose: str) -> tuple[float | JaxArray, float | JaxArray]:
         """Return the middle of the part of the sample and half its length, in s.
 
         Parameters

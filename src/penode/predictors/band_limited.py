@@ -35,78 +35,53 @@ class BandLimitedHold:
     frequency. A recording of fewer than 256 samples is reflected about its end points instead, to
     1e-3. Stretches of a recording have ends of their own.
 
-    Attributes
-    ----------
-    places : tuple of float
-        Fractions of the interval that were prepared; `penode.Predictor` fills them in.
-
     References
     ----------
     J. F. Kaiser and R. W. Schafer, On the use of the I0-sinh window for spectrum analysis, IEEE
     Trans. ASSP 28 (1980) 105, doi:10.1109/TASSP.1980.1163349.
     """
 
-    places: tuple[float, ...] = ()
-
-    def prepared_for(self, fractions: Sequence[float]) -> "BandLimitedHold":
-        """Return the hold for a solver that reads at these fractions of the interval."""
-        places = {round(fraction, _DIGITS) for fraction in fractions} - {0.0, 1.0}
-        return BandLimitedHold(tuple(sorted(places)))
-
-    def prepared(self, inputs: FloatArray) -> FloatArray:
-        """Return a recording's inputs and, beside them, those at each place after the samples.
-
-        Parameters
-        ----------
-        inputs : ndarray, shape (time, input)
-
-        Returns
-        -------
-        ndarray, shape (time, input * (1 + place))
-        """
-        inputs = np.ascontiguousarray(inputs, dtype=np.float64)
-        if not self.places or not inputs.size:
-            return inputs
-        return _interpolated(inputs.tobytes(), inputs.shape, self.places)
-
     def __call__(
         self, drive: Callable[[int], Inputs], sample: int, fraction: float, time_step: float
     ) -> Inputs:
-        """Return the input at a place that was prepared.
+        """Return the input at a sample.
 
         Raises
         ------
         InputError
-            If the drive's rows were not prepared, or for other places.
+            Between samples, where the whole recording is needed: `penode.Predictor` reads it there.
         """
-        place = round(fraction, _DIGITS)
-        whole = drive(sample + 1) if place == 1.0 else drive(sample)
-        count = len(whole.names)
-        inside = place not in (0.0, 1.0)
-        fits = len(whole.values) == count * (1 + len(self.places))
-        if not fits or (inside and place not in self.places):
+        if fraction != 0.0:
             raise InputError(
-                f"inputs came with {len(whole.values)} rows where a band-limited hold wants "
-                f"{count} and those between the samples; give `cut` the predictor's `prepared`."
+                f"a band-limited input at {fraction:.3g} of an interval depends on the whole "
+                "recording; predict by a Predictor, which interpolates it once."
             )
-        block = 1 + self.places.index(place) if inside else 0
-        return Inputs(whole.values[block * count : (block + 1) * count], whole.names, whole.span)
+        return drive(sample)
+
+    def between(self, inputs: FloatArray, fractions: Sequence[float]) -> FloatArray:
+        """Return a recording's inputs at fractions of each interval; see `RecordedHold`."""
+        inputs = np.ascontiguousarray(inputs, dtype=np.float64)
+        places = tuple(round(fraction, _DIGITS) for fraction in fractions)
+        if not inputs.size or not places:
+            return np.empty((len(inputs), len(places), inputs.shape[1]))
+        return _interpolated(inputs.tobytes(), inputs.shape, places)
 
 
 # A ladder cuts the same recordings once a horizon.
 @lru_cache(maxsize=16)
 def _interpolated(samples: bytes, shape: tuple[int, ...], places: tuple[float, ...]) -> FloatArray:
     inputs = np.frombuffer(samples).reshape(shape)
-    longer = extended(inputs)
+    ahead = np.concatenate([inputs[1:], inputs[-1:]])
+    known = {0.0: inputs, 1.0: ahead}
+    longer = extended(inputs) if set(places) - set(known) else inputs
     taps = np.arange(1 - _SIDE, _SIDE + 1)
-    columns = [inputs]
-    for place in places:
+    for place in set(places) - set(known):
         away = place - taps
         weights = np.sinc(away) * np.i0(_SHAPE * np.sqrt(1 - (away / _SIDE) ** 2))
         weights /= weights.sum()
         # The filter runs backwards, and its last value lies beyond the end.
-        columns.append(oaconvolve(longer, weights[::-1, None], mode="valid", axes=0)[1:])
-    whole = np.concatenate(columns, axis=1)
+        known[place] = oaconvolve(longer, weights[::-1, None], mode="valid", axes=0)[1:]
+    whole = np.stack([known[place] for place in places], axis=1)
     whole.setflags(write=False)
     return whole
 

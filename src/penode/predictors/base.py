@@ -1,6 +1,7 @@
 """Predictor: model and solver, the map g from the past and the input to the next sample."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import jax.numpy as jnp
 
@@ -8,9 +9,9 @@ from penode.arrays import FloatArray, JaxArray
 from penode.models.base import Model
 from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.field import Field
-from penode.predictors.holds import Drive, Hold, ZeroOrderHold
-from penode.predictors.one_step import RungeKutta
-from penode.predictors.places import places_of
+from penode.predictors.holds import Drive, Hold, RecordedHold, ZeroOrderHold
+from penode.predictors.input_table import InputTable
+from penode.predictors.one_step import RungeKutta, Substeps
 from penode.predictors.solver import Solver
 from penode.predictors.tableaus import RK4
 
@@ -36,10 +37,20 @@ class Predictor:
     solver: Solver = DEFAULT_SOLVER
     hold: Hold = DEFAULT_HOLD
 
-    def __post_init__(self) -> None:
-        if isinstance(self.hold, BandLimitedHold):
-            hold = self.hold.prepared_for(places_of(self.solver))
-            object.__setattr__(self, "hold", hold)
+    @cached_property
+    def table(self) -> InputTable | None:
+        """What sub-steps or a band-limited hold read between samples; None without them."""
+        needed = isinstance(self.solver, Substeps) or isinstance(self.hold, BandLimitedHold)
+        if self.past > 1 or not needed or not isinstance(self.hold, RecordedHold):
+            return None
+        return InputTable.of(self.solver, self.hold)
+
+    @property
+    def program(self) -> tuple[object, ...]:
+        """What compiled code depends on that is given inputs and sub-steps at run time."""
+        if self.table is None:
+            return self.time_step, self.solver, self.hold
+        return self.time_step, self.table.solver, self.table.places
 
     @property
     def past(self) -> int:
@@ -57,9 +68,9 @@ class Predictor:
         Returns
         -------
         ndarray, shape (time, row)
-            The inputs, and behind them what a band-limited hold adds; most holds add nothing.
+            The inputs and, where a table is needed, those at all places of all sub-steps.
         """
-        return self.hold.prepared(inputs) if isinstance(self.hold, BandLimitedHold) else inputs
+        return self.table.rows(inputs) if self.table else inputs
 
     def step(self, model: Model, history: JaxArray, drive: Drive) -> JaxArray:
         """Predict the next sample and put it in front of the history.
@@ -79,6 +90,8 @@ class Predictor:
             Predicted state at t_(k+1) first (paper, eqs. for the explicit single-step, the
             multistep and the implicit predictor).
         """
+        if self.table:
+            return self.table.step(model, history, drive(0), self.time_step)
         field = Field(model, drive, self.hold, self.time_step)
         ahead = self.solver.advance(field, history)[None]
         return ahead if self.past == 1 else jnp.concatenate([ahead, history[:-1]])

@@ -1,12 +1,13 @@
 """Holds: how an input known at samples acts between them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import jax
+import numpy as np
 
-from penode.arrays import JaxArray
+from penode.arrays import FloatArray, JaxArray
 from penode.models.inputs import Inputs
 
 #: Gives the input (input, batch) at sample k + offset, gathered only when asked for.
@@ -38,6 +39,27 @@ class Hold(Protocol):
         ...
 
 
+@runtime_checkable
+class RecordedHold(Protocol):
+    """A hold whose inputs between samples a recording determines, whatever the model is."""
+
+    def between(self, inputs: FloatArray, fractions: Sequence[float]) -> FloatArray:
+        """Return a recording's inputs at fractions of each interval.
+
+        Parameters
+        ----------
+        inputs : ndarray, shape (time, input)
+        fractions : sequence of float
+            0 at an interval's start, 1 at its end (still within it).
+
+        Returns
+        -------
+        ndarray, shape (time, fraction, input)
+            The interval after the last sample has that sample throughout.
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class ZeroOrderHold:
     """Constant from each sample to the next."""
@@ -47,6 +69,10 @@ class ZeroOrderHold:
     ) -> Inputs:
         """Return the input at the interval's start."""
         return drive(sample)
+
+    def between(self, inputs: FloatArray, fractions: Sequence[float]) -> FloatArray:
+        """Return a recording's inputs at fractions of each interval; see `RecordedHold`."""
+        return np.repeat(inputs[:, None], len(fractions), axis=1)
 
 
 @dataclass(frozen=True)
@@ -65,3 +91,9 @@ class FirstOrderHold:
             drive(sample + 1),
         )
         return between
+
+    def between(self, inputs: FloatArray, fractions: Sequence[float]) -> FloatArray:
+        """Return a recording's inputs at fractions of each interval; see `RecordedHold`."""
+        ahead = np.concatenate([inputs[1:], inputs[-1:]])
+        along = np.asarray(fractions)[:, None]
+        return np.asarray((1.0 - along) * inputs[:, None] + along * ahead[:, None])

@@ -1,16 +1,9 @@
 """One-step solvers: explicit Runge-Kutta tables, and sub-steps of any of them."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from dataclasses import field as entry
-
-import jax
-import jax.numpy as jnp
 
 from penode.arrays import JaxArray
-from penode.models.inputs import Inputs
 from penode.predictors.field import Field
-from penode.predictors.places import places_of
 from penode.predictors.solver import Solver
 from penode.predictors.tableaus import ButcherTableau
 
@@ -90,41 +83,6 @@ class Substeps:
 
     def advance(self, field: Field, history: JaxArray) -> JaxArray:
         """Return the next state (state, batch) from history (1, state, batch)."""
-        steps = [field.split(number, self.count) for number in range(self.count)]
-        read = {
-            place: _stacked([step.input(0, place) for step in steps])
-            for place in places_of(self.solver)
-        }
-
-        def advance(history: JaxArray, inputs: Mapping[float, Inputs]) -> tuple[JaxArray, None]:
-            return self.solver.advance(_Substep.of(steps[0], inputs), history)[None], None
-
-        last: JaxArray = jax.lax.scan(advance, history, read)[0]
-        return last[0]
-
-
-def _stacked(inputs: list[Inputs]) -> Inputs:
-    stacked: Inputs = jax.tree.map(lambda *rows: jnp.stack(rows), *inputs)
-    return stacked
-
-
-@dataclass(frozen=True)
-class _Substep(Field):
-    """A field whose input is known where it is read: one program serves all sub-steps.
-
-    Attributes
-    ----------
-    inputs : mapping of float to Inputs
-        By the place within the sub-step.
-    """
-
-    inputs: Mapping[float, Inputs] = entry(default_factory=dict)
-
-    @classmethod
-    def of(cls, step: Field, inputs: Mapping[float, Inputs]) -> "_Substep":
-        """Return a sub-step as long as another, with inputs of its own."""
-        return cls(step.model, step.drive, step.hold, step.width, inputs=inputs)
-
-    def input(self, sample: int, fraction: float) -> Inputs:
-        """Return the input at a place within the sub-step."""
-        return self.inputs[self.first + self.length * fraction]
+        for number in range(self.count):
+            history = self.solver.advance(field.split(number, self.count), history)[None]
+        return history[0]

@@ -55,7 +55,7 @@ def summed(
     least = STRANDS * width
     capacity = least * math.ceil(shared_length(len(windows.states)) / least)
     with float64():
-        batch = compiled_windows(windows, capacity, order)
+        batch = compiled_windows(error, windows, capacity, order)
         shared = on_device(raw), on_device(error.scale), batch
 
     def add_up(first: int, count: int) -> Sequence[FloatArray]:

@@ -86,7 +86,7 @@ class FirstOrder:
         randoms = [np.random.default_rng(self.seed + k) for k in range(len(raws))]
         recipe = (problem.objective, self.transformation, problem.windows.horizon)
         with float64():
-            windows = compiled_windows(problem.windows, count)
+            windows = compiled_windows(problem.objective.error, problem.windows, count)
             state = jax.vmap(self.transformation.init)(on_device(raws / scale))
             finite, loss = jnp.ones(len(raws), bool), jnp.zeros(len(raws))
             at = _Descent(on_device(raws), state, on_device(raws), finite, loss)
@@ -152,13 +152,7 @@ def _epoch(
 
     def descend(at: _Descent, batch: tuple[JaxArray, JaxArray]) -> tuple[_Descent, None]:
         chosen, counts = batch
-        part = Batch(
-            windows.states,
-            windows.inputs,
-            windows.starts[chosen],
-            windows.recording[chosen],
-            counts,
-        )
+        part = windows.of_windows(windows.starts[chosen], windows.recording[chosen], counts)
         loss, gradient = objective.loss_and_gradient_of(at.raw, part, horizon)
         step, state = transformation.update(gradient * scale, at.state, at.raw / scale)
         finite = at.finite & jnp.isfinite(loss) & jnp.isfinite(gradient).all()

@@ -50,7 +50,7 @@ class Visits:
         """
         few = _evenly(windows, min(windows.horizon, _STEPS * windows.states.shape[1]))
         with float64():
-            batch = compiled_windows(few, max(_VISITS, len(few)))
+            batch = compiled_windows(error, few, max(_VISITS, len(few)))
             given = on_device(raw), on_device(error.scale), batch, on_device(few.horizon)
             at = _starts(error, *given)
             states = np.asarray(at)[:, : len(few)].T

@@ -12,13 +12,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, IntArray, JaxArray, on_device, with_shared_length
+from penode.arrays import (
+    SHORTEST,
+    FloatArray,
+    IntArray,
+    JaxArray,
+    on_device,
+    shared_length,
+    with_shared_length,
+)
 from penode.data.windows import Windows
 from penode.errors import InputError
 from penode.models.base import Model
 from penode.models.layout import Layout, Parts
 from penode.predictors.base import Predictor
 from penode.predictors.holds import Drive
+from penode.predictors.input_table import Part
 from penode.training.loss import NO_FILTER, Loss, every_step, states
 
 
@@ -30,11 +39,14 @@ class Batch(eqx.Module):
     states : array, shape (state, time)
         Measured states of all recordings.
     inputs : array, shape (input, time)
+        Or (place * input, time * sub-step) of a predictor with an `InputTable`.
     starts : array of int, shape (batch,)
     recording : array of int, shape (batch,)
         Which recording each window is cut from.
     used : array, shape (batch,)
         1 for windows that count and 0 for padding.
+    substeps : array of int, shape ()
+        Of each sample, of a predictor with an `InputTable`; 1 of others.
     """
 
     states: JaxArray
@@ -42,17 +54,25 @@ class Batch(eqx.Module):
     starts: JaxArray
     recording: JaxArray
     used: JaxArray
+    substeps: JaxArray
 
     def drive(self, step: JaxArray) -> Drive:
         """Return the input by offset from sample `step` of each window."""
         at = self.starts + step
         return lambda offset: self.inputs[:, at + offset]
 
+    def tabulated(self, step: JaxArray, number: JaxArray | int) -> JaxArray:
+        """Return what sub-step `number` after sample `step` reads, (place * input, batch)."""
+        return self.inputs[:, (self.starts + step) * self.substeps + number]
+
+    def of_windows(self, starts: JaxArray, recording: JaxArray, used: JaxArray) -> "Batch":
+        """Return other windows of the same recordings."""
+        return Batch(self.states, self.inputs, starts, recording, used, self.substeps)
+
     def part(self, first: JaxArray, size: int) -> "Batch":
         """Return `size` windows from the window `first` on."""
         arrays = (self.starts, self.recording, self.used)
-        chosen = (jax.lax.dynamic_slice(a, (first,), (size,)) for a in arrays)
-        return Batch(self.states, self.inputs, *chosen)
+        return self.of_windows(*(jax.lax.dynamic_slice(a, (first,), (size,)) for a in arrays))
 
     def parts(self, most: int) -> tuple[JaxArray, ...]:
         """Return starts, recording and used in parts of at most `most` windows, (part, size).
@@ -74,7 +94,13 @@ class Batch(eqx.Module):
         return self.states[:, self.starts + step]
 
 
-def compiled_windows(windows: Windows, capacity: int, order: IntArray | None = None) -> Batch:
+#: Sub-steps that there is room for in a table of so many numbers: one program then serves them all.
+_ROOM, _MOST_NUMBERS = 16, 4_000_000
+
+
+def compiled_windows(
+    error: "PredictionError", windows: Windows, capacity: int, order: IntArray | None = None
+) -> Batch:
     """Return the windows for compiled code, padded to a length: one program for a whole ladder.
 
     The last window pads: a rollout from elsewhere could overflow, and zero times that is nan.
@@ -82,7 +108,9 @@ def compiled_windows(windows: Windows, capacity: int, order: IntArray | None = N
 
     Parameters
     ----------
+    error : PredictionError
     windows : Windows
+        Their inputs prepared by its predictor.
     capacity : int
         Windows there is room for.
     order : ndarray of int, shape (window,), optional
@@ -92,11 +120,25 @@ def compiled_windows(windows: Windows, capacity: int, order: IntArray | None = N
     order = np.pad(order, (0, capacity - len(order)), mode="edge")
     return Batch(
         states=with_shared_length(windows.states.T),
-        inputs=with_shared_length(windows.inputs.T),
+        inputs=_compiled_inputs(error.predictor, windows.inputs),
         starts=on_device(windows.starts[order]),
         recording=on_device(windows.recording[order]),
         used=on_device((np.arange(capacity) < len(windows.starts)).astype(float)),
+        substeps=on_device(error.predictor.table.count if error.predictor.table else 1),
     )
+
+
+def _compiled_inputs(predictor: Predictor, inputs: FloatArray) -> JaxArray:
+    """Return prepared inputs (time, row) as a batch has them."""
+    if predictor.table is None:
+        return with_shared_length(inputs.T)
+    count = predictor.table.count
+    by_substep = inputs.reshape(len(inputs) * count, -1).T
+    each = max(shared_length(len(inputs)), SHORTEST)
+    roomy = _ROOM * each * len(by_substep) <= _MOST_NUMBERS
+    room = max(count, _ROOM) if roomy else max(count, 2)
+    missing = [(0, 0), (0, room * each - by_substep.shape[1])]
+    return on_device(np.pad(by_substep, missing, mode="edge"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +195,7 @@ class PredictionError:
     def _form(self) -> tuple[Any, ...]:
         loss = self.loss
         freed = tuple(sorted(loss.free_starts.items()))
-        return self.predictor, self.layout, loss.domain, loss.weight, loss.prefilter, freed
+        return self.predictor.program, self.layout, loss.domain, loss.weight, loss.prefilter, freed
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, PredictionError) and self._form == other._form
@@ -213,8 +255,35 @@ class PredictionError:
 
     def step(self, parts: Parts, history: JaxArray, step: JaxArray, batch: Batch) -> JaxArray:
         """Return the history (past, state, batch) one sample on from sample `step`."""
-        model = self._model(parts, batch)
-        return self.predictor.step(model, history, batch.drive(step))
+        if self.predictor.table is None:
+            return self.substep(parts, history, step, 0, batch)
+
+        def one(history: JaxArray, number: JaxArray) -> tuple[JaxArray, None]:
+            return self.substep(parts, history, step, number, batch), None
+
+        numbers = jnp.arange(self.predictor.table.count)
+        ahead: JaxArray = jax.lax.scan(one, history, numbers)[0]
+        return ahead
+
+    def substep(
+        self,
+        parts: Parts,
+        history: JaxArray,
+        step: JaxArray,
+        number: JaxArray | int,
+        batch: Batch,
+    ) -> JaxArray:
+        """Return the history one sub-step on; of a predictor without a table a whole sample.
+
+        How many there are is an argument of compiled code, ``batch.substeps``.
+        """
+        model, predictor = self._model(parts, batch), self.predictor
+        if predictor.table is None:
+            return predictor.step(model, history, batch.drive(step))
+        rows = batch.tabulated(step, number)
+        start = batch.tabulated(step, 0)[: len(model.inputs)]
+        part = Part(number, batch.substeps, start, predictor.time_step)
+        return predictor.table.substep(model, history, rows, part)
 
     def residual(
         self, parts: Parts, predicted: JaxArray, step: JaxArray, horizon: JaxArray, batch: Batch

@@ -82,7 +82,7 @@ class Objective:
             One program is compiled for each horizon and number of windows.
         """
         with float64():
-            batch = compiled_windows(windows, len(windows.starts))
+            batch = compiled_windows(self.error, windows, len(windows.starts))
             loss, gradient = self._value_and_grad(on_device(raw), batch, windows.horizon)
             return float(loss), np.asarray(gradient)
 
@@ -211,8 +211,7 @@ class Objective:
         def add(
             sums: tuple[JaxArray, JaxArray], part: tuple[JaxArray, ...]
         ) -> tuple[tuple[JaxArray, JaxArray], None]:
-            here = Batch(batch.states, batch.inputs, *part)
-            square, slope = differentiated(raw, here, horizon)
+            square, slope = differentiated(raw, batch.of_windows(*part), horizon)
             return (sums[0] + square, sums[1] + slope), None
 
         nothing = (jnp.zeros((), raw.dtype), jnp.zeros_like(raw))

@@ -38,7 +38,7 @@ def sample_scores(error: PredictionError, raw: FloatArray, windows: Windows) -> 
         By the parameters' values.
     """
     with float64():
-        batch = compiled_windows(windows, shared_length(len(windows.starts)))
+        batch = compiled_windows(error, windows, shared_length(len(windows.starts)))
         given = on_device(raw), on_device(error.scale), batch, windows.horizon
         return np.asarray(_by_sample(error, *given))[:, : len(windows.states)]
 

@@ -143,20 +143,18 @@ class Recursion:
         def zeros(*axes: int) -> JaxArray:
             return jnp.zeros((*shape, *axes, len(batch.starts)), start.dtype)
 
-        def visit(k: JaxArray, history: JaxArray, pull_back: Any, state: Any) -> Any:
-            sensitivity, (before, shared_before, own_before), carry = state
-            sensitivity = self.ahead(history, pull_back, sensitivity)
+        def visit(k: JaxArray, at: tuple[JaxArray, Columns], _: None, state: Any) -> Any:
+            (history, sensitivity), ((before, shared_before, own_before), carry) = at, state
             newest = sensitivity.each(lambda part: part[0])
             residual, slopes = self.residual(k + 1, history[0], newest)
             filtered, before = prefilter.advance(before, residual * batch.used)
             shared, shared_before = prefilter.advance(shared_before, slopes.shared * batch.used)
             own, own_before = prefilter.advance(own_before, slopes.own * batch.used)
             memory = before, shared_before, own_before
-            return sensitivity, memory, add(k, filtered, Columns(shared, own), carry)
+            return memory, add(k, filtered, Columns(shared, own), carry)
 
         memory = zeros(), zeros(self.shared), zeros(len(self.error.free))
-        last: Carry = rollout(self.step, start, self.horizon, visit, (first, memory, carry))[2]
-        return last
+        return rollout(self.step, (start, first), self.horizon, visit, (memory, carry))[1]
 
     def start(self, correction: JaxArray) -> tuple[JaxArray, Columns]:
         """Return x_0 (past, state, batch) and S_0 of shape (past, state, column, batch).
@@ -173,10 +171,23 @@ class Recursion:
         own = own.at[0, error.free, np.arange(free)].set(1.0)
         return start, Columns(shared.reshape(*start.shape[:2], *wide), own)
 
-    def step(self, k: JaxArray, history: JaxArray) -> tuple[JaxArray, Any]:
-        """Return x_(k+1) = g(x_k, ..., theta) in front of its past, and g's pull-back."""
+    def step(
+        self, k: JaxArray, at: tuple[JaxArray, Columns]
+    ) -> tuple[tuple[JaxArray, Columns], None]:
+        """Return x_(k+1) = g(x_k, ..., theta) in front of its past, and S_(k+1)."""
         error, batch = self.error, self.batch
-        return jax.vjp(lambda p, h: error.step(p, h, k, batch), self.parts, history)
+
+        def substep(
+            number: JaxArray | int, at: tuple[JaxArray, Columns]
+        ) -> tuple[JaxArray, Columns]:
+            history, pull_back = jax.vjp(
+                lambda p, h: error.substep(p, h, k, number, batch), self.parts, at[0]
+            )
+            return history, self.ahead(history, pull_back, at[1])
+
+        if error.predictor.table is None:
+            return substep(0, at), None
+        return jax.lax.fori_loop(0, batch.substeps, substep, at), None
 
     def ahead(self, history: JaxArray, pull_back: Any, sensitivity: Columns) -> Columns:
         """Return S_(k+1) = (dg/dx) S_k + dg/dtheta in front of its past."""

@@ -110,7 +110,8 @@ class PhaseSigns(Term):
 
         def swept(width: JaxArray) -> tuple[JaxArray, JaxArray | None]:
             at, rates = phases / width, u[SPEED.name] * (ahead / width)
-            return (at + middle * rates, half * rates) if half else (at, None)
+            moment = isinstance(half, float) and half == 0.0
+            return (at, None) if moment else (at + middle * rates, half * rates)
 
         signs = _mean(jnp.tanh, _area_of_tanh, *swept(width))
         if self.dead_time_softness is not None:
