@@ -173,9 +173,9 @@ class Windows:
     def __len__(self) -> int:
         return len(self.starts)
 
-    def thinned(self, stride: int) -> "Windows":
-        """Return every `stride`-th window of the same recordings."""
-        return replace(self, starts=self.starts[::stride], recording=self.recording[::stride])
+    def among(self, chosen: slice) -> "Windows":
+        """Return some of the windows of the same recordings."""
+        return replace(self, starts=self.starts[chosen], recording=self.recording[chosen])
 
 
 def _as_recorded(inputs: FloatArray) -> FloatArray:

@@ -29,6 +29,7 @@ from penode.training.gauss_newton_terms import residual_scale
 from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Solution, Stage
 from penode.training.residuals import Objective
 from penode.training.second_order import LevenbergMarquardt
+from penode.training.window_states import mean_states
 from penode.validation.coverage import thin
 from penode.validation.free_run import with_unmeasured
 
@@ -167,6 +168,9 @@ class LadderProblem:
         Receives an event for each evaluation and horizon.
     objectives : dict of int to Objective
         Those of rungs whose learned part has a prior of their own, by horizon; the climb fills it.
+    guesses : dict of int to sequence of mapping
+        Unmeasured states of each recording, by horizon: where the search for the windows' starts
+        begins; the climb fills it, and where it has none the recordings have zeros or channels.
     """
 
     objective: Objective
@@ -175,6 +179,7 @@ class LadderProblem:
     experiments: Sequence[Experiment]
     observer: Observer
     objectives: dict[int, Objective] = field(default_factory=dict)
+    guesses: dict[int, Sequence[Mapping[str, FloatArray]]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -229,6 +234,7 @@ class LadderProblem:
         """Append finished rungs until the plan ends or a stage diverges."""
         first = raw
         self.objectives.clear()
+        self.guesses.clear()
         for number, stage in enumerate(plan.stages):
             problem = self.problem(stage, plan)
             place = (number + 1, len(plan.stages))
@@ -241,14 +247,21 @@ class LadderProblem:
             if solution.outcome == DIVERGED or (rungs and _explodes(solution, rungs[0])):
                 break
             raw = solution.raw
+            if self.model.unmeasured and number + 1 < len(plan.stages):
+                self.guesses[plan.stages[number + 1].horizon] = self._guessed(problem, raw)
             rungs.append(self._finish(stage.horizon, problem, solution))
             self._report(rungs[-1], place)
 
     def problem(self, stage: Stage, plan: Plan) -> Problem:
         """Return the problem of one stage: its windows, and which parameters move."""
         predictor = self.objective.predictor
+        guesses = self.guesses.get(stage.horizon, [{}] * len(self.experiments))
+        guessed = [
+            replace(e, channels={**e.channels, **guess})
+            for e, guess in zip(self.experiments, guesses, strict=True)
+        ]
         windows = cut(
-            [with_unmeasured(e, self.model) for e in self.experiments],
+            [with_unmeasured(e, self.model) for e in guessed],
             self.model.states,
             self.model.inputs,
             stage.horizon,
@@ -259,6 +272,21 @@ class LadderProblem:
         moving = self.objective.layout.members(stage.groups)
         objective = self.objectives.get(stage.horizon, self.objective)
         return Problem(objective, self.reported, windows, moving)
+
+    def _guessed(self, problem: Problem, raw: FloatArray) -> list[dict[str, FloatArray]]:
+        """Return the unmeasured states of each recording as a rung's windows have them.
+
+        Long windows of a nonlinear model have several minima; the shorter ones lead to the right.
+        """
+        mean = mean_states(problem.objective.error, raw, problem.windows)
+        parts = np.split(mean, np.cumsum([len(e) for e in self.experiments])[:-1])
+        rows = {name: self.model.states.index(name) for name in self.model.unmeasured}
+        return [
+            {name: np.interp(np.arange(len(part)), at, part[at, k]) for name, k in rows.items()}
+            if len(at := np.flatnonzero(np.isfinite(part).all(axis=1)))
+            else {}
+            for part in parts
+        ]
 
     def _finish(self, horizon: int, problem: Problem, solution: Solution) -> HorizonFit:
         jacobian = problem.reported_jacobian(solution.raw)

@@ -46,6 +46,11 @@ class Predictor:
         return InputTable.of(self.solver, self.hold)
 
     @property
+    def substeps(self) -> int:
+        """Of each sample."""
+        return self.table.count if self.table else 1
+
+    @property
     def program(self) -> tuple[object, ...]:
         """What compiled code depends on that is given inputs and sub-steps at run time."""
         if self.table is None:

@@ -36,7 +36,7 @@ class CoarseToFine:
         stride = int(np.clip(residuals / (_LEFT * max(problem.moving.sum(), 1)), 1, self.most))
         if stride == 1:
             return self.optimiser.minimise(problem, raw, progress)
-        few = replace(problem, windows=windows.thinned(stride))
+        few = replace(problem, windows=windows.among(slice(None, None, stride)))
         coarse = self.optimiser.minimise(few, raw, progress)
         begin = raw if coarse.outcome == DIVERGED else coarse.raw
         fine = self.optimiser.minimise(problem, begin, progress)

@@ -12,8 +12,8 @@ from penode.data.windows import Windows
 from penode.models.base import Model
 from penode.models.inputs import Inputs
 from penode.models.layout import Layout
-from penode.training.free_starts import estimated_starts
-from penode.training.prediction_error import Batch, PredictionError, compiled_windows
+from penode.training.prediction_error import PredictionError
+from penode.training.window_states import start_states
 
 #: Starts of windows at which the model is looked at.
 _VISITS, _SHORTEST = 1000, 128
@@ -49,11 +49,7 @@ class Visits:
         windows : Windows
         """
         few = _evenly(windows, min(windows.horizon, _STEPS * windows.states.shape[1]))
-        with float64():
-            batch = compiled_windows(error, few, max(_VISITS, len(few)))
-            given = on_device(raw), on_device(error.scale), batch, on_device(few.horizon)
-            at = _starts(error, *given)
-            states = np.asarray(at)[:, : len(few)].T
+        states = start_states(error, raw, few)
         return cls(states, few.inputs[few.starts, : len(error.model.inputs)])
 
     @property
@@ -81,15 +77,6 @@ def _evenly(windows: Windows, horizon: int) -> Windows:
     recording = [np.full(len(s), n) for s, (n, _) in zip(starts, spans, strict=True)]
     places = np.concatenate(starts), np.concatenate(recording)
     return replace(windows, starts=places[0], recording=places[1], horizon=horizon)
-
-
-@partial(jax.jit, static_argnums=0)
-def _starts(
-    error: PredictionError, raw: JaxArray, scale: JaxArray, batch: Batch, horizon: JaxArray
-) -> JaxArray:
-    values, error = error.layout.values(raw)[:, None], replace(error, scale=scale)
-    correction = estimated_starts(error, values, horizon, batch)
-    return error.start(error.layout.split(values), correction, batch)[0]
 
 
 @dataclass(frozen=True, eq=False)

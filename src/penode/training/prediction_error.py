@@ -124,7 +124,7 @@ def compiled_windows(
         starts=on_device(windows.starts[order]),
         recording=on_device(windows.recording[order]),
         used=on_device((np.arange(capacity) < len(windows.starts)).astype(float)),
-        substeps=on_device(error.predictor.table.count if error.predictor.table else 1),
+        substeps=on_device(error.predictor.substeps),
     )
 
 
@@ -253,16 +253,26 @@ class PredictionError:
             past[0] = past[0].at[self.free].add(correction)
         return jnp.stack(past)
 
-    def step(self, parts: Parts, history: JaxArray, step: JaxArray, batch: Batch) -> JaxArray:
-        """Return the history (past, state, batch) one sample on from sample `step`."""
+    def step(
+        self,
+        parts: Parts,
+        history: JaxArray,
+        step: JaxArray,
+        batch: Batch,
+        substeps: int | None = None,
+    ) -> JaxArray:
+        """Return the history (past, state, batch) one sample on from sample `step`.
+
+        Reverse mode wants to know when compiled how many sub-steps there are.
+        """
         if self.predictor.table is None:
             return self.substep(parts, history, step, 0, batch)
 
-        def one(history: JaxArray, number: JaxArray) -> tuple[JaxArray, None]:
-            return self.substep(parts, history, step, number, batch), None
+        def one(number: JaxArray, history: JaxArray) -> JaxArray:
+            return self.substep(parts, history, step, number, batch)
 
-        numbers = jnp.arange(self.predictor.table.count)
-        ahead: JaxArray = jax.lax.scan(one, history, numbers)[0]
+        count = batch.substeps if substeps is None else substeps
+        ahead: JaxArray = jax.lax.fori_loop(0, count, one, history)
         return ahead
 
     def substep(

@@ -230,7 +230,7 @@ class Objective:
 
         @jax.checkpoint
         def predict(k: JaxArray, history: JaxArray) -> JaxArray:
-            return error.step(parts, history, k, batch)
+            return error.step(parts, history, k, batch, self.predictor.substeps)
 
         def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
             return predict(k, history), None

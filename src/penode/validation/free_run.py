@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,8 @@ from penode.validation.comparison import Comparison
 
 #: What stands for an error or a slope of a free run that diverged.
 _DIVERGED = 1e100
+#: Samples by which the start of a free run is estimated first; then by four times as many.
+_BEGINNING = 32
 
 
 def with_unmeasured(experiment: Experiment, model: Model) -> Experiment:
@@ -284,22 +287,24 @@ def _estimated_start(
             f"{predictor.past} samples; choose a one-step solver."
         )
 
-    fixed = predictor, tuple(freed), model, first, (padded, jnp.asarray(ahead))
     target = np.asarray(measured[:, 1:])[compared]
+    free = np.asarray(first)[freed]
+    # A long run of a nonlinear model has several minima; its beginning leads to the right one.
+    lengths = [n for n in (_BEGINNING * 4**k for k in range(20)) if n < ahead]
+    for length in (*lengths, ahead):
+        fixed = predictor, tuple(freed), model, first, (padded, jnp.asarray(length))
 
-    def residual(free: FloatArray) -> FloatArray:
-        gap = np.asarray(_run_from(free, *fixed))[compared, :ahead] - target
-        return _bounded(gap.ravel())
+        def residual(free: FloatArray, length: int = length, fixed: Any = fixed) -> FloatArray:
+            gap = np.asarray(_run_from(free, *fixed))[compared, :length] - target[:, :length]
+            return _bounded(gap.ravel())
 
-    def slope(free: FloatArray) -> FloatArray:
-        slopes = np.asarray(_slope_of_run(free, *fixed))[compared, :ahead]
-        return _bounded(slopes.reshape(-1, len(freed)))
+        def slope(free: FloatArray, length: int = length, fixed: Any = fixed) -> FloatArray:
+            slopes = np.asarray(_slope_of_run(free, *fixed))[compared, :length]
+            return _bounded(slopes.reshape(-1, len(freed)))
 
-    with np.errstate(all="ignore"):  # of a run that diverges from every start
-        solution = least_squares(
-            residual, np.asarray(first)[freed], jac=slope, x_scale="jac", max_nfev=50
-        )
-    start: JaxArray = first.at[np.array(freed)].set(solution.x)[None]
+        with np.errstate(all="ignore"):  # of a run that diverges from every start
+            free = least_squares(residual, free, jac=slope, x_scale="jac", max_nfev=50).x
+    start: JaxArray = first.at[np.array(freed)].set(free)[None]
     return start
 
 
