@@ -113,7 +113,7 @@ SETS: dict[str, Callable[[Path], PublicSet]] = {
 
 
 HOLDS = {str(one): one for one in (ZeroOrderHold(), FirstOrderHold(), BandLimitedHold())}
-SOLVERS = {str(one): one for one in (RK, *(Substeps(RK, 2**k) for k in range(1, 5)))}
+SOLVERS = {str(one): one for one in (Substeps(RK, 2**k) for k in range(5))}
 
 
 def errors(one: PublicSet, fit: Fit, model: Model | None = None) -> list[float]:

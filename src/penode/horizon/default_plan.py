@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import compress
 
 import numpy as np
 
@@ -29,9 +28,10 @@ _FACTOR, _WINDOWS = 2.0, 40
 #: than this share of it.
 _LONG, _PART, _SHARE = 1000, 1 / 40, 0.8
 #: Holds that constant inputs are compared with, the simplest first; by how much the logarithm of
-#: the likelihood decides between two (odds of 20 to 1, twice); and a loss that is rounding.
+#: the likelihood decides between two (odds of 20 to 1, twice); a loss that is rounding; and the
+#: logarithm of one that diverged.
 _HOLDS: tuple[Hold, ...] = (FirstOrderHold(), BandLimitedHold())
-_EVIDENCE, _EXACT = 6.0, 1e-24
+_EVIDENCE, _EXACT, _DIVERGED = 6.0, 1e-24, 1e3
 
 
 def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0) -> Plan:
@@ -76,8 +76,10 @@ def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Pl
     """Return a plan whose hold predicts the recordings best.
 
     An input that was computed stands still from one sample to the next; one that was sampled goes
-    straight, or as a band-limited signal does. The loss at the first horizon shows which, or at one
-    in the middle where noise hides it. Of holds that are as good, within chance, the simplest.
+    straight, or as a band-limited signal does. A first horizon may show it best, where longer ones
+    show what else is wrong; or one in the middle, where noise hides it in the first. So that hold
+    is taken whose loss exceeds the least of any by least, at the horizon that speaks most against
+    it. Of holds that are as good, within chance, the simplest.
 
     Parameters
     ----------
@@ -91,27 +93,24 @@ def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Pl
     if not start.model.inputs:
         return plan
     plans = [plan, *(replace(plan, hold=hold) for hold in _HOLDS)]
-    first, middle = plan.stages[:1], plan.stages[len(plan.stages) // 2 :][:1]
+    middle = len(plan.stages) // 2
+    stages = tuple(plan.stages[k] for k in sorted({0, (middle + 1) // 2, middle}))
+    losses = np.array([_log_losses(replace(p, stages=stages), start, experiments) for p in plans])
+    excess = np.max(losses - losses.min(axis=0), axis=1)
     measured = len(start.model.states) - len(start.model.unmeasured)
     chance = _EVIDENCE / (measured * sum(map(len, experiments)))
-    for stages in (first, (*first, *middle)):
-        losses = [_log_loss(replace(one, stages=stages), start, experiments) for one in plans]
-        kept = np.array(losses) <= min(losses) + chance
-        plans = list(compress(plans, kept))
-        if len(plans) == 1:
-            break
-    return plans[0]
+    return plans[int(np.argmax(excess <= excess.min() + chance))]
 
 
-def _log_loss(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> float:
-    """Return the logarithm of the loss at a plan's last horizon, infinite where it diverges."""
+def _log_losses(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> list[float]:
+    """Return the logarithm of the loss at each of a plan's horizons."""
     problem = LadderProblem.of(start.model, experiments, plan, ignore_events)
     try:
-        climb = problem.climb(plan, problem.objective.layout.raw(start.model))
+        fits = problem.climb(plan, problem.objective.layout.raw(start.model)).fits
     except InputError:
-        return math.inf
-    reached = len(climb.fits) == len(plan.stages)
-    return math.log(climb.fits[-1].solution.terms.loss + _EXACT) if reached else math.inf
+        fits = ()
+    known = [math.log(rung.solution.terms.loss + _EXACT) for rung in fits]
+    return known + [_DIVERGED] * (len(plan.stages) - len(known))
 
 
 def default_horizons(model: Model, experiments: Sequence[Experiment]) -> tuple[int, ...]:
