@@ -86,25 +86,7 @@ def read(file: str, content: bytes | mmap.mmap) -> Table:
 
 
 def read_packed(file: str, content: bytes) -> Table:
-    """Read the columns of a CSV file that gzip compressed.
-
-    Parameters
-    ----------
-    file : str
-        Name of the file, for messages.
-    content : bytes
-        Compressed.
-
-    Returns
-    -------
-    Table
-        As `read` gives it.
-
-    Raises
-    ------
-    InputError
-        As `read`, or if the content is damaged or more than 1 GiB when unpacked.
-    """
+    """Read a CSV file that gzip compressed; refuse it if damaged or more than 1 GiB unpacked."""
     with tempfile.TemporaryFile(prefix="penode-") as unpacked:
         size = 0
         for block in _unpacked(file, content):
