@@ -85,14 +85,11 @@ def map_channels(
 ) -> Mapped:
     """Make channels of one uniform clock from the columns of a file; origin ``t`` is the time in s.
 
-    A column with a clock of its own keeps that. ``resample`` puts channels of different clocks onto
-    the fastest, and those whose times jitter onto uniform ones between the gaps, by linear
-    interpolation, angles without their jumps, over the time that all channels cover.
-
-    Refuses a column that is missing, not finite or not as long as its times, a unit that is unknown
-    or of another quantity, clocks that differ where resampling is not asked for, an angle that
-    turns too far in a sample, and times that are not uniform (`uniform_stretches`; resampled,
-    `uniform_step`).
+    ``resample`` puts channels of different clocks onto the fastest, and those whose times jitter
+    onto uniform ones between the gaps, by linear interpolation, angles without their jumps, over
+    the time that all channels cover. Refused are clocks that differ without it, values that are not
+    finite or do not match their times, units of another quantity, and times as `uniform_stretches`
+    says.
     """
     time = origins.get(TIME, Origin(TIME, "s"))
     clocks: dict[Origin, FloatArray] = {}
