@@ -18,17 +18,10 @@ from penode.pmsm.study import identify
 
 @dataclass(frozen=True, eq=False)
 class Demo:
-    """A fit beside the truth.
+    """A fit beside the truth, a resistance in ohm.
 
-    Attributes
-    ----------
-    fit : Fit
-    true_resistance : float
-        ohm.
-    flux_error : float
-        Mean absolute error of psi_d and psi_q over the excited region of the current disc, Vs.
-    flux_share : float
-        The same as a share of the magnet's flux linkage.
+    ``flux_error`` is the mean absolute error of psi_d and psi_q over the excited region of the
+    current disc in Vs, ``flux_share`` the same as a share of the magnet's flux linkage.
     """
 
     fit: Fit
@@ -67,15 +60,7 @@ def record(folder: Path) -> tuple[Experiment, tuple[Experiment, ...]]:
 
 
 def run_demo(folder: Path, observer: Observer = ignore_events) -> Demo:
-    """Record, identify, and compare with the truth that the identification never saw.
-
-    Parameters
-    ----------
-    folder : Path
-        Gets the recordings.
-    observer : callable
-        Called with each evaluation and rung.
-    """
+    """Record into a folder, identify, and compare with the truth that was never seen."""
     train, validation = record(folder)
     machine = TRACTION_300A
     fit = identify([train], pole_pairs=machine.pole_pairs, validation=validation, observer=observer)
