@@ -58,18 +58,7 @@ class Gathered:
 
 
 def write(file: BinaryIO, content: bytes | memoryview) -> None:
-    """Write to a temporary file.
-
-    Parameters
-    ----------
-    file : binary file
-    content : bytes
-
-    Raises
-    ------
-    InputError
-        If the disk is full.
-    """
+    """Write to a temporary file; refuse it if the disk is full."""
     try:
         file.write(content)
         file.flush()

@@ -31,17 +31,9 @@ class Demo:
 
 
 def record(folder: Path) -> tuple[Experiment, tuple[Experiment, ...]]:
-    """Simulate the paper's hard recording and two others, and write them as CSV.
+    """Simulate the paper's hard recording and two others, write them as CSV, and return them.
 
-    Parameters
-    ----------
-    folder : Path
-        Gets ``train_1500rpm.csv``, ``test_900rpm.csv`` and ``test_2500rpm.csv``.
-
-    Returns
-    -------
-    Experiment, tuple of Experiment
-        The recording to train on and those to validate with.
+    The first, ``train_1500rpm.csv``, is to train on, the others are to validate with.
     """
     machine = TRACTION_300A
     slow = Lissajous(0.8 * machine.current_limit, rate_d=14.0, rate_q=15.0)

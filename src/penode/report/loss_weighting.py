@@ -73,8 +73,9 @@ def weighting_section(
 ) -> Section:
     """Say and show how the loss weighs the residual at three horizons at most.
 
-    ``names`` come strongest first; ``units`` is the SI unit of each signal. A notice stands in the
-    place of the figure where the weight is available at no horizon.
+    ``names`` come strongest first; ``units`` is the SI unit of each signal; ``note``, what the
+    names mean, goes into the caption. A notice takes the place of all where the weight is available
+    at no horizon.
     """
     whole, view = view, view.at(view.available)
     if not view.horizons:

@@ -17,8 +17,9 @@ _CLOSE_UP = 200
 def overlay(comparison: Comparison) -> go.Figure:
     """Draw measured, one-step and free-run states, and the errors of both predictions.
 
-    Two rows per state (value, error): the whole recording, thinned to its envelope of about 2000
-    points, and a close-up of `_CLOSE_UP` samples where the free run errs as much as on the whole.
+    Two rows per state (value, error): at the left the whole recording, thinned to its envelope of
+    about 2000 points, at the right a close-up of `_CLOSE_UP` samples where the free run errs as on
+    the whole.
     """
     figure = panels.blank_figure()
     states = len(comparison.states)

@@ -25,6 +25,7 @@ class Extent:
     unseen: int
     unseen_duration: float
     recordings: tuple[str, ...]
+    #: Steps from the paper's recipe to ours that are taken.
     variants: tuple[str, ...]
     ours: Study
 

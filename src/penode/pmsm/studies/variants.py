@@ -36,8 +36,11 @@ class Variant:
     name: str
     label: str
     flux_map: str = "mlp"
+    #: Whether windows start at random instead of end to end.
     jittered: bool = True
+    #: Whether the dead-time voltage is identified too.
     inverter: bool = False
+    #: Harmonics of the electrical angle in the map.
     angle_orders: tuple[int, ...] = ()
     adam: bool = False
     climbing: bool = True
