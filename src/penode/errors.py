@@ -9,17 +9,9 @@ _HIDDEN = frozenset(("Cc", "Cf", "Cs", "Zl", "Zp"))
 
 
 def printable(text: str) -> str:
-    r"""Return a text with its control and formatting characters escaped.
+    r"""Return a text with its control and formatting characters escaped, as ``\x1b``.
 
-    Parameters
-    ----------
-    text : str
-        Such as a column's name from a file, which could move the cursor of a terminal.
-
-    Returns
-    -------
-    str
-        The same text where there are none, else with ``\x1b`` and the like in their place.
+    A column's name from a file could move the cursor of a terminal.
     """
     if text.isprintable():
         return text
@@ -32,20 +24,7 @@ def printable(text: str) -> str:
 
 
 def did_you_mean(word: str, candidates: Iterable[str]) -> str:
-    """Return the nearest known word as a part of a sentence, nothing where none is near.
-
-    Parameters
-    ----------
-    word : str
-        What came.
-    candidates : iterable of str
-        What could have come.
-
-    Returns
-    -------
-    str
-        Such as ``" (did you mean unit?)"``, or an empty string.
-    """
+    """Return the nearest known word, ``" (did you mean unit?)"``, nothing where none is near."""
     spelt = {name.lower(): name for name in candidates}
     near = difflib.get_close_matches(word.lower(), spelt, n=1, cutoff=0.5)
     return f" (did you mean {spelt[near[0]]}?)" if near else ""

@@ -19,14 +19,9 @@ _INTERVAL = 86_400.0
 
 
 def use_compilation_cache() -> Path | None:
-    """Keep compiled programs between runs, apart for each processor; the cache is best effort.
+    """Keep compiled programs between runs, apart for each processor, in a folder, if possible.
 
     A folder that ``JAX_COMPILATION_CACHE_DIR`` names stays as it is.
-
-    Returns
-    -------
-    Path or None
-        The folder; None where there can be none.
     """
     named = os.environ.get("JAX_COMPILATION_CACHE_DIR")
     if named:
@@ -46,16 +41,9 @@ def use_compilation_cache() -> Path | None:
 
 
 def remove_oldest(compiled: Path, most: int) -> None:
-    """Remove programs of any version, least recently used first, once a day.
+    """Remove programs of any version beyond ``most`` bytes, least recently used first, once a day.
 
     JAX can bound its cache too, but reads the whole folder under a lock for each new program.
-
-    Parameters
-    ----------
-    compiled : Path
-        Folder of the folders of programs.
-    most : int
-        Bytes that are kept.
     """
     looked = compiled / "looked"
     if looked.exists() and time.time() - looked.stat().st_mtime < _INTERVAL:

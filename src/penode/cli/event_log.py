@@ -11,15 +11,9 @@ from penode.fit.archive import write_atomically
 
 
 class EventLog:
-    """Writes events to ``events.jsonl``, a line each, from the first one on.
+    """Writes events to ``events.jsonl``, a line each, from the first one on; appends on resuming.
 
-    Parameters
-    ----------
-    folder : Path
-        Made, with the file, only when there is something to log: bad input leaves nothing behind.
-    append : bool
-        Whether the log of the training that is resumed is gone on with, or one of before is
-        replaced.
+    Folder and file are made only when there is something to log: bad input leaves nothing behind.
     """
 
     def __init__(self, folder: Path, append: bool = False):

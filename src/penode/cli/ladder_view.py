@@ -14,13 +14,7 @@ from penode.report.quantities import decimals_for, fixed, number, scale_for
 
 
 class LadderView:
-    """A live table of the ladder on a terminal; nothing where the output is piped.
-
-    Parameters
-    ----------
-    console : Console
-        Standard error.
-    """
+    """A live table of the ladder on a terminal; nothing where the output is piped."""
 
     def __init__(self, console: Console):
         self._console = console

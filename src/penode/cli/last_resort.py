@@ -11,12 +11,7 @@ FAILED = 70
 
 
 def of_the_system(error: OSError) -> str:
-    """Return a sentence on a file that could not be read or written.
-
-    Parameters
-    ----------
-    error : OSError
-    """
+    """Return a sentence on a file that could not be read or written."""
     what = f"{error.filename}: " if error.filename else ""
     if isinstance(error, (FileExistsError, NotADirectoryError)):
         return f"{what}a file is there where a folder was wanted; give another place."
@@ -28,23 +23,13 @@ def of_the_system(error: OSError) -> str:
 
 
 def of_memory(error: MemoryError) -> str:
-    """Return a sentence on what does not fit into the memory.
-
-    Parameters
-    ----------
-    error : MemoryError
-    """
+    """Return a sentence on what does not fit into the memory."""
     what = f" ({error})" if str(error) else ""
     return f"the memory does not suffice{what}; ask for less, or record for a shorter time."
 
 
 def of_penode(error: Exception) -> str:
-    """Write the details of a failure into a file, and return a sentence that names it.
-
-    Parameters
-    ----------
-    error : Exception
-    """
+    """Write the details of a failure into a file, and return a sentence that names it."""
     message = f"penode failed where it should not ({in_short(error)})"
     path = details_file(error)
     if path is None:

@@ -7,23 +7,9 @@ from penode.fit.fit import Fit
 
 
 def load_machine(folder: Path, trust: bool = False) -> Fit:
-    """Return the fit of a machine from the folder that identify or demo wrote.
+    """Return the fit of a machine from the folder that identify or demo wrote; refuse another's.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder with ``fit/`` in it.
-    trust : bool
-        Whether modules other than penode's are imported for the classes of the fit.
-
-    Returns
-    -------
-    Fit
-
-    Raises
-    ------
-    InputError
-        If there is no fit, or it is that of another model.
+    ``trust`` imports modules other than penode's for the classes of the fit.
     """
     fit = Fit.load(folder, trust)
     maps = sorted(fit.model.maps())

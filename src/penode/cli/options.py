@@ -79,13 +79,7 @@ def given(**options: Any) -> dict[str, Any]:
 
 
 def whole_numbers(option: str, text: str) -> tuple[int, ...]:
-    """Return numbers with commas between them.
-
-    Raises
-    ------
-    InputError
-        If one of them is no whole number.
-    """
+    """Return numbers with commas between them; refuse what is no whole number."""
     try:
         return tuple(int(part) for part in text.split(","))
     except ValueError as error:

@@ -22,24 +22,11 @@ class Interrupted(Exception):  # noqa: N818 (a request, not an error)
 def watched(
     folder: Path, console: Console, checkpoint: Checkpoint | None = None
 ) -> Iterator[Observer]:
-    """Give an observer that logs into a folder and shows the ladder on a console.
+    """Give an observer that logs into a folder and shows the ladder on a console, if a terminal.
 
-    Parameters
-    ----------
-    folder : Path
-        Gets ``events.jsonl``, which is put back as it was when the work ends in an exception and
-        no horizon was finished and kept.
-    console : Console
-        Shows the live table if it is a terminal.
-    checkpoint : Checkpoint, optional
-        Keeps finished horizons; on resuming the log is gone on with.
-
-    Raises
-    ------
-    InputError
-        If another process writes into the folder.
-    Interrupted
-        On Ctrl-C that nothing within has handled.
+    ``events.jsonl`` is put back as it was when the work ends in an exception and no horizon was
+    finished and kept; on resuming from a checkpoint it is gone on with. Refuses a folder that
+    another process writes into; raises Interrupted on Ctrl-C that nothing within has handled.
     """
     with claimed(folder), _logged(folder, console, checkpoint) as observer:
         yield observer

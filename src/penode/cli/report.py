@@ -56,21 +56,9 @@ def report_command(
 
 
 def report_beside(fit: Fit, folder: Path, quiet: bool = False) -> None:
-    """Make the report of a machine's result that lies whole in a folder.
+    """Make the report of a machine's result that lies whole in a folder; Ctrl-C is Interrupted.
 
     Where it cannot be made, that is said on standard error, and the result stands.
-
-    Parameters
-    ----------
-    fit : Fit
-    folder : Path
-    quiet : bool
-        Whether the report's place is not printed.
-
-    Raises
-    ------
-    Interrupted
-        On Ctrl-C.
     """
     try:
         with claimed(folder):

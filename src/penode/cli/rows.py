@@ -10,15 +10,10 @@ _STYLES = {"warning": "bold yellow"}
 
 
 def print_rows(console: Console, rows: Sequence[tuple[str, str | Text]]) -> None:
-    """Print labels with their values.
+    """Print labels with their values, nothing in which is taken for markup.
 
-    Parameters
-    ----------
-    console : Console
-        On a terminal long sentences fold beside their label, and a repeated label is shown once;
-        else every row is one line with its label, for programs that read lines.
-    rows : sequence of pairs
-        Label and sentence; nothing in them is taken for markup.
+    On a terminal long sentences fold beside their label, and a repeated label is shown once; else
+    every row is one line with its label, for programs that read lines.
     """
     width = max(len(label) for label, _ in rows)
     if not console.is_terminal:

@@ -52,13 +52,7 @@ def use_tolerant_streams() -> None:
 
 
 def flush_output() -> None:
-    """Write what standard output still holds.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written, as on a full disk; it is dropped then.
-    """
+    """Write what standard output still holds; drop it and raise OSError where that fails."""
     if sys.stdout is None:
         return
     try:

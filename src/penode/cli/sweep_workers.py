@@ -30,13 +30,7 @@ _AHEAD = 2
 
 @dataclass
 class _Place:
-    """Where one task at a time is done.
-
-    Attributes
-    ----------
-    renew : callable
-        Gives an executor in place of one that was lost.
-    """
+    """Where one task at a time is done; ``renew`` gives an executor in place of a lost one."""
 
     renew: Callable[[], Executor]
     executor: Executor = field(init=False)
@@ -47,19 +41,9 @@ class _Place:
 
 @contextmanager
 def processes(count: int) -> Iterator[Workers]:
-    """Give workers that are processes of this machine, of one thread each.
+    """Give workers that are processes of this machine, of one thread each; refuse less than one.
 
     A process that is lost is replaced, and its task is done again; Ctrl-C ends them all.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-
-    Raises
-    ------
-    InputError
-        If it is below 1.
     """
     if count < 1:
         raise InputError(f"--jobs {count} came; give at least 1.")
@@ -80,17 +64,9 @@ def processes(count: int) -> Iterator[Workers]:
 
 @contextmanager
 def cluster(address: str) -> Iterator[Workers]:
-    """Give workers that are those of a Dask cluster, which see the recordings at the same paths.
+    """Give the workers of a Dask cluster, which see the recordings at the same paths.
 
-    Parameters
-    ----------
-    address : str
-        Of its scheduler.
-
-    Raises
-    ------
-    InputError
-        If distributed is not installed, or no scheduler answers.
+    ``address`` is its scheduler's; refuses one that does not answer, and a missing distributed.
     """
     try:
         distributed: Any = import_module("distributed")

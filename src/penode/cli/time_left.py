@@ -8,16 +8,11 @@ Clock = Callable[[], float]
 
 
 class TimeLeft:
-    """Watches events and estimates the seconds left.
+    """Watches events and estimates the seconds left, by a clock in s.
 
     An evaluation costs about the same at every horizon, as a long one has fewer windows. The first
     horizon alone starts cold and says nothing about how many evaluations the others need, so there
     is no estimate before the second one is done.
-
-    Parameters
-    ----------
-    clock : callable
-        Gives the time in s.
     """
 
     def __init__(self, clock: Clock = time.monotonic):

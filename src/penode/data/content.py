@@ -21,21 +21,8 @@ _HEAD = 1 << 13
 class Content:
     """The bytes of a regular file, to be read once, in a ``with`` block.
 
-    What was hashed is what was parsed: the file is not opened a second time.
-
-    Attributes
-    ----------
-    file : str
-        The file as the user named it, for messages.
-    size : int
-        Bytes, when it was opened.
-
-    Raises
-    ------
-    InputError
-        If this is a directory, a pipe or a device, or the file begins with nothing but zeros.
-    OSError
-        If the file cannot be opened.
+    What was hashed is what was parsed: the file is not opened a second time. Refuses a directory, a
+    pipe, a device, and a file that begins with nothing but zeros.
     """
 
     def __init__(self, file: str) -> None:
@@ -72,13 +59,7 @@ class Content:
         self._opened.close()
 
     def blocks(self) -> Iterator[bytes]:
-        """Yield the bytes of the file in order.
-
-        Raises
-        ------
-        InputError
-            If they are not as many as when the file was opened.
-        """
+        """Yield the bytes of the file in order; refuse it if its size has changed since."""
         came = 0
         while block := self._opened.read(min(_BLOCK, self.size + 1 - came)):
             came += len(block)

@@ -148,14 +148,10 @@ def _drawn(
 def _traits(
     experiment: Experiment, names: Sequence[str], rows: slice, blocks: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what channels do in each block.
+    """Return traits of channels in each block, (block, channel, 4), and their ranges.
 
-    Returns
-    -------
-    traits : ndarray, shape (block, channel, 4)
-        Smallest and largest value, mean and root mean square.
-    movement : ndarray, shape (block, channel)
-        Range, 0 where it is rounding.
+    The traits are the smallest and largest value, mean and root mean square; ranges are (block,
+    channel), 0 where they are rounding.
     """
     traits, movement = np.zeros((blocks, len(names), 4)), np.zeros((blocks, len(names)))
     for k, name in enumerate(names):

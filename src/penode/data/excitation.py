@@ -40,15 +40,7 @@ def check_some_excitation(experiment: Experiment, channels: Sequence[str]) -> No
 
 
 def check_any_excitation(stretches: Sequence[Experiment], groups: Iterable[Sequence[str]]) -> None:
-    """Refuse a recording of several stretches if each would be, by `check_some_excitation`.
-
-    Parameters
-    ----------
-    stretches : sequence of Experiment
-        Of one recording.
-    groups : iterable of sequence of str
-        Channels of which some have to move, group by group.
-    """
+    """Refuse a recording of several stretches if each would be, by `check_some_excitation`."""
     refusals, groups = [], tuple(groups)
     for stretch in (e for e in stretches if len(e) > 1):
         try:

@@ -16,14 +16,9 @@ from penode.errors import InputError, did_you_mean
 
 @dataclass(frozen=True)
 class Source:
-    """Where a recording came from.
+    """Where a recording came from: a file, or words such as ``"simulated"``, and its digest.
 
-    Attributes
-    ----------
-    path : str
-        File as the user named it, or a description such as ``"simulated"``.
-    sha256 : str
-        Digest of the file's bytes (of the channel data where there was no file).
+    The digest is that of the file's bytes, or of the channel data where there was no file.
     """
 
     path: str
@@ -32,20 +27,11 @@ class Source:
 
 @dataclass(frozen=True)
 class Stretch:
-    """Where an experiment lies within a longer recording.
+    """Where an experiment lies within a longer recording; start and duration of that one, in s.
 
-    Attributes
-    ----------
-    recording : str
-        Name of the recording.
-    row : int
-        Data rows of the recording before its first sample.
-    start : float
-        Time from the first sample of the recording to its own, s.
-    duration : float
-        Time from the first to the last sample of the recording, s.
-    reasons : tuple of str
-        Why the recording was cut, and what was left out, a sentence each.
+    ``row`` is how many data rows of the recording come before; ``start`` counts from its first
+    sample, ``duration`` to its last; ``reasons`` say why it was cut, and what was left out, a
+    sentence each.
     """
 
     recording: str
@@ -192,17 +178,7 @@ class Experiment:
 def require_recordings(experiments: Any, validation: Any = ()) -> None:
     """Refuse what is no sequence of recordings, such as the path of one, or has none.
 
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        At least one.
-    validation : sequence of Experiment
-        May be empty.
-
-    Raises
-    ------
-    InputError
-        If this is not so; the message says what to type.
+    ``validation`` may be empty. The message says what to type.
     """
     for name, given in (("experiments", experiments), ("validation", validation)):
         one = isinstance(given, (str, os.PathLike, Experiment)) or not isinstance(given, Sequence)

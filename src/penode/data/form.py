@@ -21,21 +21,7 @@ _MENDS = {
 
 
 def require_form(name: Any, time_step: Any, channels: Any) -> None:
-    """Refuse what is no recording, before anything is taken from it.
-
-    Parameters
-    ----------
-    name : str
-    time_step : float
-        Above 0, s.
-    channels : mapping of str to array, each of shape (time,)
-        Real numbers.
-
-    Raises
-    ------
-    InputError
-        If this is not so; the message names the channel and what to write.
-    """
+    """Refuse what is no recording: a name, a step above 0 s, channels of real numbers (time,)."""
     if not isinstance(name, str):
         raise InputError(
             f"{name!r} came as the name of a recording; give text, as in "

@@ -30,17 +30,7 @@ class Gathered:
         return self._count
 
     def add(self, values: Column) -> None:
-        """Add the next values.
-
-        Parameters
-        ----------
-        values : ndarray, shape (time,)
-
-        Raises
-        ------
-        InputError
-            If the disk is full.
-        """
+        """Add the next values, (time,); refuse them if the disk is full."""
         self._parts.append(values)
         self._count += len(values)
         if self._count > MANY:
@@ -68,18 +58,7 @@ class Gathered:
 
 
 def write(file: BinaryIO, content: bytes | memoryview) -> None:
-    """Write to a temporary file.
-
-    Parameters
-    ----------
-    file : binary file
-    content : bytes
-
-    Raises
-    ------
-    InputError
-        If the disk is full.
-    """
+    """Write to a temporary file; refuse it if the disk is full."""
     try:
         file.write(content)
         file.flush()
@@ -95,24 +74,12 @@ def _no_room(error: OSError) -> InputError:
 
 
 def gathered(values: Column) -> Column:
-    """Return values as they are, or, where they are many, from disk.
-
-    Parameters
-    ----------
-    values : ndarray, shape (time,)
-    """
+    """Return values, (time,), as they are, or, where they are many, from disk."""
     return values if mapping_of(values) is not None else in_pieces(lambda piece: piece, values)
 
 
 def in_pieces(function: Callable[..., Column], *columns: Column) -> Column:
-    """Return a function of columns, sample by sample, on disk where they are many.
-
-    Parameters
-    ----------
-    function : callable
-        Of pieces of the columns.
-    columns : ndarray, each of shape (time,)
-    """
+    """Return a function of columns, (time,) each, sample by sample, on disk where they are many."""
     if len(columns[0]) <= MANY:
         return function(*columns)
     result = Gathered()
@@ -122,24 +89,14 @@ def in_pieces(function: Callable[..., Column], *columns: Column) -> Column:
 
 
 def pieces(values: Column) -> Iterator[Column]:
-    """Yield an array in pieces, of which those before leave no page in memory.
-
-    Parameters
-    ----------
-    values : ndarray, shape (time,)
-    """
+    """Yield an array, (time,), in pieces, of which those before leave no page in memory."""
     for first in range(0, len(values), PIECE):
         yield values[first : first + PIECE]
         released(values)
 
 
 def mapping_of(values: Column) -> mmap.mmap | None:
-    """Return the file that an array lies in, None where it lies in memory.
-
-    Parameters
-    ----------
-    values : ndarray
-    """
+    """Return the file that an array lies in, None where it lies in memory."""
     held: Any = values
     while isinstance(held, np.ndarray):
         held = held.base
@@ -148,12 +105,7 @@ def mapping_of(values: Column) -> mmap.mmap | None:
 
 
 def released(values: Column) -> Column:
-    """Return an array whose pages are given back to the system, where it lies in a file.
-
-    Parameters
-    ----------
-    values : ndarray
-    """
+    """Return an array whose pages are given back to the system, where it lies in a file."""
     mapped = mapping_of(values)
     if mapped is not None:
         forget(mapped)
@@ -161,12 +113,6 @@ def released(values: Column) -> Column:
 
 
 def forget(mapped: mmap.mmap) -> None:
-    """Give the pages of a file back to the system, where it can be told to.
-
-    Parameters
-    ----------
-    mapped : mmap
-        Read again when it is used again.
-    """
+    """Give the pages of a file back to the system, where it can be told to."""
     if hasattr(mmap, "MADV_DONTNEED"):
         mapped.madvise(mmap.MADV_DONTNEED)

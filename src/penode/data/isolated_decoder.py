@@ -117,12 +117,7 @@ def _limit(memory: int, seconds: int) -> None:
 
 
 def watch_memory(memory: int) -> None:
-    """End this process once it has taken so many bytes more, where the system has no limit.
-
-    Parameters
-    ----------
-    memory : int
-    """
+    """End this process once it has taken so many bytes more, where the system has no limit."""
     import resource
 
     unit = 1 if sys.platform == "darwin" else 1024

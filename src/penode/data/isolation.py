@@ -52,18 +52,9 @@ _OUT_OF_MEMORY = 3
 
 
 def isolated(reader: str) -> Callable[[Content], Table]:
-    """Return a reader that runs in a child process of its own.
+    """Return a reader, by module name in `penode.data.readers`, that runs in a process of its own.
 
-    Parameters
-    ----------
-    reader : str
-        A module of `penode.data.readers`.
-
-    Returns
-    -------
-    callable
-        From the content of a file to its table. It raises InputError if the reader refuses the
-        file, crashes, or takes too much memory or time.
+    It raises InputError if the reader refuses the file, crashes, or takes too much memory or time.
     """
 
     def read(content: Content) -> Table:
@@ -76,10 +67,7 @@ def isolated(reader: str) -> Callable[[Content], Table]:
 class Decoder:
     """A child process that decodes files one after the other, in a ``with`` block.
 
-    Parameters
-    ----------
-    reader : str
-        A module of `penode.data.readers`.
+    ``reader`` is the name of a module of `penode.data.readers`.
     """
 
     def __init__(self, reader: str) -> None:
@@ -126,26 +114,7 @@ class Decoder:
         return self._child.poll() is None
 
     def read(self, file: str, size: int, blocks: Iterable[bytes]) -> Table:
-        """Decode one file.
-
-        Parameters
-        ----------
-        file : str
-            Its name, for messages.
-        size : int
-            How many bytes it has.
-        blocks : iterable of bytes
-            Its content.
-
-        Returns
-        -------
-        Table
-
-        Raises
-        ------
-        InputError
-            If the reader refuses the file, crashes, or takes too much memory or time.
-        """
+        """Decode one file of ``size`` bytes; refuse it as `isolated` does."""
         memory = _MEMORY + _MEMORY_PER_BYTE * size
         seconds = _SECONDS + int(_SECONDS_PER_BYTE * size)
         content = Path(self._folder.name) / "content"

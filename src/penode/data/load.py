@@ -88,18 +88,7 @@ def load_stretches(path: str | os.PathLike[str]) -> tuple[Experiment, ...]:
 
 
 def in_one_piece(stretches: Sequence[Experiment]) -> Experiment:
-    """Return the recording that was loaded, refusing one with gaps.
-
-    Parameters
-    ----------
-    stretches : sequence of Experiment
-        As `load_stretches` gives them.
-
-    Raises
-    ------
-    InputError
-        If it has gaps.
-    """
+    """Return the recording that `load_stretches` gave, refusing one with gaps."""
     if len(stretches) == 1 and stretches[0].stretch is None:
         return stretches[0]
     first = stretches[0]
@@ -147,24 +136,9 @@ def experiments_of(
 ) -> tuple[Experiment, ...]:
     """Make a recording of the columns of a file, or the stretches between its gaps.
 
-    Parameters
-    ----------
-    table, source : Table, Source
-        What `read` gave.
-    origins : mapping of str to Origin
-        Channel -> where it comes from; see `penode.data.mapping.map_channels`.
-    resample : bool
-        Put channels of different sampling times onto one clock.
-
-    Returns
-    -------
-    tuple of Experiment
-        Named after the file; see `load_stretches`.
-
-    Raises
-    ------
-    InputError
-        If there is no time or no channel, no data row, or as `map_channels` says.
+    ``table`` and ``source`` are as `read` gives them, ``origins`` and ``resample`` as
+    `map_channels` takes them; named after the file. Refuses a file without time, channel or data
+    row.
     """
     file = source.path
     time = origins.get(TIME, Origin(TIME, "s")).column

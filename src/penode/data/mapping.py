@@ -61,35 +61,17 @@ class _Clock:
 
 
 def own_names(table: Table) -> dict[str, Origin]:
-    """Return the mapping that takes every column under its own name, `TIME` in s.
-
-    Parameters
-    ----------
-    table : Table
-
-    Returns
-    -------
-    dict of str to Origin
-        Without the clocks of the file, which are no channels.
-    """
+    """Return the mapping that takes every column but clocks under its own name, `TIME` in s."""
     clocks = set(table.clocks.values()) | {TIME}
     return {name: Origin(name) for name in table.columns if name not in clocks}
 
 
 @dataclass(frozen=True, eq=False)
 class Mapped:
-    """Channels of a file on one clock, which may have gaps.
+    """Channels of a file on one clock, (time,) each, SI, in the order of origins; it may have gaps.
 
-    Attributes
-    ----------
-    time_step : float
-        s.
-    times : ndarray, shape (time,)
-        s.
-    channels : mapping of str to ndarray, each of shape (time,)
-        SI values, in the order of the origins.
-    spans : tuple of (int, int)
-        First sample of each stretch without a gap, and last plus one; in order of time.
+    Step and times in s; ``spans`` are the first sample of each stretch without a gap, and last plus
+    one.
     """
 
     time_step: float
@@ -101,33 +83,13 @@ class Mapped:
 def map_channels(
     file: str, table: Table, origins: Mapping[str, Origin], resample: bool = False
 ) -> Mapped:
-    """Make channels of one uniform clock from the columns of a file.
+    """Make channels of one uniform clock from the columns of a file; origin ``t`` is the time in s.
 
-    Parameters
-    ----------
-    file : str
-        File, for the messages.
-    table : Table
-        Its columns.
-    origins : mapping of str to Origin
-        Channel -> where it comes from. Entry ``t`` is the time in s, column ``t`` without one; a
-        column with a clock of its own keeps that.
-    resample : bool
-        Put channels of different clocks onto the fastest of them, and those whose times jitter onto
-        uniform ones between the gaps, by linear interpolation, angles
-        without their jumps, over the time that all channels cover.
-
-    Returns
-    -------
-    Mapped
-
-    Raises
-    ------
-    InputError
-        If a column is missing, not finite or not as long as its times, a unit is unknown or of
-        another quantity, clocks differ and resampling is not asked for, an angle turns too far in
-        a sample to be interpolated, or the times are not uniform (see `uniform_stretches`; where
-        channels are resampled, `uniform_step`).
+    ``resample`` puts channels of different clocks onto the fastest, and those whose times jitter
+    onto uniform ones between the gaps, by linear interpolation, angles without their jumps, over
+    the time that all channels cover. Refused are clocks that differ without it, values that are not
+    finite or do not match their times, units of another quantity, and times as `uniform_stretches`
+    says.
     """
     time = origins.get(TIME, Origin(TIME, "s"))
     clocks: dict[Origin, FloatArray] = {}

@@ -11,20 +11,7 @@ _LIMIT, _TAKEN = (Path("/sys/fs/cgroup") / name for name in ("memory.max", "memo
 
 
 def require_memory(samples: int, each: int) -> None:
-    """Refuse more samples than there is memory for.
-
-    Parameters
-    ----------
-    samples : int
-        That are to be used.
-    each : int
-        Bytes that a sample takes.
-
-    Raises
-    ------
-    InputError
-        If they take more than is free; the message says how many do not.
-    """
+    """Refuse more samples, of ``each`` bytes, than there is free memory for."""
     free = free_memory()
     if free is None or samples * each <= free:
         return

@@ -29,20 +29,9 @@ def on_one_clock(
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Return the common times in s and the channels at them.
 
-    Parameters
-    ----------
-    file : str
-        File, for the messages.
-    sampled : mapping of str to Sampled
-    resample : bool
-        Whether channels may be interpolated at the times of the fastest, or at uniform ones where
-        these jitter.
-
-    Raises
-    ------
-    InputError
-        If clocks differ and resampling is not asked for, the times of one of several have a gap, or
-        an angle turns too far in a sample to be interpolated.
+    ``resample`` allows interpolation at the times of the fastest channel, or at uniform ones where
+    these jitter. Refuses clocks that differ without it, a gap in the times of one of several, and
+    an angle that turns too far in a sample to be interpolated.
     """
     first, *others = sampled
     times = sampled[first].times

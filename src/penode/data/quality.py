@@ -47,14 +47,9 @@ Check: TypeAlias = Callable[[Experiment, str], Finding | None]
 def inspect_stretches(
     stretches: Sequence[Experiment], channels: Sequence[str]
 ) -> tuple[Finding, ...]:
-    """Run every check over one recording; a channel may stand still in one stretch and not in all.
+    """Run every check over one recording.
 
-    Parameters
-    ----------
-    stretches : sequence of Experiment
-        Of the recording; itself where it is whole.
-    channels : sequence of str
-        As in `inspect`.
+    A channel may stand still in one stretch and not in all.
     """
     each = [inspect(stretch, channels) for stretch in stretches]
     never = set.intersection(*({f.channel for f in found if _is_still(f)} for found in each))
@@ -91,25 +86,7 @@ def inspect(experiment: Experiment, channels: Sequence[str]) -> tuple[Finding, .
 
 
 def find_constant(experiment: Experiment, channel: str) -> Finding | None:
-    """Find a channel that never moves.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        Recording to look at.
-    channel : str
-        Channel to look at.
-
-    Returns
-    -------
-    Finding or None
-        An error if all samples are equal but for rounding.
-
-    Raises
-    ------
-    InputError
-        If the channel is missing.
-    """
+    """Find a channel that never moves: an error if all samples are equal but for rounding."""
     values = _values(experiment, channel)
     if not _is_constant(values):
         return None
@@ -122,25 +99,10 @@ def find_constant(experiment: Experiment, channel: str) -> Finding | None:
 
 
 def find_stuck(experiment: Experiment, channel: str) -> Finding | None:
-    """Find the longest stretch in which a moving channel stands still.
+    """Find the longest stretch in which a moving channel stands still, away from its extremes.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        Recording to look at.
-    channel : str
-        Channel to look at.
-
-    Returns
-    -------
-    Finding or None
-        A warning if at least 20 samples in a row are equal and this is at least 20 times the
-        median length of such runs, away from the extremes (see `find_clipping`).
-
-    Raises
-    ------
-    InputError
-        If the channel is missing.
+    A warning if at least 20 samples in a row are equal and this is at least 20 times the median
+    length of such runs.
     """
     values = _values(experiment, channel)
     low, high = _range(values)
@@ -170,23 +132,8 @@ def find_stuck(experiment: Experiment, channel: str) -> Finding | None:
 def find_clipping(experiment: Experiment, channel: str) -> Finding | None:
     """Find a channel cut off at its largest or smallest value.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        Recording to look at.
-    channel : str
-        Channel to look at.
-
-    Returns
-    -------
-    Finding or None
-        A warning if at least 10 samples equal the extreme value, and 10 times as many as equal
-        the value next to it. An extreme of zero is taken for rest, not for clipping.
-
-    Raises
-    ------
-    InputError
-        If the channel is missing.
+    A warning if at least 10 samples equal the extreme value, and 10 times as many as equal the
+    value next to it. An extreme of zero is taken for rest, not for clipping.
     """
     values = _values(experiment, channel)
     if _is_constant(values):

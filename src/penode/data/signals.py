@@ -12,16 +12,9 @@ from penode.data.table import TIME, Column, Decoded, Table, clean_names, clocks_
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """One channel of a group.
+    """One channel of a group, decoded when asked for; its unit is empty where the file gives none.
 
-    Attributes
-    ----------
-    group, name, unit : str
-        As the file has them; the unit is empty where the file gives none.
-    decode : callable
-        Returns the values in that unit, shape (time,).
-    times : ndarray of shape (time,), or None
-        Sampling times in s; None where the file knows none but those in a column.
+    ``times`` (time,) are in s, None where the file knows none but those in a column.
     """
 
     group: str
@@ -32,26 +25,11 @@ class Signal:
 
 
 def table_of(file: str, signals: Sequence[Signal]) -> Table:
-    """Put the channels of all groups into one table.
+    """Put the channels of all groups into one table, ``group/name`` where a name comes twice.
 
-    Parameters
-    ----------
-    file : str
-        File, for the messages.
-    signals : sequence of Signal
-        Channels; one whose name comes twice is called ``group/name``.
-
-    Returns
-    -------
-    Table
-        The columns are decoded when they are asked for. Times in s become columns, shared by the
-        channels that were sampled together: the first is called ``t``, the next ``t_2``. Channels
-        without times have the column of their group that is called t, time or Zeit for a clock.
-
-    Raises
-    ------
-    InputError
-        If a group has two channels of one name.
+    Columns are decoded when asked for. Times in s become columns, shared by the channels that were
+    sampled together: ``t``, then ``t_2``. Channels without times have the column of their group
+    that is called t, time or Zeit for a clock. Refuses a group with two channels of one name.
     """
     clocks: dict[str, Column] = {}
     ticks = [None if signal.times is None else _clock(clocks, signal.times) for signal in signals]

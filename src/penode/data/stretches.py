@@ -19,13 +19,7 @@ _LISTED = 3
 
 
 def recording_numbers(experiments: Sequence[Experiment]) -> IntArray:
-    """Return which recording each of several is or belongs to, (experiment,), counted from 0.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        Whole ones, each a recording by itself, and stretches.
-    """
+    """Return which recording each of several is or belongs to, (experiment,), counted from 0."""
     known: dict[object, int] = {}
     keys = [
         (e.stretch.recording, e.source) if e.stretch is not None else k
@@ -43,30 +37,15 @@ def by_recording(experiments: Sequence[Experiment]) -> list[list[Experiment]]:
 
 
 def fewest_windows(experiments: Sequence[Experiment], horizon: int) -> int:
-    """Return how many windows fit into the shortest recording, its stretches together.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-    horizon : int
-        Steps of a window.
-    """
+    """Return how many windows fit into the shortest recording, its stretches together."""
     return min(sum(len(e) // horizon for e in each) for each in by_recording(experiments))
 
 
 def check_lengths(experiments: Sequence[Experiment], horizon: int, past: int) -> None:
     """Refuse a recording too short for one window, in all of its stretches.
 
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-    horizon, past : int
-        Samples that are predicted, and that the first prediction starts from.
-
-    Raises
-    ------
-    InputError
-        If one has fewer samples.
+    ``horizon`` is how many samples are predicted, ``past`` how many the first prediction starts
+    from.
     """
     for stretches in by_recording(experiments):
         longest = max(stretches, key=len)
@@ -92,14 +71,7 @@ def with_reason(experiment: Experiment, reason: str) -> Experiment:
 def spans_of(
     stretches: Sequence[Experiment], usable: Sequence[BoolArray]
 ) -> list[tuple[Experiment, int, int]]:
-    """Return the runs of usable samples that are worth a stretch: of which, first, last plus one.
-
-    Parameters
-    ----------
-    stretches : sequence of Experiment
-    usable : sequence of ndarray of bool, each of shape (time,)
-        Of each stretch.
-    """
+    """Return the runs of usable samples worth a stretch: of which, first, last plus one."""
     spans = []
     for stretch, own in zip(stretches, usable, strict=True):
         edges = np.flatnonzero(np.diff(own.astype(np.int8), prepend=0, append=0))

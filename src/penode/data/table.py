@@ -24,22 +24,11 @@ _TEXT_SHOWN = 40
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """What a reader returns.
+    """What a reader returns: columns (time,), float64, in the order and the units of the file.
 
-    Attributes
-    ----------
-    columns : mapping of str to ndarray, each of shape (time,)
-        Float64, in the order and the units of the file.
-    units : dict of str to str
-        Unit as the file spells it, of the columns for which it gives one.
-    clocks : dict of str to str
-        Column that holds the sampling times, where the file ties a column to one. All other
-        columns have the time column of the file.
-    text : dict of str to (str, str)
-        Columns without a number in any row, such as dates and remarks, which `columns` leaves
-        out: where the first cell is, and what it holds.
-    left_out : dict of str to str
-        Further columns that the file has and `columns` leaves out: why.
+    ``units`` has those columns for which the file gives one, ``clocks`` those that the file ties to
+    a column of sampling times. ``text`` has columns without a number in any row, by place and
+    content of the first cell, and ``left_out`` further columns that ``columns`` lacks, and why.
     """
 
     columns: Mapping[str, Column]
@@ -49,20 +38,7 @@ class Table:
     left_out: dict[str, str] = field(default_factory=dict)
 
     def require_numbers(self, file: str, column: str) -> None:
-        """Refuse a column that is left out, as text whose first cell is named, or otherwise.
-
-        Parameters
-        ----------
-        file : str
-            File, for the message.
-        column : str
-            One that is to be used; it need not be there.
-
-        Raises
-        ------
-        InputError
-            If it holds no number.
-        """
+        """Refuse a column that is left out, as text whose first cell is named, or otherwise."""
         if column in self.text:
             place, cell = self.text[column]
             raise cell_error(file, place, column, cell)
@@ -74,13 +50,7 @@ class Table:
 
 
 class Decoded(Mapping[str, Column]):
-    """Columns of a file that are decoded one by one, each when it is asked for.
-
-    Parameters
-    ----------
-    decoders : mapping of str to callable
-        Name -> what returns the column.
-    """
+    """Columns of a file that are decoded one by one, each by its function when it is asked for."""
 
     def __init__(self, decoders: Mapping[str, Callable[[], Column]]) -> None:
         self._decoders = decoders
@@ -96,17 +66,9 @@ class Decoded(Mapping[str, Column]):
 
 
 def clocks_within(members: Mapping[str, str]) -> dict[str, str]:
-    """Tie the columns of a group to its column of times.
+    """Tie the columns of a group to its column of times, which is called t, time or Zeit.
 
-    Parameters
-    ----------
-    members : mapping of str to str
-        Name within the group -> name of the column.
-
-    Returns
-    -------
-    dict of str to str
-        Column -> column of the member that is called t, time or Zeit; empty where there is none.
+    ``members`` is name within the group to name of the column; empty where there is no such column.
     """
     called = {name.lower(): column for name, column in members.items()}
     clock = next((called[name] for name in _CLOCK_NAMES if name in called), None)
@@ -116,22 +78,7 @@ def clocks_within(members: Mapping[str, str]) -> dict[str, str]:
 def clean_names(file: str, names: Sequence[str]) -> list[str]:
     """Strip the spaces around column names, escape what is not printable, refuse unusable ones.
 
-    Parameters
-    ----------
-    file : str
-        File, for the message.
-    names : sequence of str
-        Column names as they stand in the file.
-
-    Returns
-    -------
-    list of str
-        The names, in the same order.
-
-    Raises
-    ------
-    InputError
-        If a name is empty or appears twice.
+    A name that is empty or appears twice is unusable.
     """
     stripped = [printable(name.strip()) for name in names]
     if "" in stripped:
@@ -149,41 +96,16 @@ def clean_names(file: str, names: Sequence[str]) -> list[str]:
 
 
 def list_names(names: Iterable[str]) -> str:
-    """Join names for a message, cut after the first twenty.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Column or channel names.
-
-    Returns
-    -------
-    str
-        The names separated by commas, or ``"none"``.
-    """
+    """Join names with commas for a message, cut after the first twenty; ``"none"`` for none."""
     names = list(names)
     more = len(names) - _NAMES_SHOWN
     return ", ".join(names[:_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "") or "none"
 
 
 def cell_error(file: str, row: str, channel: str, text: str | None) -> InputError:
-    """Make the refusal of one cell that is not a finite number.
+    """Make the refusal of a cell, at ``"data row 3 (line 4)"``, that is not a finite number.
 
-    Parameters
-    ----------
-    file : str
-        File, for the message.
-    row : str
-        Where the cell is, for example ``"data row 3 (line 4)"``.
-    channel : str
-        Column of the cell.
-    text : str or None
-        What the cell holds; None or blank where the cell is missing.
-
-    Returns
-    -------
-    InputError
-        To be raised by the caller.
+    ``text`` is what it holds, None or blank where it is missing.
     """
     if text is None or not text.strip():
         return InputError(

@@ -21,29 +21,11 @@ LARGEST_TIME = 1e12
 def uniform_stretches(
     file: str, t: FloatArray, shortest: int
 ) -> tuple[float, tuple[tuple[int, int], ...]]:
-    """Return the time step of times that are uniform but for gaps, and what lies between these.
+    """Return the step in s of times that are uniform but for gaps, and the stretches between these.
 
-    Parameters
-    ----------
-    file : str
-        File, for the messages.
-    t : ndarray, shape (time,)
-        Times in s, finite.
-    shortest : int
-        Fewest samples of a stretch; shorter ones are left out where there are gaps.
-
-    Returns
-    -------
-    float
-        Time step in s.
-    tuple of (int, int)
-        First sample of each stretch, and last plus one; the whole where there is no gap.
-
-    Raises
-    ------
-    InputError
-        As in `uniform_step`, a gap only where such stretches hold less than half of the samples;
-        if their time steps differ by more than 1 %.
+    A stretch is its first sample and last plus one; those of fewer than ``shortest`` samples are
+    left out. Refuses times as `uniform_step` does, gaps only where such stretches hold less than
+    half of the samples, and steps that differ by more than 1 % between stretches.
     """
     gaps = gaps_in(t)
     ends = zip([0, *(gaps + 1)], [*(gaps + 1), len(t)], strict=True)
@@ -63,13 +45,7 @@ def uniform_stretches(
 
 
 def gaps_in(t: FloatArray) -> IntArray:
-    """Return the samples after which rows are missing; none where the times do not increase.
-
-    Parameters
-    ----------
-    t : ndarray, shape (time,)
-        Times in s, finite.
-    """
+    """Return the samples after which rows are missing; none where the times do not increase."""
     none = np.empty(0, dtype=np.int64)
     if len(t) < MINIMUM_SAMPLES:
         return none
@@ -81,17 +57,9 @@ def gaps_in(t: FloatArray) -> IntArray:
 
 
 def regular_times(t: FloatArray) -> FloatArray:
-    """Return times of uniform steps, over the time that jittering ones cover between their gaps.
+    """Return uniform times over the time, in s, that jittering ones cover between their gaps.
 
-    Parameters
-    ----------
-    t : ndarray, shape (time,)
-        Times in s, finite.
-
-    Returns
-    -------
-    ndarray, shape (other time,)
-        The same where they are uniform but for gaps, or do not increase.
+    The same come back where they are uniform but for gaps, or do not increase.
     """
     if len(t) < MINIMUM_SAMPLES or not _ends_of_steps(t)[0] > 0.0:
         return t
@@ -121,31 +89,14 @@ def _is_uniform(t: FloatArray) -> bool:
 
 
 def uniform_step(file: str, t: FloatArray, before: int = 0) -> float:
-    """Return the time step of uniformly sampled times.
+    """Return the time step in s of uniformly sampled times in s.
 
     A step may deviate from the median step by 1 %. A larger deviation is accepted only where the
-    times are uniform but for the digits they were written with (fixed decimals, significant
-    digits or single precision), and these resolve a quarter of the step.
+    times are uniform but for the digits they were written with (fixed decimals, significant digits
+    or single precision), and these resolve a quarter of the step.
 
-    Parameters
-    ----------
-    file : str
-        File, for the messages.
-    t : ndarray, shape (time,)
-        Times in s, finite.
-    before : int
-        Data rows before them in the file, for the messages.
-
-    Returns
-    -------
-    float
-        Time step in s, ``(t[-1] - t[0]) / (len(t) - 1)``.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than 8 samples, or the times are beyond 1e12 s, repeat, decrease, leave a
-        gap or jitter; the message names the data rows (from 1, header not counted).
+    Refuses fewer than 8 samples, and times that are beyond 1e12 s, repeat, decrease, leave a gap or
+    jitter; the message names the data rows, of which ``before`` come earlier in the file.
     """
     if len(t) < MINIMUM_SAMPLES:
         raise InputError(

@@ -19,15 +19,7 @@ _VALUE_SHOWN = 200
 
 @dataclass(frozen=True)
 class Kind:
-    """What an entry may hold.
-
-    Attributes
-    ----------
-    words : str
-        As a sentence says it: "give a whole number".
-    holds : callable
-        A value to whether it is of this kind.
-    """
+    """What an entry may hold, in words ("give a whole number") and as a test of a value."""
 
     words: str
     holds: Callable[[Any], bool]
@@ -65,18 +57,7 @@ TABLE = Kind("a table", lambda value: isinstance(value, dict))
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the entries of a TOML file.
-
-    Parameters
-    ----------
-    path : Path
-        UTF-8 text, with or without a byte-order mark.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is longer than 1 MiB or not TOML.
-    """
+    """Return the entries of a TOML file (UTF-8), refusing what is longer than 1 MiB or not TOML."""
     try:
         with Content(str(path)) as content:
             if content.size > _LONGEST:
@@ -119,21 +100,7 @@ def _require_64_bits(path: Path, entry: object) -> None:
 
 
 def require(where: str, value: object, kind: Kind) -> None:
-    """Refuse a value that is not of the kind.
-
-    Parameters
-    ----------
-    where : str
-        The entry, after its file where that is known.
-    value : object
-        What the entry holds.
-    kind : Kind
-
-    Raises
-    ------
-    InputError
-        If it is of another kind.
-    """
+    """Refuse a value that is not of the kind; ``where`` names the entry."""
     if not kind.holds(value):
         raise InputError(f"{where} = {_shown(value)} came; give {kind.words}.")
 
@@ -148,22 +115,7 @@ def _shown(value: object) -> str:
 
 
 def require_known(where: str, entries: Collection[str], known: Collection[str]) -> None:
-    """Refuse entries of unknown name.
-
-    Parameters
-    ----------
-    where : str
-        The table, after its file where that is known.
-    entries : collection of str
-        Names that came.
-    known : collection of str
-        Names that may come.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown; the message suggests the nearest one.
-    """
+    """Refuse entries of unknown name in a table; the message suggests the nearest one."""
     for key in entries:
         if key not in known:
             raise InputError(
@@ -172,21 +124,7 @@ def require_known(where: str, entries: Collection[str], known: Collection[str]) 
 
 
 def require_kinds(where: str, entries: Mapping[str, Any], kinds: Mapping[str, Kind]) -> None:
-    """Refuse entries that are unknown or of the wrong kind.
-
-    Parameters
-    ----------
-    where : str
-        The table, after its file where that is known.
-    entries : mapping of str to object
-    kinds : mapping of str to Kind
-        Every entry that may come.
-
-    Raises
-    ------
-    InputError
-        If an entry is unknown, or not of its kind.
-    """
+    """Refuse entries that are unknown, not among ``kinds``, or of the wrong kind."""
     require_known(where, entries, kinds)
     for key, value in entries.items():
         require(f"{where} {key}", value, kinds[key])

@@ -13,15 +13,8 @@ from penode.errors import InputError, did_you_mean
 class Unit:
     """One unit: ``SI value = value * numerator / denominator + offset``.
 
-    Two numbers, because a division by 1000 is rounded once, and a product with 1e-3 twice.
-
-    Attributes
-    ----------
-    si : str
-        SI unit of the same quantity.
-    numerator, denominator : float
-    offset : float
-        In the SI unit. Temperatures count in degC, as drive engineers do.
+    Two numbers, because a division by 1000 is rounded once, and a product with 1e-3 twice. The
+    offset is in the SI unit; temperatures count in degC, as drive engineers do.
     """
 
     si: str
@@ -30,15 +23,7 @@ class Unit:
     offset: float = 0.0
 
     def to_si(self, values: FloatArray, factor: float = 1.0) -> FloatArray:
-        """Return values in SI units.
-
-        Parameters
-        ----------
-        values : ndarray
-            In this unit, once multiplied by the factor.
-        factor : float
-            What one count of the values is in this unit.
-        """
+        """Return values in SI units; ``factor`` is what one count of them is in this unit."""
         if factor * self.numerator == self.denominator == 1.0 and not self.offset:
             return values
         scaled = values * (factor * self.numerator) / self.denominator
@@ -117,38 +102,14 @@ _ALIASES = {
 
 
 def unit_name(text: str) -> str | None:
-    """Return the name in `UNITS` of a unit as a file or a person spells it.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``"[1/min]"``; case matters, as in mV and MV.
-
-    Returns
-    -------
-    str or None
-        A key of `UNITS`, None where the text is no unit known here.
-    """
+    """Return the key of `UNITS` for a unit as spelt, ``"[1/min]"``, or None; case matters."""
     bare = text.strip().strip("[](){}").strip()
     name = _ALIASES.get(bare, bare)
     return name if name in UNITS else None
 
 
 def find_unit(where: str, text: str) -> Unit:
-    """Return the unit of that name.
-
-    Parameters
-    ----------
-    where : str
-        What the unit belongs to, for the message.
-    text : str
-        Unit as it is spelt there.
-
-    Raises
-    ------
-    InputError
-        If no such unit is known; the message suggests the nearest one.
-    """
+    """Return the unit spelt so; refuse an unknown one, with the nearest suggested."""
     name = unit_name(text)
     if name is None:
         spellings = [*_ALIASES, *UNITS]

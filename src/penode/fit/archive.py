@@ -78,15 +78,10 @@ def _alive(process: int) -> bool:
 
 
 def to_json(document: Any, exact: bool = False) -> str:
-    """Return strict JSON: arrays become lists.
+    """Return strict JSON of mappings, lists, arrays, text, None and numbers; arrays become lists.
 
-    Parameters
-    ----------
-    document : object
-        Mappings, lists, tuples, arrays, text, None and numbers of Python and NumPy.
-    exact : bool
-        Whether numbers that JSON lacks can be read back by `from_json`; without it those that are
-        not finite are null, and complex ones pairs.
+    ``exact`` writes numbers that JSON lacks so that `from_json` reads them back; without it those
+    that are not finite are null, and complex ones pairs.
     """
     return json.dumps(_plain(document, exact), indent=2, allow_nan=False) + "\n"
 
@@ -134,28 +129,14 @@ def archive(document: Mapping[str, Any], arrays: Mapping[str, Any]) -> dict[str,
 
 
 def content_of(path: Path) -> bytes:
-    """Return the bytes of a file of a saved fit.
-
-    Raises
-    ------
-    InputError
-        If it is a pipe or a device, which may never end.
-    OSError
-        If it cannot be read.
-    """
+    """Return the bytes of a file of a saved fit; refuse a pipe or a device, which may never end."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise InputError(f"{path}: this is a pipe or a device where a file was wanted; remove it.")
     return path.read_bytes()
 
 
 def read_archive(folder: Path) -> tuple[dict[str, Any], dict[str, FloatArray]]:
-    """Read what `archive` gave.
-
-    Raises
-    ------
-    InputError
-        If a file is missing or damaged; the message names it.
-    """
+    """Read what `archive` gave; refuse a missing or damaged file, which the message names."""
     try:
         document = from_json(content_of(folder / "fit.json"))
         content = content_of(folder / "fit.npz")

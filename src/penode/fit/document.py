@@ -41,22 +41,11 @@ def document_of(fit: "Fit") -> tuple[dict[str, Any], dict[str, FloatArray]]:
 def parts_of(
     document: Mapping[str, Any], arrays: Mapping[str, FloatArray], trust: bool
 ) -> dict[str, Any]:
-    """Return what a fit is made of, by the names of its attributes.
+    """Return what a fit is made of, by the names of its attributes, from `document_of`'s document.
 
-    Parameters
-    ----------
-    document : mapping
-        As `document_of` gives it; parts that earlier versions did not write may lack.
-    arrays : mapping of str to ndarray
-    trust : bool
-        Whether classes of modules other than penode's are imported.
-
-    Raises
-    ------
-    InputError
-        If a class is not trusted or cannot be imported.
-    KeyError, TypeError, AttributeError, ValueError
-        If a part lacks or is not as it was written.
+    Parts that earlier versions did not write may lack. ``trust`` imports classes of modules other
+    than penode's. Raises InputError on an untrusted class, and KeyError, TypeError, AttributeError
+    or ValueError where a part lacks or is not as it was written.
     """
     _require_numbers(arrays)
     model = restore_module(document["model"], arrays, trust)

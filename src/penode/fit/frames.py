@@ -10,14 +10,7 @@ from penode.fit.outcome import Estimate, HorizonChoice
 def parameters_frame(parameters: Mapping[str, Estimate]) -> pl.DataFrame:
     """Return a row a physical parameter.
 
-    Parameters
-    ----------
-    parameters : mapping of str to Estimate
-
-    Returns
-    -------
-    polars.DataFrame
-        Columns parameter, value, std, low_95, high_95, unit, identifiability, meaning.
+    Columns parameter, value, std, low_95, high_95, unit, identifiability, meaning.
     """
     columns = {
         "parameter": pl.String,
@@ -39,15 +32,8 @@ def parameters_frame(parameters: Mapping[str, Estimate]) -> pl.DataFrame:
 def ladder_frame(horizon: HorizonChoice) -> pl.DataFrame:
     """Return a row a horizon of the ladder.
 
-    Parameters
-    ----------
-    horizon : HorizonChoice
-
-    Returns
-    -------
-    polars.DataFrame
-        Columns horizon; NAME and NAME_std of each physical parameter; rmse; free_run_rmse and
-        free_run_rmse_STATE (null where the run diverged); iterations, outcome, selected, plateau.
+    Columns horizon; NAME and NAME_std of each physical parameter; rmse; free_run_rmse and
+    free_run_rmse_STATE (null where the run diverged); iterations, outcome, selected, plateau.
     """
     rows = []
     for rung in horizon.ladder:

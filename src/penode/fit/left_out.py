@@ -18,17 +18,7 @@ def in_short(error: Exception) -> str:
 
 
 def details_file(error: Exception) -> str | None:
-    """Write versions, command and traceback of an error into a file.
-
-    Parameters
-    ----------
-    error : Exception
-
-    Returns
-    -------
-    str or None
-        Its path; None where it could not be written.
-    """
+    """Write versions, command and traceback of an error into a file; None where that fails."""
     lines = [
         f"penode {version('penode')}, Python {platform.python_version()}, {platform.platform()}\n",
         f"{' '.join(sys.argv)}\n\n",
@@ -44,19 +34,9 @@ def details_file(error: Exception) -> str | None:
 
 
 def left_out(what: str, error: Exception) -> str:
-    """Log that a part could not be made, and return the sentence.
+    """Log that a part could not be made, and return the sentence, with the file of details in it.
 
-    Parameters
-    ----------
-    what : str
-        The part, as the subject of a sentence: ``"the section on parameters"``.
-    error : Exception
-        Why.
-
-    Returns
-    -------
-    str
-        With the name of a file that has the details.
+    ``what`` is its subject: ``"the section on parameters"``.
     """
     path = details_file(error)
     where = f"please send in {path}, which has the details" if path else "no details were written"

@@ -20,15 +20,8 @@ _OWN = "penode"
 def describe_module(module: Any, name: str, arrays: dict[str, FloatArray]) -> Any:
     """Turn a tree into JSON values, its arrays moved into `arrays` under dotted names.
 
-    Parameters
-    ----------
-    module : object
-        Models, records, tuples, lists, mappings, arrays, numbers of Python and NumPy, text and
-        None.
-    name : str
-        First part of the names of its arrays.
-    arrays : dict of str to ndarray
-        Gets the arrays.
+    It may hold models, records, tuples, lists, mappings, arrays, numbers, text and None; ``name``
+    is the first part of the names.
     """
     if is_dataclass(module) and not isinstance(module, type):
         inner = {
@@ -75,19 +68,9 @@ def _described_number(value: Any) -> Any:
 def restore_module(document: Any, arrays: Mapping[str, FloatArray], trust: bool = False) -> Any:
     """Rebuild a tree from `describe_module`'s document.
 
-    Parameters
-    ----------
-    document : object
-    arrays : mapping of str to ndarray
-    trust : bool
-        Whether modules other than penode's are imported, which runs them. Without it their classes
-        are taken where the program has imported them already, and nothing is imported.
-
-    Raises
-    ------
-    InputError
-        If a class named in the document is not trusted, cannot be imported, or is none of models
-        and records.
+    ``trust`` imports modules other than penode's, which runs them. Without it their classes are
+    taken where the program has imported them already, and nothing is imported. Refuses a class that
+    is not trusted, cannot be imported, or is none of models and records.
     """
     if isinstance(document, list):
         return tuple(restore_module(item, arrays, trust) for item in document)

@@ -22,17 +22,7 @@ _POINTS, _CELLS = 400, 81
 
 
 def draw_ladder(fit: FitContent) -> Figure:
-    """Return the figure of every physical parameter over the horizon.
-
-    Parameters
-    ----------
-    fit : Fit
-
-    Raises
-    ------
-    InputError
-        If the fit has no ladder or no physical parameter.
-    """
+    """Return the figure of every physical parameter over the horizon; refuse one with none."""
     ladder, names = fit.horizon.ladder, list(fit.parameters)
     if not ladder or not names:
         raise InputError(
@@ -60,12 +50,7 @@ def draw_ladder(fit: FitContent) -> Figure:
 
 
 def draw_predictions(comparison: Comparison) -> Figure:
-    """Return the figure of one recording, measured and predicted, with the errors below.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    """
+    """Return the figure of one recording, measured and predicted, with the errors below."""
     figure, panels = _panels(2 * len(comparison.states), 1.9)
     time = comparison.time_step * np.arange(len(comparison.measured))
     columns = (comparison.measured, comparison.one_step, comparison.free_run)
@@ -87,20 +72,10 @@ def draw_predictions(comparison: Comparison) -> Figure:
 
 
 def draw_map(fit: FitContent, name: str, ranges: Mapping[str, tuple[float, float]]) -> Figure:
-    """Return the figure of a learned map of one or two arguments.
+    """Return the figure of a learned map of one or two arguments; refuse any other.
 
-    Parameters
-    ----------
-    fit : Fit
-    name : str
-        Of the map.
-    ranges : mapping of str to (float, float)
-        Lowest and highest value of an argument; those called like a state have the excited range.
-
-    Raises
-    ------
-    InputError
-        If there is no such map, an argument has no range, or there are more than two.
+    ``ranges`` are the lowest and highest value of an argument; those called like a state have the
+    excited range.
     """
     function = fit.model.maps().get(name)
     if function is None:

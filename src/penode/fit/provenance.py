@@ -21,13 +21,7 @@ def versions() -> dict[str, str]:
 
 
 def provenance_of(experiments: Sequence[Experiment]) -> dict[str, Any]:
-    """Return versions of the packages that compute, and a hash of each recording.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        Recordings trained on or predicted.
-    """
+    """Return versions of the packages that compute, and a hash of each recording."""
     data: dict[str, str] = {}
     for experiment in experiments:
         recording, digest = experiment.place.recording, experiment.source.sha256

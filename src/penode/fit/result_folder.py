@@ -19,21 +19,11 @@ _LOCK, _STAGED, _COMMITTED = ".lock", ".staged", ".committed"
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Keep other processes out of a folder while this one writes there.
+    """Keep other processes out of a folder, made if absent, while this one writes there.
 
     What a process that died had written whole is brought to its place, and the rest of it is
     removed. The claim of a dead process is none. Where the system has no locks, as on Windows,
-    nothing is kept out.
-
-    Parameters
-    ----------
-    folder : Path
-        Made if absent, and removed again if nothing came into it.
-
-    Raises
-    ------
-    InputError
-        If another process has claimed it.
+    nothing is kept out. The folder is removed again if nothing came into it.
     """
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
@@ -49,18 +39,11 @@ def claimed(folder: Path) -> Iterator[None]:
 
 
 def replace_together(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Replace files of a folder as one, as far as a file system can.
+    """Replace files of a folder that the caller claimed as one, as far as a file system can.
 
     All are written beside the old ones, then one step commits them, then they are moved to their
     places. What interrupts this before the step leaves the old files as they were; after it, the
     next claim or `Fit.load` moves the rest. The report of an earlier result is removed.
-
-    Parameters
-    ----------
-    folder : Path
-        Claimed by the caller.
-    files : mapping of str to bytes
-        Names, which may have folders in them, to contents.
     """
     staged = folder / _STAGED
     try:
@@ -88,13 +71,9 @@ def digests(files: Mapping[str, bytes]) -> dict[str, str]:
 def require_one_result(folder: Path) -> None:
     """Refuse a file, and a folder with files of several results.
 
-    Files that a process which died had committed are moved to their places first.
-
-    Raises
-    ------
-    InputError
-        If this is a file, or a file in it is not the one that ``result.json`` was written with;
-        without that one, or one of an earlier version in it, nothing is examined.
+    Files that a process which died had committed are moved to their places first. Each file must be
+    the one that ``result.json`` was written with; without that one, or one of an earlier version in
+    it, nothing is examined.
     """
     if folder.is_file():
         raise _not_a_folder(folder)

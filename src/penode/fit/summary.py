@@ -9,12 +9,7 @@ from penode.validation.comparison import Comparison
 
 
 def text(fit: FitContent) -> str:
-    """Return a fit's parameters, horizon and errors as lines of text.
-
-    Parameters
-    ----------
-    fit : Fit
-    """
+    """Return a fit's parameters, horizon and errors as lines of text."""
     rows = [
         (name, value, f"95 % {interval}", rho and f"independence {rho}")
         for name, value, interval, rho in _parameters(fit)
@@ -30,12 +25,7 @@ def text(fit: FitContent) -> str:
 
 
 def html(fit: FitContent) -> str:
-    """Return the same as HTML: a table of parameters and one of recordings.
-
-    Parameters
-    ----------
-    fit : Fit
-    """
+    """Return the same as HTML: a table of parameters and one of recordings."""
     head = f"<b>{escape(type(fit.model).__name__)}</b>: {escape(_horizon(fit))}"
     parameters = _table(("parameter", "value", "95 % interval", "independence"), _parameters(fit))
     recordings = _table(

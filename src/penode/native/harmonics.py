@@ -15,14 +15,7 @@ from penode.native import library
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def harmonics(orders: tuple[int, ...], angle: JaxArray) -> JaxArray:
-    """Return cos(n angle) of each order n, then sin(n angle), shape (2 order, batch).
-
-    Parameters
-    ----------
-    orders : tuple of int
-    angle : array, shape (batch,)
-        In rad.
-    """
+    """Return cos(n angle) of each order n, then sin, (2 order, batch), at angles (batch,), rad."""
     if angle.dtype != np.float64 or not library.available():
         return _plain(angle, orders=orders)
     waves: JaxArray = jax.lax.platform_dependent(

@@ -11,14 +11,10 @@ from penode.native import library
 
 
 class NormalMatrix(NamedTuple):
-    """S'S, growing.
+    """S'S, growing, (value, value), on and below the diagonal.
 
-    Attributes
-    ----------
-    lower : array, shape (value, value)
-        On and below the diagonal.
-    wanted : array of int32, shape ()
-        0 where nothing is to be added: a third of an evaluation that needs S'r alone.
+    ``wanted`` is an int32, 0 where nothing is to be added: a third of an evaluation that needs S'r
+    alone.
     """
 
     lower: JaxArray

@@ -18,17 +18,10 @@ from penode.pmsm.study import identify
 
 @dataclass(frozen=True, eq=False)
 class Demo:
-    """A fit beside the truth.
+    """A fit beside the truth, a resistance in ohm.
 
-    Attributes
-    ----------
-    fit : Fit
-    true_resistance : float
-        ohm.
-    flux_error : float
-        Mean absolute error of psi_d and psi_q over the excited region of the current disc, Vs.
-    flux_share : float
-        The same as a share of the magnet's flux linkage.
+    ``flux_error`` is the mean absolute error of psi_d and psi_q over the excited region of the
+    current disc in Vs, ``flux_share`` the same as a share of the magnet's flux linkage.
     """
 
     fit: Fit
@@ -38,17 +31,9 @@ class Demo:
 
 
 def record(folder: Path) -> tuple[Experiment, tuple[Experiment, ...]]:
-    """Simulate the paper's hard recording and two others, and write them as CSV.
+    """Simulate the paper's hard recording and two others, write them as CSV, and return them.
 
-    Parameters
-    ----------
-    folder : Path
-        Gets ``train_1500rpm.csv``, ``test_900rpm.csv`` and ``test_2500rpm.csv``.
-
-    Returns
-    -------
-    Experiment, tuple of Experiment
-        The recording to train on and those to validate with.
+    The first, ``train_1500rpm.csv``, is to train on, the others are to validate with.
     """
     machine = TRACTION_300A
     slow = Lissajous(0.8 * machine.current_limit, rate_d=14.0, rate_q=15.0)
@@ -67,15 +52,7 @@ def record(folder: Path) -> tuple[Experiment, tuple[Experiment, ...]]:
 
 
 def run_demo(folder: Path, observer: Observer = ignore_events) -> Demo:
-    """Record, identify, and compare with the truth that the identification never saw.
-
-    Parameters
-    ----------
-    folder : Path
-        Gets the recordings.
-    observer : callable
-        Called with each evaluation and rung.
-    """
+    """Record into a folder, identify, and compare with the truth that was never seen."""
     train, validation = record(folder)
     machine = TRACTION_300A
     fit = identify([train], pole_pairs=machine.pole_pairs, validation=validation, observer=observer)

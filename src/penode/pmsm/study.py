@@ -135,20 +135,8 @@ def identify(
 class _Beginning:
     """What is decided and estimated before training; a checkpoint keeps it.
 
-    Attributes
-    ----------
-    found : Conventions
-        Of the recordings.
-    calibration : Calibration
-        Of the channels.
-    study : Study
-        With what was left to the data decided.
-    start : Start
-        By the weak form.
-    doubts : tuple of Doubt
-        What the recordings leave open.
-    drift : Drift
-        Over the recordings.
+    The study has what was left to the data decided; the start is by the weak form; doubts are what
+    the recordings leave open.
     """
 
     found: Conventions

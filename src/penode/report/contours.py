@@ -14,21 +14,7 @@ _APART, _ROW_WEIGHT = 16.0, 1.7
 
 
 def nice_levels(values: FloatArray, count: int) -> FloatArray:
-    """Return contour levels at round numbers.
-
-    Parameters
-    ----------
-    values : ndarray
-        What the levels must cover; finite.
-    count : int
-        About how many levels.
-
-    Returns
-    -------
-    ndarray, shape (level,)
-        Multiples of 1, 2 or 5 times a power of ten, from below the lowest value to above the
-        highest; at least two.
-    """
+    """Return about ``count`` levels that cover finite values: 1, 2 or 5 times powers of ten."""
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     span = high - low
     if span <= 1e-9 * max(abs(low), abs(high), 1e-30):
@@ -43,19 +29,8 @@ def nice_levels(values: FloatArray, count: int) -> FloatArray:
 def label_places(values: FloatArray, supported: BoolArray, levels: FloatArray) -> IntArray:
     """Choose a grid point for the label of every contour line, well inside and well apart.
 
-    Parameters
-    ----------
-    values : ndarray, shape (row, column)
-        The map.
-    supported : ndarray of bool, shape (row, column)
-        Where lines are drawn.
-    levels : ndarray, shape (level,)
-        Values of the lines.
-
-    Returns
-    -------
-    ndarray of int, shape (label, 3)
-        Row, column and number of the level.
+    ``values`` and ``supported`` are (row, column); the result, (label, 3), is row, column and
+    level.
     """
     depth = ndimage.distance_transform_edt(np.pad(supported, 1))[1:-1, 1:-1]
     rows, columns = np.indices(values.shape)

@@ -21,18 +21,7 @@ _HEIGHT, _BETWEEN, _LABELS, _GAP = 150.0, 30.0, 36.0, 0.12
 
 
 def correlations_title(tests: Correlations) -> str:
-    """Say whether the residual is white and unrelated to the inputs.
-
-    Parameters
-    ----------
-    tests : Correlations
-        Of a recording's residual.
-
-    Returns
-    -------
-    str
-        Title of the figure.
-    """
+    """Say whether the residual is white and unrelated to the inputs."""
     past = "is correlated with its past" if _beyond_own(tests) else "is white"
     relative = np.abs(tests.cross) / np.maximum(tests.cross_limit, 1e-300)
     if not relative.size:
@@ -46,18 +35,7 @@ def correlations_title(tests: Correlations) -> str:
 
 
 def correlations_caption(tests: Correlations) -> str:
-    """Say how to read the figure, and what follows for the numbers.
-
-    Parameters
-    ----------
-    tests : Correlations
-        Of a recording's residual.
-
-    Returns
-    -------
-    str
-        Caption of the figure.
-    """
+    """Say how to read the figure, and what follows for the numbers."""
     text = (
         f"Correlation of the one-step residual of {tests.recording} with itself, and with the "
         "inputs of earlier samples. Bands: 99 % of what white noise, or a residual unrelated to "
@@ -77,18 +55,7 @@ def correlations_caption(tests: Correlations) -> str:
 
 
 def correlations(tests: Correlations) -> go.Figure:
-    """Draw autocorrelations and correlations with the inputs, a row per state.
-
-    Parameters
-    ----------
-    tests : Correlations
-        Of a recording's residual.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-        Over the lag in samples, with the bands that chance would leave.
-    """
+    """Draw autocorrelations and correlations with the inputs over the lag, a row per state."""
     figure = panels.blank_figure()
     rows = len(tests.states)
     boxes = panels.grid([1.0, 1.0], [_HEIGHT] * rows, _GAP, [_BETWEEN] * (rows - 1))

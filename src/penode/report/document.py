@@ -11,19 +11,7 @@ Tone: TypeAlias = Literal["good", "caution", "refusal"]
 
 @dataclass(frozen=True)
 class Notice:
-    """A coloured box with the one thing to know.
-
-    Attributes
-    ----------
-    tone : {"good", "caution", "refusal"}
-        What it means for the reader; also in words by ``label``.
-    label : str
-        One or two words, such as ``"Answered"``.
-    text : str
-        The sentence that matters.
-    points : tuple of str
-        Further sentences, shown as a list.
-    """
+    """A coloured box with the one thing to know: a word or two, a sentence, further points."""
 
     tone: Tone
     label: str
@@ -33,17 +21,7 @@ class Notice:
 
 @dataclass(frozen=True)
 class KeyValue:
-    """One number large enough to read across a desk.
-
-    Attributes
-    ----------
-    label, text, detail : str
-        What it is, the number with its unit, and a line of explanation.
-    value : float or None
-        The number itself in SI units, kept in the page for machines to read.
-    doubtful : bool
-        Whether the number must not be used as it is.
-    """
+    """One number large enough to read across a desk; ``value``, SI, is for machines to read."""
 
     label: str
     text: str
@@ -63,15 +41,8 @@ class KeyValues:
 class Figure:
     """One picture.
 
-    Attributes
-    ----------
-    title : str
-        What the picture says.
-    caption : str
-        How to read it.
-    plot : plotly.graph_objects.Figure
-        The picture. ``layout.meta["narrow"]``, where present, holds the layout entries that change
-        when the page is narrow.
+    ``plot.layout.meta["narrow"]``, where present, holds the layout entries that change on a narrow
+    page.
     """
 
     title: str
@@ -81,16 +52,9 @@ class Figure:
 
 @dataclass(frozen=True)
 class Cell:
-    """One entry of a table.
+    """One entry of a table; ``value`` is the number behind the text in SI units, where it is one.
 
-    Attributes
-    ----------
-    text : str
-        What is shown.
-    value : float or None
-        The number behind the text in SI units, where it is one.
-    kind : {"text", "number", "bar", "code"}
-        How it is set: plain, aligned to the right, beside a bar of the fraction, or verbatim.
+    A ``"bar"`` stands beside a bar of the fraction; ``"code"`` is verbatim.
     """
 
     text: str
@@ -100,15 +64,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Row:
-    """One row of a table; the first cell heads it.
-
-    Attributes
-    ----------
-    cells : tuple of Cell
-        One per column.
-    mark : str
-        Why the row is marked (``"selected"``), shown beside its first cell.
-    """
+    """One row of a table, headed by its first cell, beside which ``mark`` is shown."""
 
     cells: tuple[Cell, ...]
     mark: str = ""
@@ -116,19 +72,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under headed columns.
-
-    Attributes
-    ----------
-    title : str
-        What the table holds.
-    columns : tuple of str
-        Heads, units included.
-    rows : tuple of Row
-        Contents.
-    caption : str
-        How to read it.
-    """
+    """Rows under headed columns, units included in the heads."""
 
     title: str
     columns: tuple[str, ...]
@@ -138,15 +82,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Glossary:
-    """Words explained, folded until asked for.
-
-    Attributes
-    ----------
-    title : str
-        Line that unfolds it.
-    terms : tuple of (str, str)
-        Word and explanation.
-    """
+    """Words and their explanations, folded under the title until asked for."""
 
     title: str
     terms: tuple[tuple[str, str], ...]
@@ -157,17 +93,7 @@ Block: TypeAlias = Notice | KeyValues | Figure | Table | Glossary
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A headed part of the document.
-
-    Attributes
-    ----------
-    title : str
-        Heading, and entry of the contents.
-    lead : str
-        Paragraph under the heading.
-    blocks : sequence of Block
-        Contents in order.
-    """
+    """A headed part of the document: a paragraph, then blocks in order."""
 
     title: str
     lead: str
@@ -176,21 +102,7 @@ class Section:
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """A whole report.
-
-    Attributes
-    ----------
-    kind : str
-        What sort of report, above the heading.
-    title : str
-        The answer in one line.
-    lead : str
-        Paragraph under it.
-    answer : sequence of Block
-        What must be seen before any section.
-    sections : sequence of Section
-        The rest, in order.
-    """
+    """A whole report; ``answer`` is what must be seen before any section."""
 
     kind: str
     title: str

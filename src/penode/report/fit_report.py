@@ -51,15 +51,7 @@ PARTS: tuple[Part, ...] = (
 
 
 def with_own(own: Mapping[Part, Sequence[Part]], parts: Sequence[Part] = PARTS) -> tuple[Part, ...]:
-    """Return parts of a report with some of them replaced, in the same order.
-
-    Parameters
-    ----------
-    own : mapping
-        For each part that is replaced, the parts in its place.
-    parts : sequence of callable, optional
-        Those of any fit by default.
-    """
+    """Return parts of a report, in order, some replaced by the parts that ``own`` holds."""
     return tuple(one for part in parts for one in own.get(part, (part,)))
 
 
@@ -83,18 +75,8 @@ _WORDS = (
 class Page:
     """What the report of fits of one kind consists of; the defaults do for any model.
 
-    Attributes
-    ----------
-    kind : str
-        What sort of report, above the heading.
-    headline : tuple of str
-        Parameters whose values are the answer; empty for all.
-    method : str
-        What was fitted beside the parameters and to which end, for the first paragraph.
-    parts : tuple of callable
-        Sections in order.
-    words : tuple of (str, str)
-        Words explained beside those of every report, and their explanations.
+    ``headline`` names the parameters whose values are the answer, empty for all; ``method`` says in
+    the first paragraph what was fitted; ``words`` are explained beside those of every report.
     """
 
     kind: str = "Identification"
@@ -145,20 +127,7 @@ def _absent(part: Part, why: str) -> Section:
 
 
 def fit_report(fit: Fit, page: Page | None = None) -> str:
-    """Return the report of a fit as one self-contained HTML page.
-
-    Parameters
-    ----------
-    fit : Fit
-        Identification result of any model.
-    page : Page, optional
-        What it consists of; by default the sections of any fit.
-
-    Returns
-    -------
-    str
-        The page; save it as UTF-8.
-    """
+    """Return the report of a fit of any model as one self-contained HTML page, UTF-8."""
     return render((page or Page()).document(fit))
 
 

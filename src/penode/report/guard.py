@@ -17,14 +17,7 @@ def attempt(
 ) -> Made | Instead:
     """Return a part of the report, or what takes its place where it cannot be made.
 
-    Parameters
-    ----------
-    what : str
-        Names the part, such as ``"the section on parameters"``.
-    make : callable
-        Makes it.
-    otherwise : callable
-        Makes what takes its place, from the sentence that says what is left out, and why.
+    ``otherwise`` makes the latter from the sentence that says what is left out, and why.
     """
     try:
         return make()
@@ -38,16 +31,6 @@ def missing(sentence: str) -> Notice:
 
 
 def picture(title: str, caption: str, draw: Callable[..., go.Figure], *of: Any) -> Figure | Notice:
-    """Return a figure, or a notice where it cannot be drawn.
-
-    Parameters
-    ----------
-    title, caption : str
-        As of `Figure`.
-    draw : callable
-        Draws it.
-    *of : object
-        What it is given.
-    """
+    """Return a figure, or a notice where it cannot be drawn; ``draw`` is called with ``of``."""
     what = f"the picture \N{LEFT DOUBLE QUOTATION MARK}{title}\N{RIGHT DOUBLE QUOTATION MARK}"
     return attempt(what, lambda: Figure(title, caption, draw(*of)), missing)

@@ -39,18 +39,7 @@ _PLOT_KEYS = "Keyboard: arrows move or turn the picture, plus and minus zoom, 0 
 
 
 def render(document: Document) -> str:
-    """Render a document.
-
-    Parameters
-    ----------
-    document : Document
-        What to show. All its text is plain and is escaped here.
-
-    Returns
-    -------
-    str
-        A complete HTML page; save it as UTF-8.
-    """
+    """Render a document, all its text escaped, as a complete HTML page, to be saved as UTF-8."""
     return _Renderer().page(document)
 
 

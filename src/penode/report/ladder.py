@@ -68,21 +68,10 @@ class _Ladder:
 
 
 def parameter_over_ladder(fit: Fit, name: str) -> go.Figure:
-    """Draw a parameter's estimate at every horizon tried.
+    """Draw a parameter's estimate, with 1.96 deviations, over the horizon in steps (logarithmic).
 
-    Parameters
-    ----------
-    fit : Fit
-        Identification result.
-    name : str
-        One of ``fit.parameters``.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-        Estimates with 1.96 standard deviations over the horizon in steps (logarithmic), the plateau
-        shaded, the selected horizon and the reported 95 % interval marked; beside it the plateau
-        enlarged, where all horizons together hide it.
+    The plateau is shaded, and enlarged beside it where all horizons together hide it; the selected
+    horizon and the reported 95 % interval are marked.
     """
     ladder = _Ladder.of(fit, name)
     figure = panels.blank_figure()

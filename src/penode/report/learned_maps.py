@@ -25,19 +25,9 @@ _BAND = (
 
 
 def map_figures(fit: Fit, name: str) -> list[Figure]:
-    """Draw a learned map with its 95 % band where the fit has one.
+    """Draw a learned map, with its 95 % band where the fit has one: curves or contours.
 
-    Parameters
-    ----------
-    fit : Fit
-        Identification result.
-    name : str
-        One of ``fit.model.maps()``.
-
-    Returns
-    -------
-    list of Figure
-        Curves over one state, contours over two; empty where the map depends on something else.
+    Empty where the map depends on something other than one or two states.
     """
     columns = map_columns(fit, name) or ()
     drawn = {1: _curves, 2: _contours}.get(len(columns))
@@ -45,24 +35,7 @@ def map_figures(fit: Fit, name: str) -> list[Figure]:
 
 
 def band_title(name: str, half: FloatArray, unit: str, over: str) -> str:
-    """Say how narrow a band is.
-
-    Parameters
-    ----------
-    name : str
-        What is known.
-    half : ndarray, shape (point, ...)
-        Half the width of the band inside the excited region, in ``unit``; finite.
-    unit : str
-        Unit.
-    over : str
-        What the points are, such as ``"recorded currents"``.
-
-    Returns
-    -------
-    str
-        Title of the figure.
-    """
+    """Say how narrow a band is from half its width, (point, ...), in the excited region."""
     most, nearly_all = (number(float(np.quantile(half, part)), 2) for part in (0.5, 0.95))
     space = "\N{NO-BREAK SPACE}" if unit else ""
     return (

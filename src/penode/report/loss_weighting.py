@@ -35,17 +35,7 @@ _CAPTION = (
 
 @dataclass(frozen=True)
 class Name:
-    """What a line is called.
-
-    Attributes
-    ----------
-    line : Line
-        One of the view's.
-    label : str
-        Short, for the figure.
-    cause : str
-        What may have made it, for the table; empty where that is not known.
-    """
+    """What a line is called, and what may have made it; empty where that is not known."""
 
     line: Line
     label: str
@@ -66,17 +56,8 @@ def unnamed(view: LossWeighting) -> tuple[Name, ...]:
 def weighting_of(fit: Fit, base: float | None = None) -> LossWeighting | None:
     """Return how the loss weighs the residual at H = 1, the selected and the longest horizon.
 
-    Parameters
-    ----------
-    fit : Fit
-        Identification result.
-    base : float, optional
-        Frequency in Hz whose multiples are the lines' orders; its sign is kept.
-
-    Returns
-    -------
-    LossWeighting or None
-        None where the fit keeps no one-step matrices or no prediction.
+    ``base``, in Hz, is the frequency whose multiples are the lines' orders; its sign is kept. None
+    where the fit keeps no one-step matrices or no prediction.
     """
     if not fit.transitions.size or not fit.comparisons:
         return None
@@ -90,24 +71,11 @@ def weighting_of(fit: Fit, base: float | None = None) -> LossWeighting | None:
 def weighting_section(
     view: LossWeighting, names: Sequence[Name], units: Sequence[str], note: str = ""
 ) -> Section:
-    """Say and show how the loss at each horizon weighs the residual.
+    """Say and show how the loss weighs the residual at three horizons at most.
 
-    Parameters
-    ----------
-    view : LossWeighting
-        Of the horizons to show, three at most.
-    names : sequence of Name
-        The view's lines, strongest first.
-    units : sequence of str
-        SI unit of each of the view's signals.
-    note : str
-        What the names mean, added to the caption.
-
-    Returns
-    -------
-    Section
-        A sentence, a figure, and a table where there are lines; a notice in their place where the
-        weight is available at no horizon.
+    ``names`` come strongest first; ``units`` is the SI unit of each signal; ``note``, what the
+    names mean, goes into the caption. A notice takes the place of all where the weight is available
+    at no horizon.
     """
     whole, view = view, view.at(view.available)
     if not view.horizons:
@@ -143,22 +111,9 @@ def _peak(view: LossWeighting) -> str:
 
 
 def weighting_figure(view: LossWeighting, names: Sequence[Name], units: Sequence[str]) -> go.Figure:
-    """Draw the residual's spectrum with its lines named, and the weight at each horizon.
+    """Draw the residual's spectrum (SI units, lines named) above the weights over their mean.
 
-    Parameters
-    ----------
-    view : LossWeighting
-        Three horizons at most.
-    names : sequence of Name
-        Lines to mark.
-    units : sequence of str
-        SI unit of each of the view's signals.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-        Above the residual's amplitude, in SI units, below the weights over their mean, both
-        logarithmic over the frequency; two panels for each signal.
+    Two panels for each signal, both logarithmic over the frequency; three horizons at most.
     """
     figure, scale = panels.blank_figure(), scale_for(view.frequency, "Hz")
     count = len(view.signals)

@@ -19,22 +19,10 @@ MARGIN = 0.08
 
 @dataclass(frozen=True, eq=False)
 class MapValues:
-    """A learned map at points of the states it depends on.
+    """A learned map (component, point), in the unit of ``scale``, at points of its states.
 
-    Attributes
-    ----------
-    name : str
-        The map.
-    titles : tuple of str
-        Markup of each component.
-    values : ndarray, shape (component, point)
-        In the unit of ``scale``.
-    half_band : ndarray, shape (component, point)
-        Half the width of the 95 % band, in the same unit; nan where there is none.
-    inside : ndarray of bool, shape (point,)
-        Which points lie in the excited region.
-    scale : Scale
-        From the SI unit of the map to the unit shown.
+    ``half_band`` is half the width of the 95 % band, nan where there is none; ``inside`` (point,)
+    are the points in the excited region; ``titles`` is the markup of each component.
     """
 
     name: str
@@ -46,20 +34,10 @@ class MapValues:
 
 
 def map_columns(fit: Fit, name: str) -> tuple[int, ...] | None:
-    """Return the states that a learned map is a function of, by the names of its arguments.
+    """Return the columns of ``fit.excited`` that a learned map depends on, by argument names.
 
-    Parameters
-    ----------
-    fit : Fit
-        Identification result.
-    name : str
-        One of ``fit.model.maps()``.
-
-    Returns
-    -------
-    tuple of int or None
-        Columns of ``fit.excited``. None where an argument is no state, unless there are as many
-        arguments as states: they then have the order of the states.
+    None where an argument is no state, unless there are as many arguments as states: they then have
+    the order of the states.
     """
     states = fit.model.states
     try:
@@ -73,21 +51,9 @@ def map_columns(fit: Fit, name: str) -> tuple[int, ...] | None:
 
 
 def region_grid(fit: Fit, columns: tuple[int, int], points: int) -> RegionGrid:
-    """Return a grid around the excited region of two states.
+    """Return a grid, ``points`` per axis, around the excited region of two states, with a margin.
 
-    Parameters
-    ----------
-    fit : Fit
-        Identification result.
-    columns : (int, int)
-        States along x and y.
-    points : int
-        Grid points per axis.
-
-    Returns
-    -------
-    RegionGrid
-        With a margin, the same along both axes where the states share a unit.
+    The margin is the same along both axes where the states share a unit.
     """
     names, units = (
         (one[columns[0]], one[columns[1]]) for one in (fit.model.states, fit.model.state_units)
@@ -104,24 +70,10 @@ def region_grid(fit: Fit, columns: tuple[int, int], points: int) -> RegionGrid:
 
 
 def map_values(fit: Fit, name: str, columns: tuple[int, ...], points: FloatArray) -> MapValues:
-    """Evaluate a learned map at points of the states it depends on.
+    """Evaluate a learned map at points (point, argument), SI units, of the states in ``columns``.
 
-    Parameters
-    ----------
-    fit : Fit
-        Identification result.
-    name : str
-        One of ``fit.model.maps()``.
-    columns : tuple of int
-        The states that are its arguments, as `map_columns` gives them.
-    points : ndarray, shape (point, argument)
-        SI units.
-
-    Returns
-    -------
-    MapValues
-        With a band where the component is an output of the model's ``learned``, the other states at
-        their medians.
+    There is a band where the component is an output of the model's ``learned``; it holds for the
+    other states at their medians.
     """
     values = np.asarray(getattr(fit, name)(*points.T), dtype=np.float64)
     shape = values.shape[:-1]

@@ -17,17 +17,9 @@ _CLOSE_UP = 200
 def overlay(comparison: Comparison) -> go.Figure:
     """Draw measured, one-step and free-run states, and the errors of both predictions.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        One recording beside its predictions.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-        Two panels per state (value, error), the whole recording at the left (thinned to its
-        envelope of about 2000 points) and a close-up of `_CLOSE_UP` samples at the right, chosen
-        where the free run errs as much as it does on the whole.
+    Two rows per state (value, error): at the left the whole recording, thinned to its envelope of
+    about 2000 points, at the right a close-up of `_CLOSE_UP` samples where the free run errs as on
+    the whole.
     """
     figure = panels.blank_figure()
     states = len(comparison.states)
@@ -53,19 +45,9 @@ def overlay(comparison: Comparison) -> go.Figure:
 
 
 def typical_window(comparison: Comparison, length: int) -> slice | None:
-    """Choose the stretch whose free-run error is nearest to that of the whole recording.
+    """Choose the stretch, ``length`` samples, whose free-run error is nearest to that of the whole.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        One recording beside its predictions.
-    length : int
-        Samples of the stretch.
-
-    Returns
-    -------
-    slice or None
-        The stretch; None where the recording (up to a divergence) is shorter than two stretches.
+    None where the recording (up to a divergence) is shorter than two stretches.
     """
     errors = np.sum((comparison.free_run - comparison.measured) ** 2, axis=1)
     broken = np.flatnonzero(~np.isfinite(errors))

@@ -9,13 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Colour:
-    """One role's colour.
-
-    Attributes
-    ----------
-    light, dark : str
-        CSS colours on a light and on a dark page.
-    """
+    """The CSS colours of one role on a light and on a dark page."""
 
     light: str
     dark: str
@@ -88,25 +82,13 @@ _PAGE_ROLES = {
 
 
 def custom_properties() -> str:
-    """Return the page's colours as CSS custom properties.
-
-    Returns
-    -------
-    str
-        Rules for ``:root`` on light pages, dark pages and paper (light).
-    """
+    """Return the colours as CSS rules for ``:root`` on light pages, dark pages and paper."""
     light = "".join(f"--{name}:{colour.light};" for name, colour in _PAGE_ROLES.items())
     dark = "".join(f"--{name}:{colour.dark};" for name, colour in _PAGE_ROLES.items())
     return f":root{{{light}}}\n@media screen and (prefers-color-scheme: dark){{:root{{{dark}}}}}\n"
 
 
 def dark_twins() -> dict[str, str]:
-    """Return the dark colour of every light colour that figures use.
-
-    Returns
-    -------
-    dict of str to str
-        Light colour to dark colour.
-    """
+    """Return the dark colour of every light colour that figures use."""
     roles = [value for value in globals().values() if isinstance(value, Colour)]
     return {colour.light: colour.dark for colour in (*roles, *SEQUENCE)}

@@ -77,74 +77,27 @@ class Box:
 
 
 def blank_figure() -> go.Figure:
-    """Return an empty figure with the shared look.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-        To add traces to.
-    """
+    """Return an empty figure with the shared look."""
     return go.Figure(layout={"template": _TEMPLATE})
 
 
 def axis_id(letter: str, panel: int) -> str:
-    """Return plotly's short name of a panel's axis: ``x``, ``x2``, ``x3``.
-
-    Parameters
-    ----------
-    letter : str
-        ``"x"`` or ``"y"``.
-    panel : int
-        Number of the panel, from 0.
-
-    Returns
-    -------
-    str
-        The name.
-    """
+    """Return plotly's short name of an axis of a panel, counted from 0: ``x``, ``x2``, ``x3``."""
     return letter if panel == 0 else f"{letter}{panel + 1}"
 
 
 def axis_key(letter: str, panel: int) -> str:
-    """Return the layout entry of a panel's axis: ``xaxis``, ``xaxis2``.
-
-    Parameters
-    ----------
-    letter : str
-        ``"x"`` or ``"y"``.
-    panel : int
-        Number of the panel, from 0.
-
-    Returns
-    -------
-    str
-        The entry.
-    """
+    """Return the layout entry of an axis of a panel, counted from 0: ``xaxis``, ``xaxis2``."""
     return axis_id(letter, panel).replace(letter, f"{letter}axis")
 
 
 def grid(
     widths: Sequence[float], heights: Sequence[float], gap: float, gaps: Sequence[float]
 ) -> tuple[list[Box], float]:
-    """Lay boxes out in rows and columns.
+    """Lay boxes out row by row, and return them with the height of the plotting area in pixels.
 
-    Parameters
-    ----------
-    widths : sequence of float
-        Relative widths of the columns, left to right.
-    heights : sequence of float
-        Heights of the rows in pixels, top to bottom.
-    gap : float
-        Space between columns, relative to the same unit as ``widths``.
-    gaps : sequence of float
-        Space in pixels under each row but the last.
-
-    Returns
-    -------
-    boxes : list of Box
-        Row by row, left to right.
-    height : float
-        Height of the plotting area in pixels.
+    ``widths`` and the ``gap`` between columns are relative; ``heights`` and the ``gaps`` under each
+    row but the last are in pixels.
     """
     below = [*gaps, 0.0]
     total = sum(heights) + sum(gaps)
@@ -162,14 +115,9 @@ def grid(
 def place(
     figure: go.Figure, wide: tuple[list[Box], float], narrow: tuple[list[Box], float]
 ) -> None:
-    """Put the panels of a figure where the boxes say, for wide and for narrow pages.
+    """Put a figure's panels where the boxes of `grid` say, for wide and for narrow pages.
 
-    Parameters
-    ----------
-    figure : plotly.graph_objects.Figure
-        Changed in place: its axes' domains, its height and ``layout.meta["narrow"]``.
-    wide, narrow : (list of Box, float)
-        One box per panel and the height of the plotting area in pixels, as `grid` gives them.
+    Changes the figure in place: its axes' domains, its height and ``layout.meta["narrow"]``.
     """
     figure.update_layout(**_placed(wide), meta={"narrow": _placed(narrow)})
 
@@ -188,36 +136,16 @@ def _domain(low: float, high: float) -> list[float]:
 
 
 def compact(values: FloatArray) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Return values in single precision, which halves their size in the page.
-
-    Parameters
-    ----------
-    values : ndarray
-        Values to draw.
-
-    Returns
-    -------
-    ndarray of float32
-        The same values, for drawing only.
-    """
+    """Return values in single precision, for drawing only, which halves their size in the page."""
     largest = np.finfo(np.float32).max
     return np.asarray(np.clip(values, -largest, largest), dtype=np.float32)
 
 
 def envelope(values: FloatArray, points: int) -> np.ndarray[Any, np.dtype[np.intp]]:
-    """Choose samples that draw the same curve: the lowest and the highest of each stretch.
+    """Choose about ``points`` samples that draw the same curve: lowest and highest of each stretch.
 
-    Parameters
-    ----------
-    values : ndarray, shape (time,)
-        Samples; those from the first NaN on are left out.
-    points : int
-        About how many samples to keep.
-
-    Returns
-    -------
-    ndarray of int
-        Ascending indices into ``values``.
+    Returns ascending indices into ``values`` (time,), of which those from the first NaN on are left
+    out.
     """
     broken = np.flatnonzero(~np.isfinite(values))
     length = int(broken[0]) if broken.size else len(values)

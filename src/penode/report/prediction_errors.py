@@ -12,18 +12,9 @@ _SPACE = "\N{NO-BREAK SPACE}"
 
 
 def one_step_text(comparison: Comparison) -> str:
-    """Return the one-step error with its unit.
+    """Return the one-step root mean square with its unit, ``"current 0.41 A, speed 2.0 rad/s"``.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        One recording beside its predictions.
-
-    Returns
-    -------
-    str
-        Root mean square such as ``"0.41 A"``, or ``"current 0.41 A, speed 2.0 rad/s"``; a dash
-        where a state is neither measured nor guessed.
+    A dash stands where a state is neither measured nor guessed.
     """
     if not _predicted(comparison):
         return "–"
@@ -31,18 +22,7 @@ def one_step_text(comparison: Comparison) -> str:
 
 
 def free_run_text(comparison: Comparison) -> str:
-    """Return the free-run error with its unit, as `one_step_text` does.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        One recording beside its predictions.
-
-    Returns
-    -------
-    str
-        Root mean square; ``"diverged"`` after a divergence.
-    """
+    """Return the free-run error as `one_step_text` does; ``"diverged"`` after a divergence."""
     if comparison.diverged:
         return "diverged"
     return _text(comparison, comparison.free_run_rmse, comparison.free_run_errors)
@@ -51,32 +31,13 @@ def free_run_text(comparison: Comparison) -> str:
 def relative_free_run(comparison: Comparison) -> float:
     """Return the free-run error over the largest value, of the worst state where units differ.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        One recording beside its predictions.
-
-    Returns
-    -------
-    float
-        Infinite after a divergence.
+    Infinite after a divergence.
     """
     return _relative(comparison, comparison.free_run_rmse, comparison.free_run_errors)
 
 
 def free_run_value(comparisons: Sequence[Comparison]) -> KeyValue | None:
-    """Return the worst free run, on recordings not used for training where there are any.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        Recordings beside their predictions.
-
-    Returns
-    -------
-    KeyValue or None
-        None where there is no recording.
-    """
+    """Return the worst free run, on recordings not used for training where there are any."""
     unseen = [one for one in comparisons if one.role == "validation"]
     chosen = unseen or list(comparisons)
     if not chosen:
@@ -93,18 +54,7 @@ def free_run_value(comparisons: Sequence[Comparison]) -> KeyValue | None:
 
 
 def one_step_value(comparisons: Sequence[Comparison]) -> KeyValue | None:
-    """Return the largest one-step error of all recordings.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        Recordings beside their predictions.
-
-    Returns
-    -------
-    KeyValue or None
-        None where no recording is predicted one step ahead.
-    """
+    """Return the largest one-step error; None where no recording is predicted one step ahead."""
     predicted = [one for one in comparisons if _predicted(one)]
     if not predicted:
         return None

@@ -20,34 +20,16 @@ _TAKES_PREFIX = frozenset({
 
 @dataclass(frozen=True)
 class Scale:
-    """A unit with the prefix that makes given numbers legible.
-
-    Attributes
-    ----------
-    factor : float
-        Numbers to show are SI values times this.
-    unit : str
-        Unit to show beside them, such as ``"mΩ"``.
-    """
+    """A unit (``"mΩ"``) whose prefix makes given numbers legible: SI values times the factor."""
 
     factor: float
     unit: str
 
 
 def scale_for(values: ArrayLike, unit: str) -> Scale:
-    """Choose the SI prefix under which the largest of the values is between 1 and 1000.
+    """Choose the SI prefix under which the largest finite value is between 1 and 1000.
 
-    Parameters
-    ----------
-    values : array_like, any shape
-        Values in ``unit``; NaN and infinities do not count.
-    unit : str
-        SI unit. Units that take no prefix (``"1/s"``, ``"rad/s"``, none) keep factor 1.
-
-    Returns
-    -------
-    Scale
-        Factor and unit to show.
+    Units that take no prefix (``"1/s"``, ``"rad/s"``, none) keep factor 1.
     """
     symbol = _SYMBOLS.get(unit, unit)
     sizes = np.abs(np.asarray(values, dtype=np.float64)).ravel()
@@ -66,20 +48,10 @@ def takes_prefix(unit: str) -> bool:
 
 
 def decimals_for(std: float, value: float) -> int:
-    """Return how many decimals to show so that the uncertainty has two significant digits.
+    """Return how many decimals, 0 to 9, give the uncertainty two significant digits.
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation, in the unit shown; where it is zero or not finite the value gets four
-        significant digits.
-    value : float
-        The value, in the same unit.
-
-    Returns
-    -------
-    int
-        Decimals, 0 to 9.
+    Both numbers are in the unit shown; a deviation of zero or not finite gives the value four
+    digits.
     """
     if math.isfinite(std) and std > 0:
         decimals = 1 - math.floor(math.log10(std))
@@ -93,17 +65,7 @@ def decimals_for(std: float, value: float) -> int:
 def number(value: float | None, digits: int = 3) -> str:
     """Format a number to significant digits, without exponent where that stays short.
 
-    Parameters
-    ----------
-    value : float or None
-        Number; None and NaN become a dash, infinities the sign for them.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    str
-        Text with a true minus sign.
+    None and NaN become a dash, infinities the sign for them; a minus is a true minus sign.
     """
     if value is None or math.isnan(value):
         return "–"
@@ -117,20 +79,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Format a number to a number of decimals.
-
-    Parameters
-    ----------
-    value : float
-        Number; NaN and infinities as in `number`.
-    decimals : int
-        Digits after the point.
-
-    Returns
-    -------
-    str
-        Text with a true minus sign.
-    """
+    """Format a number to a number of decimals; NaN, infinities and minus as in `number`."""
     if not math.isfinite(value):
         return number(value)
     text = f"{value:.{decimals}f}"
@@ -138,22 +87,7 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
-    """Format a value with its unit and an SI prefix.
-
-    Parameters
-    ----------
-    value : float or None
-        Value in ``unit``.
-    unit : str
-        SI unit.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    str
-        Such as ``"2.96 A"`` or ``"10.0 mΩ"``, joined by a no-break space.
-    """
+    """Format a value in an SI unit with its prefix: ``"10.0 mΩ"``, joined by a no-break space."""
     if value is None or not math.isfinite(value):
         return number(value)
     scale = scale_for(value, unit)
@@ -161,17 +95,6 @@ def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
 
 
 def symbol(name: str) -> str:
-    """Return a channel's or parameter's name as markup for figures and tables.
-
-    Parameters
-    ----------
-    name : str
-        Such as ``"i_d"``.
-
-    Returns
-    -------
-    str
-        Escaped markup, the part after one underscore as an index: ``i<sub>d</sub>``.
-    """
+    """Return a name as escaped markup, what follows one underscore an index: ``i<sub>d</sub>``."""
     parts = re.fullmatch(r"([A-Za-z]{1,3})_([A-Za-z0-9]{1,4})", name)
     return f"{parts[1]}<sub>{parts[2]}</sub>" if parts else escape(name)

@@ -23,18 +23,10 @@ _ASPECT = 1.3
 
 @dataclass(frozen=True, eq=False)
 class RegionGrid:
-    """A grid on which maps are drawn, and which part of it is backed by recordings.
+    """A grid, x (column,) and y (row,), on which maps are drawn, and the recorded points.
 
-    Attributes
-    ----------
-    x, y : ndarray, shape (column,) and (row,)
-        Coordinates.
-    supported : ndarray of bool, shape (row, column)
-        Whether the point lies in the excited region.
-    excited : ndarray, shape (sample, 2)
-        Recorded points.
-    names, units : (str, str)
-        Markup and unit of the two coordinates.
+    ``supported`` (row, column) are the points in the excited region; ``names`` is markup;
+    ``excited`` is (sample, 2).
     """
 
     x: FloatArray
@@ -64,17 +56,7 @@ class RegionGrid:
 
 @dataclass(frozen=True, eq=False)
 class RegionMap:
-    """One quantity over a `RegionGrid`.
-
-    Attributes
-    ----------
-    title : str
-        Markup of the quantity and its unit.
-    values : ndarray, shape (row, column)
-        Values in ``unit``.
-    unit : str
-        Unit.
-    """
+    """One quantity (row, column) over a `RegionGrid`; the title is markup with the unit."""
 
     title: str
     values: FloatArray
@@ -82,20 +64,9 @@ class RegionMap:
 
 
 def region_maps(grid: RegionGrid, maps: Sequence[RegionMap]) -> go.Figure:
-    """Draw maps side by side, both axes to one scale where they have one unit.
+    """Draw maps side by side as labelled contours, both axes to one scale where they have one unit.
 
-    Parameters
-    ----------
-    grid : RegionGrid
-        Where the maps are known.
-    maps : sequence of RegionMap
-        One per panel.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-        Contours at round values with labels; grey outside the supported region, the recorded
-        points as dots.
+    Grey outside the supported region; the recorded points are dots.
     """
     figure = panels.blank_figure()
     panels.place(figure, *_boxes(grid, len(maps)))

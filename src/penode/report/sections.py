@@ -114,21 +114,10 @@ def _worst_first(comparisons: Sequence[Comparison]) -> list[Comparison]:
 def residual_section(
     fit: Fit, lines: Sequence[tuple[float, str]] = (), cause: str = "", note: str = ""
 ) -> Section | None:
-    """Return the section on the one-step residual, with named frequencies marked.
+    """Return the section on the one-step residual, named frequencies (Hz, name) marked.
 
-    Parameters
-    ----------
-    fit : Fit
-        Identification result.
-    lines : sequence of (float, str)
-        Frequencies in Hz that have a name, and the name.
-    cause, note : str
-        Added to the lead and to the caption: what usually makes lines, and what is marked.
-
-    Returns
-    -------
-    Section or None
-        None where no recording is predicted one step ahead.
+    ``cause`` and ``note`` are added to the lead and to the caption. None where no recording is
+    predicted one step ahead.
     """
     states, spectrum = measured_states(fit.comparisons), fit.spectrum
     blocks: list[Block] = []

@@ -19,22 +19,11 @@ def residual_spectrum(
     states: Sequence[tuple[str, str]],
     lines: Sequence[tuple[float, str]] = (),
 ) -> go.Figure:
-    """Draw the amplitude spectrum of the one-step residual, one panel per state.
+    """Draw the amplitude spectrum of the one-step residual, one panel per state, on log amplitudes.
 
-    Parameters
-    ----------
-    spectrum : Spectrum
-        What to draw.
-    states : sequence of (str, str)
-        Name and SI unit of each column of the amplitude.
-    lines : sequence of (float, str)
-        Frequencies in Hz to mark, and their labels; those beyond the spectrum are left out.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-        Amplitudes (logarithmic) over frequency. Of each stretch of neighbouring frequencies the
-        largest is drawn, so that no line is lost.
+    ``states`` are name and SI unit of each column; ``lines`` are frequencies in Hz to mark, with
+    labels. Of each stretch of neighbouring frequencies the largest is drawn, so that no line is
+    lost.
     """
     figure = panels.blank_figure()
     count = len(states)

@@ -35,18 +35,7 @@ _MEANINGS = {
 
 
 def estimate_text(estimate: Estimate) -> tuple[str, str]:
-    """Put an estimate into words.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Value with its deviation and interval.
-
-    Returns
-    -------
-    value, interval : str
-        Such as ``"10.02 mΩ"`` and ``"9.85 to 10.19 mΩ"``.
-    """
+    """Put an estimate into words, value and interval: ``"10.02 mΩ"``, ``"9.85 to 10.19 mΩ"``."""
     scale = scale_for([estimate.value], estimate.unit)
     decimals = decimals_for(estimate.std * scale.factor, estimate.value * scale.factor)
     value = f"{fixed(estimate.value * scale.factor, decimals)}{_SPACE}{scale.unit}".rstrip()
@@ -54,20 +43,7 @@ def estimate_text(estimate: Estimate) -> tuple[str, str]:
 
 
 def range_text(values: Sequence[float], unit: str) -> str:
-    """Return the lowest and the highest of some values with one unit.
-
-    Parameters
-    ----------
-    values : sequence of float
-        Values in ``unit``; not finite ones do not count.
-    unit : str
-        SI unit.
-
-    Returns
-    -------
-    str
-        Such as ``"5.1 to 41 mΩ"``; a dash where there is none.
-    """
+    """Return the lowest and highest finite value with one unit, ``"5.1 to 41 mΩ"``, or a dash."""
     finite = np.asarray(values, dtype=np.float64)
     finite = finite[np.isfinite(finite)]
     if not finite.size:
@@ -79,18 +55,7 @@ def range_text(values: Sequence[float], unit: str) -> str:
 
 
 def verdict_notice(choice: HorizonChoice) -> Notice:
-    """Return the box that says whether the data could answer.
-
-    Parameters
-    ----------
-    choice : HorizonChoice
-        Selected horizon, verdict and reason.
-
-    Returns
-    -------
-    Notice
-        Red where the data cannot answer, amber where it was not tested, green otherwise.
-    """
+    """Return the box that says whether the data could answer: red, amber (not tested) or green."""
     meaning = _MEANINGS.get(choice.verdict, "")
     if choice.verdict == "stopped":
         return Notice("caution", "Stopped before the end", f"{choice.reason} {meaning}")
@@ -108,18 +73,7 @@ def verdict_notice(choice: HorizonChoice) -> Notice:
 
 
 def warning_notices(warnings: Sequence[str]) -> list[Notice]:
-    """Return one amber box with all warnings, or none.
-
-    Parameters
-    ----------
-    warnings : sequence of str
-        One sentence each.
-
-    Returns
-    -------
-    list of Notice
-        At most one.
-    """
+    """Return one amber box with all warnings, or none."""
     if not warnings:
         return []
     count = "One warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
@@ -127,20 +81,7 @@ def warning_notices(warnings: Sequence[str]) -> list[Notice]:
 
 
 def ladder_title(fit: Fit, name: str) -> str:
-    """Say what a parameter does over the horizons.
-
-    Parameters
-    ----------
-    fit : Fit
-        Identification result.
-    name : str
-        One of ``fit.parameters``.
-
-    Returns
-    -------
-    str
-        Title of the figure.
-    """
+    """Say what a parameter does over the horizons."""
     choice = fit.horizon
     values = [rung.parameters.get(name, math.nan) for rung in choice.ladder]
     spread = range_text(values, fit.parameters[name].unit)
@@ -168,18 +109,7 @@ def _agrees(choice: HorizonChoice, name: str) -> bool:
 
 
 def overlay_title(comparison: Comparison) -> str:
-    """Say how well a recording is predicted.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        One recording beside its predictions.
-
-    Returns
-    -------
-    str
-        Title of the figure.
-    """
+    """Say how well a recording is predicted."""
     seen = "not used for training" if comparison.role == "validation" else "used for training"
     name = f"{comparison.name} ({seen})"
     if not comparison.diverged:
@@ -196,19 +126,8 @@ def spectrum_title(
 ) -> str:
     """Say where the largest residual lies, of each state where their units differ.
 
-    Parameters
-    ----------
-    spectrum : Spectrum
-        Spectrum of the one-step residual.
-    states : sequence of (str, str)
-        Name and SI unit of each column of the amplitude.
-    lines : sequence of (float, str)
-        Frequencies in Hz that have a name, and the name.
-
-    Returns
-    -------
-    str
-        Title of the figure.
+    ``states`` are name and SI unit of each column; ``lines`` are frequencies in Hz with their
+    names.
     """
     amplitude = np.nan_to_num(spectrum.amplitude, nan=0.0)[1:]
     if not amplitude.size or not amplitude.any():

@@ -14,18 +14,7 @@ _ROLES = {"train": "training", "validation": "validation"}
 
 
 def parameter_table(fit: Fit) -> Table:
-    """Tabulate the physical parameters.
-
-    Parameters
-    ----------
-    fit : Fit
-        Identification result.
-
-    Returns
-    -------
-    Table
-        One row per parameter, with SI prefixes; identifiability where it was computed.
-    """
+    """Tabulate the physical parameters, with their identifiability where it was computed."""
     columns = ["parameter", "value", "standard deviation", "95 % interval", "unit"]
     caption = (
         "The standard deviation allows for residuals that are correlated in time and for the "
@@ -51,22 +40,10 @@ def parameter_table(fit: Fit) -> Table:
 def ladder_table(
     choice: HorizonChoice, units: Mapping[str, str], states: Sequence[tuple[str, str]]
 ) -> Table:
-    """Tabulate every horizon tried.
+    """Tabulate every horizon tried, the selected one and its plateau marked.
 
-    Parameters
-    ----------
-    choice : HorizonChoice
-        Selected horizon and ladder.
-    units : mapping of str to str
-        SI unit of each parameter to show; its keys say which, and in which order.
-    states : sequence of (str, str)
-        Name and SI unit of each measured state.
-
-    Returns
-    -------
-    Table
-        One row per horizon; the selected one and its plateau are marked. The free-run error has
-        one column, or one a state where their units differ.
+    ``units`` says which parameters, in order; ``states`` are name and SI unit of each measured
+    state. The free-run error has one column, or one a state where their units differ.
     """
     scales = {
         name: scale_for([rung.parameters.get(name, math.nan) for rung in choice.ladder], unit)
@@ -103,18 +80,7 @@ def ladder_table(
 
 
 def validation_table(comparisons: Sequence[Comparison]) -> Table:
-    """Tabulate prediction errors per recording.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        Recordings of the same states beside their predictions.
-
-    Returns
-    -------
-    Table
-        One row per recording. Each error has one column, or one a state where their units differ.
-    """
+    """Tabulate errors per recording, each in one column, or one a state where units differ."""
     states = measured_states(comparisons)
     columns = (
         "recording",
@@ -146,36 +112,14 @@ def validation_table(comparisons: Sequence[Comparison]) -> Table:
 
 
 def measured_states(comparisons: Sequence[Comparison]) -> tuple[tuple[str, str], ...]:
-    """Return name and SI unit of each state that the recordings measure.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        Recordings of the same states.
-
-    Returns
-    -------
-    tuple of (str, str)
-        Empty where there is no recording.
-    """
+    """Return name and SI unit of each measured state of recordings of the same states."""
     if not comparisons:
         return ()
     return tuple(zip(comparisons[0].states, comparisons[0].units, strict=True))
 
 
 def provenance_table(provenance: Mapping[str, Any]) -> Table:
-    """Tabulate where the result came from.
-
-    Parameters
-    ----------
-    provenance : mapping
-        Versions, data hashes, seeds, command and the like; may be nested.
-
-    Returns
-    -------
-    Table
-        One row per entry.
-    """
+    """Tabulate where the result came from; entries may be nested."""
     rows = tuple(
         Row((Cell(name, kind="code"), Cell(text, kind="code")))
         for name, text in _flat(provenance, "")

@@ -35,12 +35,7 @@ def uncertainty_budget(fit: Fit) -> Section | None:
 
 
 def budget_sentence(estimate: Estimate) -> str:
-    """Return the main contributions to a half width in per cent; empty where none was assumed.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    """
+    """Return the main contributions to a half width in per cent; empty where none was assumed."""
     if not _assumed(estimate) or not estimate.value:
         return ""
     each = NORMAL_95 * 100 / abs(estimate.value)

@@ -16,18 +16,8 @@ _CHANGE = 0.01
 def weighting_sentence(view: LossWeighting, lines: Sequence[tuple[Line, str]]) -> str:
     """Say which part of the residual contributes most to the loss at each horizon.
 
-    Parameters
-    ----------
-    view : LossWeighting
-        Residual spectrum and weights.
-    lines : sequence of (Line, str)
-        Lines that have a name, and the name.
-
-    Returns
-    -------
-    str
-        Such as ``"Most of the loss comes from the line at −6× (82 %) at H = 1, from the line at
-        0× (71 %) at H = 60."`` Horizons at which the weight is not available are named.
+    ``"Most of the loss comes from the line at −6× (82 %) at H = 1, from the line at 0× (71 %) at
+    H = 60."`` Horizons at which the weight is not available are named.
     """
     if not np.isfinite(view.power).all():
         return "The weighting is not available, as the one-step residual is not finite."

@@ -114,33 +114,18 @@ class Comparison:
 
 
 def finite_residual(comparison: Comparison) -> FloatArray:
-    """Return one-step residuals, (time - 1, state), a diverged prediction as a huge one.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    """
+    """Return one-step residuals, (time - 1, state), a diverged prediction as a huge one."""
     residual = np.nan_to_num(comparison.one_step_residual, posinf=HUGE, neginf=-HUGE)
     return np.asarray(np.clip(residual, -HUGE, HUGE))
 
 
 def by_recording(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
-    """Return comparisons, the stretches of a recording as one with the errors of all.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-    """
+    """Return comparisons, the stretches of a recording as one with the errors of all."""
     return tuple(together(stretches) for stretches in stretches_of(comparisons))
 
 
 def stretches_of(comparisons: Sequence[Comparison]) -> list[list[Comparison]]:
-    """Return comparisons, those of a recording and role together.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-    """
+    """Return comparisons, those of a recording and role together."""
     groups: dict[tuple[object, str], list[Comparison]] = {}
     for place, one in enumerate(comparisons):
         groups.setdefault((one.recording or place, one.role), []).append(one)
@@ -148,13 +133,7 @@ def stretches_of(comparisons: Sequence[Comparison]) -> list[list[Comparison]]:
 
 
 def together(stretches: Sequence[Comparison]) -> Comparison:
-    """Return stretches as one; their first samples, which nothing predicts, are left out.
-
-    Parameters
-    ----------
-    stretches : sequence of Comparison
-        Of one recording.
-    """
+    """Return stretches of one recording as one, but their first samples, which nothing predicts."""
     first, *others = stretches
     if not others:
         return first

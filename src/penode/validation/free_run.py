@@ -35,11 +35,7 @@ def with_unmeasured(experiment: Experiment, model: Model) -> Experiment:
 def require_predictable(predictor: Predictor, model: Model, experiment: Experiment) -> None:
     """Refuse a recording that the model cannot predict.
 
-    Raises
-    ------
-    InputError
-        If a channel is missing or has a value that is not finite, or the time step is not the
-        predictor's.
+    A channel is missing or not finite, or the time step is not the predictor's.
     """
     for name, values in experiment.channels.items():
         bad = np.flatnonzero(~np.isfinite(values))
@@ -120,19 +116,9 @@ def compare(
 def free_run_errors(
     predictor: Predictor, fits: Sequence[Sequence[Model]], experiments: Sequence[Experiment]
 ) -> FloatArray:
-    """Return the free-run error of each fit and measured state over all recordings.
+    """Return the free-run RMSE, (fit, state), over all recordings in the states' units.
 
-    Parameters
-    ----------
-    predictor : Predictor
-    fits : sequence of sequence of Model
-        For each fit a model of every recording; of one structure.
-    experiments : sequence of Experiment
-
-    Returns
-    -------
-    ndarray, shape (fit, state)
-        Root mean squares in the states' units; infinite where a free run diverged.
+    Each fit has a model of every recording, of one structure; infinite where a free run diverged.
     """
     rows = _measured_rows(fits[0][0])
     squares, count = np.zeros((len(fits), len(rows))), 0
@@ -202,22 +188,9 @@ def look_ahead(
 ) -> FloatArray:
     """Predict every sample from the measured ones `steps` before it (paper, k-step-ahead).
 
-    Parameters
-    ----------
-    predictor : Predictor
-    model : Model
-        With a batch axis of length 1.
-    states, inputs : array, shapes (state, time) and (input, time)
-        Measured.
-    steps : int
-        k; known at run time only.
-    stride : int
-        Predict every so many samples only.
-
-    Returns
-    -------
-    ndarray, shape (state, ceil((time - past) / stride))
-        For samples past .. time - 1; the first k - 1 of them start from fewer steps before.
+    States (state, time) and inputs (input, time); the model has a batch axis of length 1; steps is
+    known at run time only. Every ``stride`` samples give (state, ceil((time - past) / stride)), for
+    samples past .. time - 1, of which the first k - 1 start from fewer steps before.
     """
     count = len(range(predictor.past, states.shape[1], stride))
     recorded = [with_shared_length(a) for a in (states, predictor.prepared(np.asarray(inputs).T).T)]

@@ -37,30 +37,12 @@ _UNPACKED = 1 << 30
 
 
 def read(file: str, content: bytes | mmap.mmap) -> Table:
-    """Read the columns of a CSV file.
+    """Read the columns of a CSV file, float64 and finite, in the order and the units of the file.
 
-    Cells are separated by commas, semicolons, tabulators or ``|``; numbers have a decimal point,
-    or a comma where that does not separate cells. Below the header may stand a row of units.
-    Spaces around names and cells, a byte-order mark, blank lines and columns of ``true`` and
-    ``false`` are accepted. A column without a number in any row is text and left out.
-
-    Parameters
-    ----------
-    file : str
-        Name of the file, for messages.
-    content : bytes or mmap
-
-    Returns
-    -------
-    Table
-        Columns in the order of the file, float64 and finite, in the units of the file.
-
-    Raises
-    ------
-    InputError
-        If the file is empty, not UTF-8 text, has a bad header, or holds a cell that is missing or
-        not a finite number; the message names the data row (from 1, header and units not
-        counted), the line of the file and the channel.
+    Cells are separated by commas, semicolons, tabulators or ``|``; numbers have a decimal point, or
+    a comma where that does not separate cells. Below the header may stand a row of units. Spaces
+    around names and cells, a byte-order mark, blank lines and columns of ``true`` and ``false`` are
+    accepted. A column without a number in any row is text and left out.
     """
     _check_text(file, content)
     start = len(_MARK) if content[: len(_MARK)] == _MARK else 0
@@ -86,25 +68,7 @@ def read(file: str, content: bytes | mmap.mmap) -> Table:
 
 
 def read_packed(file: str, content: bytes) -> Table:
-    """Read the columns of a CSV file that gzip compressed.
-
-    Parameters
-    ----------
-    file : str
-        Name of the file, for messages.
-    content : bytes
-        Compressed.
-
-    Returns
-    -------
-    Table
-        As `read` gives it.
-
-    Raises
-    ------
-    InputError
-        As `read`, or if the content is damaged or more than 1 GiB when unpacked.
-    """
+    """Read a CSV file that gzip compressed; refuse it if damaged or more than 1 GiB unpacked."""
     with tempfile.TemporaryFile(prefix="penode-") as unpacked:
         size = 0
         for block in _unpacked(file, content):

@@ -16,13 +16,7 @@ _BOOLEANS = {"true": 1.0, "false": 0.0}
 
 @dataclass(frozen=True)
 class Dialect:
-    """How the cells of a file are written.
-
-    Attributes
-    ----------
-    separator : str
-    decimal_comma : bool
-    """
+    """How the cells of a file are written."""
 
     separator: str
     decimal_comma: bool
@@ -45,16 +39,9 @@ class Dialect:
 
 @dataclass
 class _Seen:
-    """What came in one column so far.
+    """What came in one column so far: finite numbers, others that are no truth value.
 
-    Attributes
-    ----------
-    number : bool
-        A finite number.
-    other : bool
-        What is neither that nor a truth value.
-    first : (str, str) or None
-        Place and text of the first cell that is no finite number.
+    ``first`` is place and text of the first cell that is no finite number.
     """
 
     number: bool = False
@@ -63,18 +50,7 @@ class _Seen:
 
 
 class Cells:
-    """The parse of a file's rows, block by block.
-
-    Parameters
-    ----------
-    file : str
-        File, for the messages.
-    names : sequence of str
-        Its columns.
-    dialect : Dialect
-    lines : int
-        Lines above the first row.
-    """
+    """The parse of a file's rows, block by block, of which the first has ``lines`` above it."""
 
     def __init__(self, file: str, names: Sequence[str], dialect: Dialect, lines: int) -> None:
         self._file = file
@@ -93,15 +69,7 @@ class Cells:
         }
 
     def add(self, block: dict[str, Column], lines: int) -> None:
-        """Add a block of rows whose cells are finite numbers but for the columns of text.
-
-        Parameters
-        ----------
-        block : dict of str to ndarray
-            Without the columns of text; at least one is left.
-        lines : int
-            How many lines it has.
-        """
+        """Add a block of so many lines whose cells, but in columns of text, are finite numbers."""
         for name, values in block.items():
             self._parts[name].add(values)
             self._seen[name].number |= len(values) > 0
@@ -109,15 +77,10 @@ class Cells:
         self._lines += lines
 
     def parse(self, lines: Iterable[str]) -> None:
-        """Add a block of rows as text.
+        """Add a block of rows as text; refuse a row that has not one cell for each column.
 
-        Truth values become 1 and 0; what is wrong with other cells is kept for `columns`, as a
-        row of another length is refused first.
-
-        Raises
-        ------
-        InputError
-            If a row has not one cell for each column, or cannot be split into cells.
+        Truth values become 1 and 0; what is wrong with other cells is kept for `columns`, as a row
+        of another length is refused first.
         """
         reader = csv.reader(lines, delimiter=self._dialect.separator)
         table: list[list[float]] = [[] for _ in self._seen]
@@ -158,13 +121,10 @@ class Cells:
         return math.nan if word is None else word
 
     def columns(self) -> dict[str, Column]:
-        """Return the columns, those of text left out.
+        """Return the columns, those of text left out; refuse a cell that is not a finite number.
 
-        Raises
-        ------
-        InputError
-            If a cell is not a finite number, nor a truth value in a column of truth values; the
-            message names the first in the first such column.
+        A column may hold truth values only. The message names the first such cell of the first such
+        column.
         """
         text = self.text
         numbers = [name for name in self._seen if name not in text]
@@ -177,20 +137,7 @@ class Cells:
 
 
 def unsplittable(file: str, line: int, error: csv.Error) -> InputError:
-    """Make the refusal of a line that cannot be split into cells.
-
-    Parameters
-    ----------
-    file : str
-    line : int
-        From 1.
-    error : csv.Error
-
-    Returns
-    -------
-    InputError
-        To be raised by the caller.
-    """
+    """Make the refusal of a line, counted from 1, that cannot be split into cells."""
     return InputError(
         f"{file}: line {line} cannot be split into cells ({error}); "
         "look there and above for an unclosed quotation mark."

@@ -18,24 +18,10 @@ _LIST = 1000
 
 
 def variables(file: str, content: bytes) -> dict[str, Any]:
-    """Return the variables of the file.
+    """Return the variables of the file: arrays, text, structs as dicts, and lists of structs.
 
-    Parameters
-    ----------
-    file : str
-        Name of the file, for messages.
-    content : bytes
-
-    Returns
-    -------
-    dict of str to object
-        An array, text, a struct as a dict of such variables, a list of structs, or None for what
-        is left out: cells, objects, links.
-
-    Raises
-    ------
-    InputError
-        If values are kept in another file, or are fewer than declared.
+    None stands for what is left out: cells, objects, links. Refuses values that are kept in another
+    file or are fewer than declared.
     """
     with h5py.File(io.BytesIO(content), "r") as opened:
         return _Walk(file, opened).group(opened, 0)

@@ -26,30 +26,14 @@ _COMPRESSION = 1040
 
 
 def read(file: str, source: BinaryIO) -> Table:
-    """Read the numeric vectors of a MATLAB file.
+    """Read the numeric vectors of a MATLAB file, float64; scalars, text and objects are left out.
 
-    Parameters
-    ----------
-    file : str
-        Name of the file, for messages.
-    source : binary file
-
-    Returns
-    -------
-    Table
-        Vectors as float64. The fields of a struct are called ``struct.field``, those of an array
-        of structs ``struct1.field`` and so on, the columns of a matrix ``matrix_1`` and so on. A
-        complex vector with an imaginary part becomes ``vector.real`` and ``vector.imag``. A field
-        ``time`` or ``t`` is the clock of the other fields, and of structs within as far as they
-        are as long. The signals of a Simulink structure with time are fields called by their
-        labels, ``signals1`` and so on where they have none. Scalars, text, objects and links are
-        left out.
-
-    Raises
-    ------
-    InputError
-        If the file is no MATLAB file, holds no numeric vector, or less than it declares. A
-        damaged file makes the libraries raise what they will.
+    The fields of a struct are called ``struct.field``, those of an array of structs
+    ``struct1.field``, the columns of a matrix ``matrix_1``; a complex vector becomes
+    ``vector.real`` and ``vector.imag``. A field ``time`` or ``t`` is the clock of the other fields,
+    and of structs within as far as they are as long. The signals of a Simulink structure with time
+    are called by their labels, else ``signals1``. A damaged file makes the libraries raise what
+    they will.
     """
     columns: dict[str, Column] = {}
     table = Table(columns)

@@ -21,27 +21,11 @@ _TIME = 1
 
 
 def read(file: str, source: BinaryIO) -> Table:
-    """Read the numeric channels of an MDF file.
+    """Read the numeric one-dimensional channels of a closed MDF 4 file, float64, in physical units.
 
-    Parameters
-    ----------
-    file : str
-        Name of the file, for messages.
-    source : binary file
-
-    Returns
-    -------
-    Table
-        Channels of one axis as float64, in physical units as the file's conversions give them.
-        The times of each channel group are its clock; see `penode.data.signals.table_of`. A
-        sample that the file calls invalid is left out together with its time, which leaves a gap.
-
-    Raises
-    ------
-    InputError
-        If asammdf is not installed, the file is no MDF file of version 4, or not closed, holds
-        less than it declares, or a formula to compute a channel by. A damaged file makes the
-        library raise what it will.
+    The times of each channel group are its clock (`penode.data.signals.table_of`). A sample that
+    the file calls invalid is left out together with its time, which leaves a gap. A formula to
+    compute a channel by is refused; a damaged file makes the library raise what it will.
     """
     _check_kind(file, source.read(16))
     source.seek(0)

@@ -17,26 +17,9 @@ _COMPRESSION = 1040
 
 
 def read(file: str, source: BinaryIO) -> Table:
-    """Read the columns of a parquet file.
+    """Read the numeric columns of a parquet file, in order and units of the file, when asked for.
 
-    Parameters
-    ----------
-    file : str
-        Name of the file, for messages.
-    source : binary file
-
-    Returns
-    -------
-    Table
-        Columns in the order of the file, float64 and finite, in the units of the file, each decoded
-        when it is asked for; text and dates are left out.
-
-    Raises
-    ------
-    InputError
-        If the file is empty, not parquet or damaged, has a bad column name, a column that is not
-        numeric, or a value that is missing or not finite; the message names the data row (from 1)
-        and the channel.
+    They are float64 and finite; text and dates are left out.
     """
     _require_plausible(file, source)
     head = _frame(file, source, n_rows=1)

@@ -20,25 +20,10 @@ _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "unit")
 
 
 def read(file: str, source: BinaryIO) -> Table:
-    """Read the numeric channels of a TDMS file.
+    """Read the numeric channels of a TDMS file, float64, in the units of the file.
 
-    Parameters
-    ----------
-    file : str
-        Name of the file, for messages.
-    source : binary file
-
-    Returns
-    -------
-    Table
-        Channels as float64, in the units of the file. A waveform has its own times for a clock,
-        another channel the time column of its group; see `penode.data.signals.table_of`.
-
-    Raises
-    ------
-    InputError
-        If npTDMS is not installed, or the file is no TDMS file or cut short. A damaged file makes
-        the library raise what it will.
+    A waveform has its own times for a clock, another channel the time column of its group
+    (`penode.data.signals.table_of`). A damaged file makes the library raise what it will.
     """
     size = source.seek(0, io.SEEK_END)
     source.seek(0)

@@ -9,18 +9,9 @@ from penode.pmsm.comparison.map_comparison import MapComparison
 
 
 def comparison_picture(comparison: MapComparison, title: str) -> bytes:
-    """Return a PNG of the differences of psi_d and psi_q over the currents.
+    """Return a PNG of the differences of psi_d and psi_q over the currents, on one scale in mVs.
 
-    Parameters
-    ----------
-    comparison : MapComparison
-    title : str
-        Which two maps they are.
-
-    Returns
-    -------
-    bytes
-        Two panels with one scale in mVs; empty where one of the two maps is not supported.
+    The panels are empty where one of the two maps is not supported.
     """
     figure = Figure(figsize=(11, 4.8), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)

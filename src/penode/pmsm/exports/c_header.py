@@ -16,22 +16,13 @@ from penode.pmsm.machine.flux_grid import FluxGrid
 
 
 def encode(grid: FluxGrid, name: str) -> str:
-    """Return the header.
+    """Return the header of a map on even currents with zero among them; names start with ``name``.
 
-    Parameters
-    ----------
-    grid : FluxGrid
-        The map, on even currents with zero among them.
-    name : str
-        Every name in the header starts with it; what C does not allow in one becomes ``_``.
-
-    Returns
-    -------
-    str
-        With ``NAME_flux(i_d, i_q)`` in Vs, ``NAME_inductance(i_d, i_q)`` in H,
-        ``NAME_is_supported(i_d, i_q)``, and where known the constants ``NAME_RESISTANCE`` (ohm),
-        ``NAME_RESISTANCE_TEMPERATURE`` (degC), ``NAME_RESISTANCE_COEFFICIENT`` (1/K),
-        ``NAME_MAGNET_TEMPERATURE`` (degC) and ``NAME_POLE_PAIRS``.
+    It has ``NAME_flux(i_d, i_q)`` in Vs, ``NAME_inductance(i_d, i_q)`` in H,
+    ``NAME_is_supported(i_d, i_q)``, and where known the constants ``NAME_RESISTANCE`` (ohm),
+    ``NAME_RESISTANCE_TEMPERATURE`` (degC), ``NAME_RESISTANCE_COEFFICIENT`` (1/K),
+    ``NAME_MAGNET_TEMPERATURE`` (degC) and ``NAME_POLE_PAIRS``. What C does not allow in a name
+    becomes ``_``.
     """
     prefix = identifier(name)
     known = grid.temperatures

@@ -14,16 +14,9 @@ from penode.pmsm.result_files import flux_map_csv
 
 @dataclass(frozen=True)
 class Format:
-    """One way to write a flux map.
+    """One way to write a flux map: ``encode(fit, grid, name)`` gives a file's content.
 
-    Attributes
-    ----------
-    suffix : str
-        Of the file.
-    encode : callable
-        ``encode(fit, grid, name)`` gives the file's content; name is that of the file.
-    points : int
-        Points a side of the grid where no other number is asked for.
+    ``name`` is that of the file; ``points`` a side of the grid where no other number is asked for.
     """
 
     suffix: str

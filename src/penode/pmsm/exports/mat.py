@@ -14,24 +14,14 @@ from penode.pmsm.machine.flux_grid import FluxGrid
 
 
 def encode(fit: Fit, grid: FluxGrid) -> bytes:
-    """Return the file.
+    """Return the file of a machine's map over currents, and of currents over flux linkages.
 
-    Parameters
-    ----------
-    fit : Fit
-        Of a machine.
-    grid : FluxGrid
-        Its map.
-
-    Returns
-    -------
-    bytes
-        Breakpoints ``idVec``, ``iqVec`` (A), zero exactly among them; over them, i_d along the
-        rows, ``fluxD``, ``fluxQ`` (Vs), ``lDD``, ``lDQ``, ``lQD``, ``lQQ`` (H) and ``supported``.
-        Breakpoints ``fluxDVec``, ``fluxQVec`` (Vs); over them ``idOfFlux``, ``iqOfFlux`` (A) and
-        ``supportedOfFlux``. Where known ``torque`` (Nm), ``polePairs``, ``Rs`` (ohm),
-        ``RsTemperature`` (degC), ``RsCoefficient`` (1/K) and ``magnetTemperature`` (degC).
-        ``temperatures`` is a text that says the same.
+    Breakpoints ``idVec``, ``iqVec`` (A), zero exactly among them; over them, i_d along the rows,
+    ``fluxD``, ``fluxQ`` (Vs), ``lDD``, ``lDQ``, ``lQD``, ``lQQ`` (H) and ``supported``. Breakpoints
+    ``fluxDVec``, ``fluxQVec`` (Vs); over them ``idOfFlux``, ``iqOfFlux`` (A) and
+    ``supportedOfFlux``. Where known ``torque`` (Nm), ``polePairs``, ``Rs`` (ohm), ``RsTemperature``
+    (degC), ``RsCoefficient`` (1/K) and ``magnetTemperature`` (degC). ``temperatures`` is a text
+    that says the same.
     """
     tables: dict[str, Any] = {
         "idVec": grid.i_d,

@@ -13,20 +13,11 @@ from penode.pmsm.machine.flux_grid import FluxGrid
 
 
 def encode(grid: FluxGrid) -> bytes:
-    """Return the archive.
+    """Return the archive, ``i_s_dq`` (A) and ``psi_s_dq`` (Vs) complex, of shape (row, column).
 
-    Parameters
-    ----------
-    grid : FluxGrid
-        The map.
-
-    Returns
-    -------
-    bytes
-        ``i_s_dq`` (A) and ``psi_s_dq`` (Vs), complex and of shape (row, column); ``supported``, and
-        where known ``tau_M`` (Nm), ``n_p``, ``R_s`` (ohm), ``R_s_temperature`` (degC),
-        ``R_s_coefficient`` (1/K) and ``magnet_temperature`` (degC); ``temperatures`` is a text
-        that says the same.
+    Beside them ``supported``, and where known ``tau_M`` (Nm), ``n_p``, ``R_s`` (ohm),
+    ``R_s_temperature`` (degC), ``R_s_coefficient`` (1/K) and ``magnet_temperature`` (degC);
+    ``temperatures`` is a text that says the same.
     """
     arrays: dict[str, Any] = {
         "i_s_dq": grid.mesh[0] + 1j * grid.mesh[1],

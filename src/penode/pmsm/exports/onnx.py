@@ -42,28 +42,11 @@ class _Graph:
 
 
 def encode(fit: Fit, grid: FluxGrid) -> bytes:
-    """Return the model.
+    """Return the model: ``currents`` (batch, 2), A, to ``flux_linkage`` (batch, 2), Vs, in float32.
 
-    Parameters
-    ----------
-    fit : Fit
-        Of a machine with the flux map ``coenergy``, ``convex`` or ``mlp``; harmonics of the angle
-        are averaged.
-    grid : FluxGrid
-        Its map, for where recordings have been.
-
-    Returns
-    -------
-    bytes
-        Input ``currents`` (batch, 2): i_d, i_q in A. Outputs ``flux_linkage`` (batch, 2): psi_d,
-        psi_q in Vs, and ``supported`` (batch,): that of the nearest point of the grid. All in
-        float32, but ``supported`` a bool. The metadata ``temperatures`` say at which temperature
-        the map is that of the magnets.
-
-    Raises
-    ------
-    InputError
-        If onnx is not installed, or the map has other operations.
+    ``supported`` (batch,), bool, is that of the nearest point of the grid; harmonics of the angle
+    are averaged. The metadata ``temperatures`` say at which temperature the map is that of the
+    magnets. Refuses maps other than ``coenergy``, ``convex`` and ``mlp``, and a missing onnx.
     """
     try:
         import onnx

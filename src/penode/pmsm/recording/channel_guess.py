@@ -5,22 +5,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ChannelGuess:
-    """Where one channel probably comes from.
+    """Where one channel probably comes from, and why, a clause each.
 
-    Attributes
-    ----------
-    column : str
-        Column of the file.
-    unit : str
-        Key of `penode.data.units.UNITS`.
-    reasons : tuple of str
-        Why, a clause each.
-    sign : {1, -1}
-        -1 where the column counts backwards.
-    mechanical : bool
-        The column belongs to the shaft.
-    scale : float
-        What one count of the column is in that unit.
+    ``unit`` is a key of `penode.data.units.UNITS`, and ``scale`` what one count of the column is in
+    it; ``sign`` is -1 where the column counts backwards; ``mechanical`` says that it belongs to the
+    shaft.
     """
 
     column: str

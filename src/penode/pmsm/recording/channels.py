@@ -67,18 +67,7 @@ def drive_recording(experiment: Experiment) -> Experiment:
 
 
 def in_dq(experiment: Experiment) -> Experiment:
-    """Return a recording with the channels of `drive_recording`, not judged by its values.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        As in `drive_recording`.
-
-    Raises
-    ------
-    InputError
-        If a channel is missing.
-    """
+    """Return a recording with the channels of `drive_recording`, not judged by its values."""
     kinds = stationary_kinds(experiment.channels)
     if kinds:
         experiment = _from_phases(with_phases(experiment), kinds)
@@ -87,30 +76,13 @@ def in_dq(experiment: Experiment) -> Experiment:
 
 
 def electrical(experiments: Sequence[Experiment]) -> tuple[str, ...]:
-    """Return the voltages and currents of recordings; that of the DC link may stand still.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        As a study file maps them.
-    """
+    """Return the voltages and currents of recordings; that of the DC link may stand still."""
     names = dict.fromkeys(name for e in experiments for name in e.channels)
     return tuple(n for n in names if n.split("_")[0] in _ELECTRICAL and n != LINK)
 
 
 def missing_channels(present: Collection[str]) -> list[str]:
-    """Return what a drive recording with these channels lacks.
-
-    Parameters
-    ----------
-    present : collection of str
-        Names of channels.
-
-    Returns
-    -------
-    list of str
-        Canonical names; empty where `drive_recording` finds all that it needs.
-    """
+    """Return the canonical names of what `drive_recording` lacks with these channels."""
     wanted = [name for kind in "ui" for name in form_of(kind, present)]
     wanted.append("theta_el" if stationary_kinds(present) else "omega_el")
     return [name for name in wanted if name not in present]
@@ -126,18 +98,8 @@ def require_channels(
 ) -> None:
     """Refuse recordings without a channel that the model needs, or with incredible values of it.
 
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-    terms : sequence of Term
-        Of the voltage equation.
-    angle_orders : sequence of int
-        Harmonics of the electrical angle in the map.
-
-    Raises
-    ------
-    InputError
-        If a channel is missing, or a value is outside its range; the message says what needs it.
+    The terms are those of the voltage equation; ``angle_orders`` are the harmonics of the
+    electrical angle in the map. The message says what needs the channel.
     """
     needs = [(term.title, channel) for term in terms for channel in term.channels]
     if angle_orders:

@@ -27,16 +27,10 @@ _DISTINCT, _LEAST_SHARE = 2.0, 0.1
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """A column that may be a speed or an angle.
+    """A column that may be a speed or an angle, its values in the unit of the file, times in s.
 
-    Attributes
-    ----------
-    values, times : ndarray, shape (time,)
-        In the unit of the file, and in s; empty where nothing can be determined from them.
-    units : tuple of str
-        Units that it may have, keys of `UNITS`, the likeliest first.
-    side : {"mechanical", "electrical", ""}
-        As the name says; empty where it does not.
+    Both are (time,), and empty where nothing can be determined from them. ``units`` are keys of
+    `UNITS`, the likeliest first; ``side`` is as the name says, empty where it does not.
     """
 
     values: FloatArray
@@ -49,17 +43,9 @@ class Turning:
 class Motion:
     """What speed and angle are.
 
-    Attributes
-    ----------
-    speed_unit, angle_unit : str
-        Empty for the one that is not recorded.
-    speed_side, angle_side : {"mechanical", "electrical"}
-    pole_pairs : int or None
-        None where they are of the same side.
-    speed_sign, angle_sign : {1, -1}
-        -1 where the column counts backwards.
-    agrees : bool
-        The slope of the angle is the speed.
+    Empty units for the one that is not recorded; no pole pairs where both are of the same side; a
+    sign of -1 where the column counts backwards. ``agrees`` says that the slope of the angle is the
+    speed.
     """
 
     speed_unit: str
@@ -73,19 +59,10 @@ class Motion:
 
 
 def motion_of(speed: Turning | None, angle: Turning | None, turns: int | None) -> Motion:
-    """Find units, sides and signs of speed and angle.
+    """Find units, sides and signs of speed and angle, None for what is not recorded.
 
-    Parameters
-    ----------
-    speed, angle : Turning or None
-        None for what is not recorded.
-    turns : int or None
-        Electrical turns in one of the angle, from `electrical_turns`.
-
-    Returns
-    -------
-    Motion
-        The simplest in which the slope of the angle is the speed; without one, what is usual.
+    The answer is the simplest in which the slope of the angle is the speed; without one, what is
+    usual. ``turns`` is what `electrical_turns` gives.
     """
     direction = None if turns is None else int(np.sign(turns))
     shaft = abs(turns) if turns is not None and abs(turns) > 1 else None
@@ -133,20 +110,11 @@ def _agreement(speed: Turning, angle: Turning, turns: int | None) -> Motion | No
 
 
 def electrical_turns(kinds: Sequence[FloatArray], angle: FloatArray) -> int | None:
-    """Find how many electrical turns one turn of an angle is, from phase quantities.
+    """Find how many electrical turns one turn of an angle (time,), rad, is, from phases (time, 3).
 
-    Parameters
-    ----------
-    kinds : sequence of ndarray, each of shape (time, 3)
-        Currents, voltages or both of phases a, b, c, in any unit.
-    angle : ndarray, shape (time,)
-        In rad.
-
-    Returns
-    -------
-    int or None
-        1 for an electrical angle, the pole pairs for that of the shaft, negative where the angle
-        turns against the phases; None where the phases do not determine it.
+    1 for an electrical angle, the pole pairs for that of the shaft, negative where the angle turns
+    against the phases; None where the phases, currents or voltages in any unit, do not determine
+    it.
     """
     counts = [k * sign for k in range(1, _MOST_POLE_PAIRS + 1) for sign in (1, -1)]
     constant = {k: sum(_constant_share(phases, k * angle) for phases in kinds) for k in counts}

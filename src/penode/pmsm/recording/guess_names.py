@@ -52,18 +52,10 @@ _TOKEN = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöü]+|\d+")
 
 @dataclass(frozen=True)
 class NameHint:
-    """What the name of a column says.
+    """What the name of a column says: channel, unit (empty without), side of a speed or angle.
 
-    Attributes
-    ----------
-    channel : str
-        Channel that it may be, a key of `penode.pmsm.recording.drive_mapping.RECORDED`.
-    unit : str
-        Unit in the name, a key of `penode.data.units.UNITS`; empty where there is none.
-    side : {"mechanical", "electrical", ""}
-        Of a speed or angle.
-    asked_for : bool
-        It is a reference, not a measurement.
+    ``channel`` is a key of `penode.pmsm.recording.drive_mapping.RECORDED`, ``unit`` one of
+    `penode.data.units.UNITS`; ``asked_for`` marks a reference, not a measurement.
     """
 
     channel: str
@@ -73,17 +65,9 @@ class NameHint:
 
 
 def read_name(column: str) -> NameHint | None:
-    """Read the name of a column.
+    """Read the name of a column; None where it is that of no channel.
 
-    Parameters
-    ----------
-    column : str
-        As the file has it; of ``struct.field`` and ``group/name`` the last part counts.
-
-    Returns
-    -------
-    NameHint or None
-        None where the name is that of no channel.
+    Of ``struct.field`` and ``group/name`` the last part counts.
     """
     bare, unit = _split_unit(column)
     # A last letter may be an axis, not a unit: in i_A and u_V it alone names the phase.

@@ -20,14 +20,7 @@ _PER_UNIT = 2.5
 
 
 def with_duty_range(table: Table, guess: ChannelGuess) -> ChannelGuess:
-    """Return the guess of a duty cycle with the unit and the scale that its range shows.
-
-    Parameters
-    ----------
-    table : Table
-    guess : ChannelGuess
-        By its name.
-    """
+    """Return the guess of a duty cycle with the unit and the scale that its range shows."""
     values = table.columns[guess.column]
     largest = _largest(table, guess)
     if not largest:
@@ -45,20 +38,10 @@ def with_duty_range(table: Table, guess: ChannelGuess) -> ChannelGuess:
 def with_fractions(
     table: Table, channels: Mapping[str, ChannelGuess]
 ) -> tuple[dict[str, ChannelGuess], tuple[str, ...]]:
-    """Return the guesses with those per unit marked, and the bases that are needed.
+    """Return the guesses with those per unit marked, and the bases (of `BASES`) that are needed.
 
-    Parameters
-    ----------
-    table : Table
-    channels : mapping of str to ChannelGuess
-
-    Returns
-    -------
-    channels : dict of str to ChannelGuess
-        Unit ``"1"`` or ``"%"`` where unit or name say so, or where no voltage and no current of a
-        file without units is above 2.5.
-    bases : tuple of str
-        Values of `penode.pmsm.recording.drive_mapping.BASES`.
+    The unit becomes ``"1"`` or ``"%"`` where unit or name say so, or where no voltage and no
+    current of a file without units is above 2.5.
     """
     small = _looks_per_unit(table, channels)
     found = {name: _fraction(table, name, guess, small) for name, guess in channels.items()}

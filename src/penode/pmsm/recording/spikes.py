@@ -31,16 +31,8 @@ _Place: TypeAlias = tuple[int, int]
 def without_spikes(stretches: Sequence[Experiment]) -> Sequence[Experiment]:
     """Return a recording without the spikes of its currents, speed and voltages.
 
-    Parameters
-    ----------
-    stretches : sequence of Experiment
-        Of one recording, as a study file maps it; itself where it is whole.
-
-    Returns
-    -------
-    sequence of Experiment
-        As they came where there are none, or nothing long enough is left. Else what lies between
-        them, with a sentence on where they are.
+    The stretches come back as they came where there are none, or nothing long enough is left; else
+    what lies between them, with a sentence on where they are.
     """
     found = {where: name for kind in _BEYOND for where, name in _spikes(stretches, kind).items()}
     if not found:

@@ -55,18 +55,9 @@ FORMS = {
 
 
 def form_of(kind: str, present: Collection[str]) -> tuple[str, ...]:
-    """Return the channels that give all voltages or all currents.
+    """Return the channels that give all voltages, ``"u"``, or all currents, ``"i"``.
 
-    Parameters
-    ----------
-    kind : {"u", "i"}
-    present : collection of str
-        Names of channels.
-
-    Returns
-    -------
-    tuple of str
-        The first of `FORMS` that is whole, else the one of which most is present.
+    The first of `FORMS` that is whole, else the one of which most is present.
     """
 
     def lacking(form: tuple[str, ...]) -> tuple[bool, int, int]:
@@ -82,18 +73,10 @@ def turns_with_rotor(form: Collection[str]) -> bool:
 
 
 def phases_of(kind: str, channels: Mapping[str, FloatArray]) -> FloatArray | None:
-    """Return the phases that channels in the stationary frame stand for.
+    """Return the phases (time, 3) that channels in the stationary frame, in any unit, stand for.
 
-    Parameters
-    ----------
-    kind : {"u", "i"}
-    channels : mapping of str to ndarray, each of shape (time,)
-        In any unit; of duty cycles, that of the DC link's voltage.
-
-    Returns
-    -------
-    ndarray of shape (time, 3), or None
-        None where they are in dq or lack a channel.
+    Those of duty cycles are in the unit of the DC link's voltage. None where the channels are in dq
+    or one is lacking.
     """
     form = form_of(kind, channels)
     if turns_with_rotor(form) or any(name not in channels for name in form):
@@ -110,16 +93,8 @@ def phases_of(kind: str, channels: Mapping[str, FloatArray]) -> FloatArray | Non
 def with_phases(experiment: Experiment) -> Experiment:
     """Return a recording with the phases that its stationary channels stand for.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        With channels of one of `FORMS` for voltages, and of one for currents.
-
-    Returns
-    -------
-    Experiment
-        With u_a, u_b, u_c (V) or i_a, i_b, i_c (A) beside what it had, where a kind was recorded
-        neither in dq nor in three phases; without change where it lacks a channel.
+    It has u_a, u_b, u_c (V) or i_a, i_b, i_c (A) beside what it had, where a kind was recorded
+    neither in dq nor in three phases; no change where it lacks a channel.
     """
     channels = dict(experiment.channels)
     for kind in FORMS:

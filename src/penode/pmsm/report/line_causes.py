@@ -54,15 +54,10 @@ class NamedLine:
 
 
 def signed_frequency(electrical_frequency: float, transitions: FloatArray) -> float:
-    """Return the electrical frequency in Hz with the sign of the rotation.
+    """Return the electrical frequency, Hz, with the sign of the rotation.
 
-    Parameters
-    ----------
-    electrical_frequency : float
-        Hz, of any sign.
-    transitions : ndarray, shape (sample, 2, 2)
-        One-step matrices of the currents: what is fixed to the stator turns by -omega T as seen
-        from the rotor.
+    What is fixed to the stator turns by -omega T as seen from the rotor, in the one-step matrices
+    of the currents, (sample, 2, 2).
     """
     with np.errstate(over="ignore", invalid="ignore"):  # of an unstable model
         turn = transitions[:, 0, 1].mean() - transitions[:, 1, 0].mean()

@@ -10,15 +10,7 @@ from penode.report.quantities import fixed, number, with_unit
 def loss_weighting(fit: Fit) -> Section | None:
     """Return the section on what the loss at H = 1, the selected and the longest horizon weighs.
 
-    Parameters
-    ----------
-    fit : Fit
-        Identification result of a machine.
-
-    Returns
-    -------
-    Section or None
-        None where the fit keeps no one-step matrices or no prediction.
+    None where the fit keeps no one-step matrices or no prediction.
     """
     base = float(fit.provenance.get("electrical_frequency_hz") or 0.0)
     base = signed_frequency(base, fit.transitions) if fit.transitions.size else base

@@ -23,37 +23,12 @@ _CURRENTS = ("i<sub>d</sub>", "i<sub>q</sub>")
 
 
 def current_grid(fit: Fit, points: int) -> RegionGrid:
-    """Return a grid around the recorded currents.
-
-    Parameters
-    ----------
-    fit : Fit
-        Identification result of a machine.
-    points : int
-        Grid points per axis.
-
-    Returns
-    -------
-    RegionGrid
-        i_d along x and i_q along y, in A.
-    """
+    """Return a grid, ``points`` per axis, around the recorded currents, i_d and i_q in A."""
     return region_grid(fit, (0, 1), points)
 
 
 def flux_map_contours(fit: Fit) -> go.Figure:
-    """Draw contours of psi_d and psi_q over the currents.
-
-    Parameters
-    ----------
-    fit : Fit
-        Identification result of a machine.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-        Two panels of one aspect, labelled in mVs; greyed outside the excited region, the recorded
-        currents as dots.
-    """
+    """Draw contours of psi_d and psi_q, mVs, over the currents, grey outside the excited region."""
     grid = current_grid(fit, _CONTOUR_POINTS)
     psi = fit.flux_map(*grid.mesh) * 1e3
     maps = [
@@ -64,19 +39,9 @@ def flux_map_contours(fit: Fit) -> go.Figure:
 
 
 def band_widths(fit: Fit) -> tuple[RegionGrid, FloatArray]:
-    """Return half the width of the 95 % band around psi_d and psi_q over the currents.
+    """Return half the 95 % band of psi_d and psi_q over the currents, (row, column, 2), in mVs.
 
-    Parameters
-    ----------
-    fit : Fit
-        Identification result of a machine.
-
-    Returns
-    -------
-    RegionGrid
-        i_d along x and i_q along y, in A.
-    ndarray, shape (row, column, 2)
-        In mVs; infinite where the recordings are too short to determine it.
+    Infinite where the recordings are too short to determine it.
     """
     grid = current_grid(fit, _BAND_POINTS)
     points = np.stack(grid.mesh, axis=-1)
@@ -86,19 +51,7 @@ def band_widths(fit: Fit) -> tuple[RegionGrid, FloatArray]:
 
 
 def flux_map_bands(grid: RegionGrid, half: FloatArray) -> go.Figure:
-    """Draw what `band_widths` returns.
-
-    Parameters
-    ----------
-    grid : RegionGrid
-    half : ndarray, shape (row, column, 2)
-        In mVs.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-        Two panels of one aspect, labelled in mVs; greyed outside the excited region.
-    """
+    """Draw what `band_widths` returns, in mVs, grey outside the excited region."""
     maps = [
         RegionMap(f"<b>ψ<sub>{axis}</sub></b>, ± mVs", half[..., k], "mVs")
         for k, axis in enumerate(_AXES)
@@ -107,18 +60,7 @@ def flux_map_bands(grid: RegionGrid, half: FloatArray) -> go.Figure:
 
 
 def differential_inductances(fit: Fit) -> go.Figure:
-    """Draw contours of L_dd, L_dq and L_qq over the currents.
-
-    Parameters
-    ----------
-    fit : Fit
-        Identification result of a machine.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-        Three panels of one aspect, labelled in µH; greyed outside the excited region.
-    """
+    """Draw contours of L_dd, L_dq and L_qq, µH, grey outside the excited region."""
     grid = current_grid(fit, _CONTOUR_POINTS)
     inductance = fit.differential_inductance(*grid.mesh) * 1e6
     maps = [
@@ -129,18 +71,7 @@ def differential_inductances(fit: Fit) -> go.Figure:
 
 
 def flux_map_surfaces(fit: Fit) -> go.Figure:
-    """Draw psi_d and psi_q as surfaces over the currents.
-
-    Parameters
-    ----------
-    fit : Fit
-        Identification result of a machine.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-        Two scenes in mVs; nothing is drawn outside the excited region.
-    """
+    """Draw psi_d and psi_q in mVs as surfaces over the currents, inside the excited region."""
     i_d, i_q, inside = _trimmed(fit, current_grid(fit, _SURFACE_POINTS))
     psi = np.where(inside, fit.flux_map(i_d, i_q) * 1e3, np.nan)
     figure = panels.blank_figure()

@@ -16,19 +16,9 @@ _POINTS = 4000
 
 
 def drive_picture(recording: Recording, recorded: Experiment | None = None) -> bytes:
-    """Return a PNG of a simulation.
+    """Return a PNG of a simulation, before a recording on the same reference where there is one.
 
-    Parameters
-    ----------
-    recording : Recording
-        The simulation.
-    recorded : Experiment, optional
-        A recording on the same reference, drawn behind it.
-
-    Returns
-    -------
-    bytes
-        Currents in A, voltages asked for in V, and air-gap torque in Nm, over time in s.
+    Currents in A, voltages asked for in V, and air-gap torque in Nm, over time in s.
     """
     figure = Figure(figsize=(11, 8), layout="constrained")
     currents, voltages, newton_metres = figure.subplots(3, 1, sharex=True)

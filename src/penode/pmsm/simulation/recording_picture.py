@@ -17,15 +17,8 @@ _D, _Q = "#1768ac", "#c8553d"
 def recording_picture(recording: Recording) -> bytes:
     """Return a PNG of a recording.
 
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    bytes
-        Currents over the disc, voltages over time, spectra of the currents over the electrical
-        order, and the flux linkage's harmonics over the angle at three points of the disc.
+    Currents over the disc, voltages over time, spectra of the currents over the electrical order,
+    and the flux linkage's harmonics over the angle at three points of the disc.
     """
     figure = Figure(figsize=(11, 8), layout="constrained")
     panels = figure.subplots(2, 2).ravel()

@@ -23,16 +23,9 @@ _SAME_SPEED = 0.01
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far a simulation is from a recording on the same reference.
+    """How far, as RMS in A and V of `COMPARED`, a simulation is from a recording on its reference.
 
-    Attributes
-    ----------
-    name : str
-        Of the recording.
-    rms : mapping of str to float
-        Root mean square of simulated less recorded, in A and V, for each of `COMPARED`.
-    settled : float
-        Time in s that was left out at the beginning.
+    ``settled`` is the time in s that was left out at the beginning.
     """
 
     name: str
@@ -56,22 +49,8 @@ def torque_of(recording: Recording) -> FloatArray:
 def deviation(recording: Recording, recorded: Experiment) -> Deviation:
     """Hold a simulation against a recording of the same reference, row by row from the first.
 
-    Parameters
-    ----------
-    recording : Recording
-        The simulation.
-    recorded : Experiment
-        With the channels of `COMPARED` and omega_el; if one of the two is longer, its end is left
-        out.
-
-    Returns
-    -------
-    Deviation
-
-    Raises
-    ------
-    InputError
-        If the two differ in sampling or speed, or nothing is left after settling.
+    The recording has the channels of `COMPARED` and omega_el; if one is longer, its end is left
+    out. Refuses two that differ in sampling or speed, and nothing left after settling.
     """
     simulated, drive = recording.experiment, recording.truth.drive
     if not np.isclose(simulated.time_step, recorded.time_step, rtol=1e-6):
@@ -102,17 +81,7 @@ def deviation(recording: Recording, recorded: Experiment) -> Deviation:
 def share_beyond(recording: Recording, result: Path) -> float:
     """Return the share of a simulation's samples where the identified map is an extrapolation.
 
-    Parameters
-    ----------
-    recording : Recording
-        The simulation.
-    result : Path
-        Folder of the identification that its machine comes from.
-
-    Returns
-    -------
-    float
-        From 0 to 1, by the nearest point of ``flux_map.csv``.
+    From 0 to 1, by the nearest point of ``flux_map.csv`` in the result's folder.
     """
     grid = read_grid(result / "flux_map.csv")
     axes = np.array([grid.i_d, grid.i_q])

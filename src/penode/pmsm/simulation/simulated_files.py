@@ -14,24 +14,10 @@ GRID = 61
 
 
 def write_recording(recording: Recording, path: Path) -> tuple[Path, Path]:
-    """Write the recording, and beside it how it was made and the map it came from.
+    """Write the recording (.csv or .parquet), and beside it how it was made and the map behind it.
 
-    Parameters
-    ----------
-    recording : Recording
-    path : Path
-        CSV or Parquet by suffix.
-
-    Returns
-    -------
-    Path, Path
-        ``NAME.truth.json``, and ``NAME.truth.csv`` with the columns i_d, i_q in A and psi_d, psi_q
-        in Vs: the map averaged over the angle, on a grid over the disc of visited currents.
-
-    Raises
-    ------
-    InputError
-        If the suffix is neither .csv nor .parquet.
+    Those are ``NAME.truth.json``, and ``NAME.truth.csv`` with i_d, i_q in A and psi_d, psi_q in Vs:
+    the map averaged over the angle, on a grid over the disc of visited currents.
     """
     save(recording.experiment, path)
     story, table = path.with_suffix(".truth.json"), path.with_suffix(".truth.csv")

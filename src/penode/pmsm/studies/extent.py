@@ -7,33 +7,11 @@ from penode.pmsm.study_settings import Study
 
 @dataclass(frozen=True)
 class Extent:
-    """Size of the studies.
+    """Size of the studies; horizons in steps, ascending, few where they are not the question.
 
-    Attributes
-    ----------
-    name : str
-    horizons : tuple of int
-        Steps, ascending; those of the paper's figures.
-    few_horizons : tuple of int
-        Where the horizon is not the question.
-    seeds : tuple of int
-        Of networks, starts and the order of batches.
-    growth : tuple of int
-        Horizons that training goes through on the way to a longer one.
-    growth_steps, steps : int
-        Gradient steps of the paper's recipe at each of those, and at the horizon itself.
-    share : float
-        Duration of the training recordings over that of the paper's.
-    unseen : int
-        Recordings at other speeds, currents and trajectories.
-    unseen_duration : float
-        s.
-    recordings : tuple of str
-        Those of the table of methods.
-    variants : tuple of str
-        Names of the steps from the paper's recipe to ours that are taken.
-    ours : Study
-        Our defaults.
+    Training grows through ``growth`` with ``growth_steps`` gradient steps of the paper's recipe
+    each, then takes ``steps`` at the horizon. ``share`` is the training duration over the paper's,
+    ``unseen_duration`` is in s; ``recordings`` are those of the table of methods.
     """
 
     name: str
@@ -47,6 +25,7 @@ class Extent:
     unseen: int
     unseen_duration: float
     recordings: tuple[str, ...]
+    #: Steps from the paper's recipe to ours that are taken.
     variants: tuple[str, ...]
     ours: Study
 

@@ -15,29 +15,12 @@ _GRID = 61
 
 @dataclass(frozen=True)
 class Measures:
-    """How good a fit is.
+    """How good a fit is, in SI units; a one-step or free-run error is infinite after a divergence.
 
-    Attributes
-    ----------
-    resistance, deviation, true_resistance : float
-        ohm.
-    horizon : int
-        Steps.
-    verdict : str
-        Of `penode.fit.fit.HorizonChoice`.
-    flux_mae : float
-        Mean absolute error of psi_d and psi_q over the excited region in Vs.
-    magnet_flux : float
-        psi_PM of the data sheet in Vs.
-    trained : float
-        Root mean squared error over the horizon on the windows trained on, in A.
-    one_step_train : float
-        Mean squared one-step error on the recording learned from, in A^2.
-    one_step, free_run : mapping of str to float
-        Mean squared one-step error in A^2 and free-run RMSE in A on each unseen recording; infinite
-        after a divergence.
-    others : mapping of str to float
-        Further physical parameters in SI units.
+    ``flux_mae`` is the mean absolute error of psi_d and psi_q over the excited region in Vs,
+    ``trained`` the RMSE in A over the horizon (steps) on the windows trained on; one-step errors
+    are mean squares in A^2, free-run errors RMSE in A, by unseen recording; ``magnet_flux`` is the
+    data sheet's.
     """
 
     resistance: float
@@ -91,15 +74,7 @@ def _finite(value: Any) -> Any:
 
 
 def measure(fit: Fit, recording: Recording) -> Measures:
-    """Measure a fit whose comparisons hold the recording learned from and the unseen ones.
-
-    Parameters
-    ----------
-    fit : Fit
-        Of a machine.
-    recording : Recording
-        What it learned from, with the truth.
-    """
+    """Measure a fit whose comparisons hold the recording learned from and the unseen ones."""
     truth = recording.truth
     points = _excited_points(fit)
     gap = fit.flux_map(*points.T).T - truth.flux_map(*points.T)

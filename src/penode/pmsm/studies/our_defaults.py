@@ -13,13 +13,7 @@ from penode.pmsm.study_settings import Study
 
 @dataclass(frozen=True)
 class OurDefaults:
-    """What `penode identify` does with a recording.
-
-    Attributes
-    ----------
-    study : Study
-        The defaults decide terms and horizon from the data; simulated sensors are exact.
-    """
+    """What `penode identify` does: terms and horizon from the data; exact simulated sensors."""
 
     study: Study = field(default_factory=lambda: Study(accuracy=Accuracy.exact()))
 

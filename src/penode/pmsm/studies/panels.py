@@ -6,19 +6,9 @@ from dataclasses import dataclass, field, replace
 
 @dataclass(frozen=True)
 class Series:
-    """Points of one kind.
+    """Points of one kind, with a label (empty for none in the legend) and a colour of `COLOURS`.
 
-    Attributes
-    ----------
-    label : str
-        Empty to leave it out of the legend.
-    x, y : sequence of float
-    colour : str
-        A name of `penode.pmsm.studies.study_figure.COLOURS`.
-    marker : str
-        Of matplotlib; empty for none.
-    joined : bool
-        Whether a line joins the means of the points at each x.
+    ``marker`` is matplotlib's, empty for none; a line may join the means of the points at each x.
     """
 
     label: str
@@ -31,19 +21,9 @@ class Series:
 
 @dataclass(frozen=True)
 class Panel:
-    """Axes with series.
+    """Axes with series; a line marks the true value of y.
 
-    Attributes
-    ----------
-    title, x_label, y_label : str
-    series : tuple of Series
-    truth : float or None
-        Value of y that a line marks as true.
-    x_log, y_log : bool
-        Logarithmic axes.
-    y_limits : tuple of float or None
-        Points beyond are drawn at the edge, as arrows.
-    legend : bool
+    Points beyond ``y_limits`` are drawn at the edge, as arrows.
     """
 
     title: str
@@ -59,15 +39,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Matrix:
-    """Numbers in rows and columns, shaded by their logarithm.
-
-    Attributes
-    ----------
-    title, x_label, y_label : str
-    rows, columns : tuple of str
-    values : sequence of sequence of float
-        Row by row.
-    """
+    """Numbers in rows and columns, row by row, shaded by their logarithm."""
 
     title: str
     x_label: str
@@ -79,16 +51,9 @@ class Matrix:
 
 @dataclass(frozen=True)
 class Claim:
-    """Something the paper says, or a goal, beside what came out here.
+    """Something the paper says, or a goal, beside the numbers that came out here, as a sentence.
 
-    Attributes
-    ----------
-    text : str
-        The statement.
-    holds : bool or None
-        Whether it holds here; None where a quick run does not judge it.
-    evidence : str
-        The numbers, as a sentence.
+    ``holds`` is None where a quick run does not judge it.
     """
 
     text: str
@@ -98,23 +63,10 @@ class Claim:
 
 @dataclass(frozen=True)
 class StudyResult:
-    """Everything a study says.
+    """Everything a study says: question, numbers (a row a run), one figure, claims, reading.
 
-    Attributes
-    ----------
-    name, title : str
-        Of its files, and of its section.
-    question : str
-        What is asked, in a sentence or two.
-    rows : list of dict
-        The numbers, a row a run, for CSV and JSON.
-    panels : tuple of Panel or Matrix
-        One figure.
-    claims : tuple of Claim
-    reading : str
-        How to read it, and why it comes out so.
-    columns : tuple of str
-        Columns of the rows that the page shows as a table; none shows no table.
+    ``reading`` says how to read it, and why it comes out so; ``columns`` are those of the rows that
+    the page shows as a table, none for no table.
     """
 
     name: str

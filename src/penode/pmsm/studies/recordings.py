@@ -28,16 +28,10 @@ _DWELL = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One recording to learn from and others of the same drive to predict.
+    """One recording to learn from, with its truth, and others of the same drive to predict.
 
-    Attributes
-    ----------
-    name, label : str
-        Key of `CASES`, and what figures call it.
-    recording : Recording
-        With its truth.
-    unseen : tuple of Recording
-        At other speeds, currents and trajectories.
+    ``name`` is a key of `CASES`, ``label`` what figures call it; unseen are other speeds, currents
+    and trajectories.
     """
 
     name: str
@@ -105,28 +99,14 @@ CASES: dict[str, tuple[str, Callable[[], Simulation]]] = {
 
 
 def fingerprint(name: str) -> str:
-    """Return a hash that differs between cases recorded differently.
-
-    Parameters
-    ----------
-    name : str
-        A key of `CASES`.
-    """
+    """Return a hash that differs between cases (keys of `CASES`) recorded differently."""
     whole = CASES[name][1]()
     text = json.dumps(plain([whole, _others(name, whole)]), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def record_case(name: str, extent: Extent) -> Case:
-    """Record a case.
-
-    Parameters
-    ----------
-    name : str
-        A key of `CASES`.
-    extent : Extent
-        How long, and how many unseen recordings.
-    """
+    """Record a case of `CASES`, as long and with as many unseen recordings as the extent says."""
     label, make = CASES[name]
     whole = make()
     share = 1.0 if name == "operating_points" else extent.share

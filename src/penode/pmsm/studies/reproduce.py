@@ -41,27 +41,14 @@ STUDIES: dict[str, Callable[[Runs], StudyResult]] = {
 
 @dataclass(frozen=True)
 class Written:
-    """What a reproduction wrote.
-
-    Attributes
-    ----------
-    page : Path
-        ``results.md``.
-    results : tuple of StudyResult
-    """
+    """What a reproduction wrote: ``results.md``, and the result of each study."""
 
     page: Path
     results: tuple[StudyResult, ...]
 
 
 def chosen_studies(name: str) -> list[str]:
-    """Return the names of studies meant by one, or all.
-
-    Raises
-    ------
-    InputError
-        If there is no study of that name.
-    """
+    """Return the names of studies meant by one, or all; refuse a name of none."""
     if name == "all":
         return list(STUDIES)
     if name not in STUDIES:
@@ -78,18 +65,9 @@ def reproduce(
 ) -> Written:
     """Compute studies and write them; what is there already is taken over.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Keys of `STUDIES`.
-    folder : Path
-        Gets ``runs/`` with every trained fit, for each study ``NAME.json``, ``NAME.csv`` and
-        ``figures/studies_NAME.png``, and ``results.md``.
-    extent : Extent
-    say : callable
-        Called with a line of progress at a time.
-    observer : callable
-        Called with each evaluation.
+    The folder gets ``runs/`` with every trained fit, for each study (a key of `STUDIES`)
+    ``NAME.json``, ``NAME.csv`` and ``figures/studies_NAME.png``, and ``results.md``. ``say`` is
+    called with lines of progress, ``observer`` with each evaluation.
     """
     runs, results = Runs(folder / "runs", extent, say, observer), list[StudyResult]()
     page = folder / "results.md"

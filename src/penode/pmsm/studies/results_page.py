@@ -37,14 +37,9 @@ _READING = """
 
 
 def results_page(results: Sequence[StudyResult], facts: Mapping[str, Any]) -> str:
-    """Return the page.
+    """Return the page, with figures linked as ``figures/studies_NAME.png``.
 
-    Parameters
-    ----------
-    results : sequence of StudyResult
-        In the order of the page; figures are linked as ``figures/studies_NAME.png``.
-    facts : mapping
-        ``machine``, ``python``, ``versions``, ``extent`` and ``wall_time_s``.
+    ``facts`` has ``machine``, ``python``, ``versions``, ``extent`` and ``wall_time_s``.
     """
     small = _QUICK if facts["extent"]["name"] == "quick" else ""
     parts = [_HEAD + small, _summary(results), _READING, *map(_section, results), _made(facts)]

@@ -30,20 +30,10 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Run:
-    """One finished training.
+    """One finished training, or, without measures, the sentence with which the method refused.
 
-    Attributes
-    ----------
-    recording, method : str
-        Names.
-    seed, horizon : int
-        The horizon as asked for; 0 where the method chooses or has none.
-    measures : Measures or None
-        None where the method refused the recording.
-    refusal : str
-        Why it did, as a sentence.
-    wall_time, processor_time : float
-        s; what the horizons of one training have in common counts for the first of them.
+    ``horizon`` is as asked for, 0 where the method chooses or has none. Times in s: what the
+    horizons of one training have in common counts for the first of them.
     """
 
     recording: str
@@ -65,17 +55,9 @@ class Run:
 
 @dataclass(eq=False)
 class Runs:
-    """Trains what is not there yet and keeps it.
+    """Trains what is not there yet and keeps it in ``RECORDING/METHOD/seedN/HN/`` of the folder.
 
-    Attributes
-    ----------
-    folder : Path
-        Gets ``RECORDING/METHOD/seedN/HN/run.json`` and the fit beside it.
-    extent : Extent
-    say : callable
-        Called with a line for each finished run.
-    observer : callable
-        Called with each evaluation.
+    ``say`` is called with a line for each finished run, ``observer`` with each evaluation.
     """
 
     folder: Path
@@ -105,17 +87,9 @@ class Runs:
         return [run for seed in seeds for run in self._climbed(case, variant, horizons, seed)]
 
     def by_method(self, case: str, name: str, method: Method, settings: str = "") -> Run:
-        """Return the run of a method that chooses its horizon itself, or has none.
+        """Return the run, in folder ``name``, of a method that chooses its horizon, or has none.
 
-        Parameters
-        ----------
-        case : str
-            A key of `penode.pmsm.studies.recordings.CASES`.
-        name : str
-            Folder of its runs.
-        method : Method
-        settings : str
-            What its settings are, where they differ from call to call.
+        ``case`` is a key of `CASES`; ``settings`` says what differs from call to call.
         """
 
         def train() -> Fit:

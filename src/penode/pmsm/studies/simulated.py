@@ -33,15 +33,7 @@ _NEGATIVE_BELOW = 15
 
 
 def axes_runs(runs: Runs, case: str, variants: Sequence[Variant] = AXES) -> dict[str, list[Run]]:
-    """Return the runs of variants on a recording, fewer of those with angle harmonics.
-
-    Parameters
-    ----------
-    runs : Runs
-    case : str
-        A key of `penode.pmsm.studies.recordings.CASES`.
-    variants : sequence of Variant
-    """
+    """Return the runs of variants on a case, fewer of those with angle harmonics."""
     extent = runs.extent
     by_variant = {}
     for variant in variants:

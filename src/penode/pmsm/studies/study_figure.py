@@ -30,17 +30,7 @@ _ABOVE, _BELOW, _RIGHT, _LINE = 0.35, 0.6, 0.15, 0.18
 
 
 def study_figure(panels: Sequence[Panel | Matrix]) -> bytes:
-    """Draw panels side by side, legends below the axes.
-
-    Parameters
-    ----------
-    panels : sequence of Panel or Matrix
-
-    Returns
-    -------
-    bytes
-        PNG.
-    """
+    """Draw panels side by side as PNG, legends below the axes."""
     legend = _LINE * max(map(_legend_lines, panels))
     lefts = [_left(panel) for panel in panels]
     width = sum(lefts) + (_WIDTH + _RIGHT) * len(panels)

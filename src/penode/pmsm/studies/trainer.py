@@ -30,15 +30,9 @@ from penode.training.plan import Plan, Stage
 
 @dataclass(frozen=True, eq=False)
 class Branches:
-    """Where stages ended, kept in a file.
+    """Where stages ended, kept in a JSON file: stages, as text, to the raw parameters after them.
 
-    Attributes
-    ----------
-    path : Path
-        JSON: ``given``, and ``ends``: stages, as text, to the raw parameters after them.
-    given : mapping
-        What they were trained with, as JSON can hold it.
-    ends : dict of str to ndarray, shape (parameter,)
+    ``given`` is what they were trained with, as JSON can hold it; the ends are (parameter,).
     """
 
     path: Path
@@ -47,14 +41,7 @@ class Branches:
 
     @classmethod
     def at(cls, path: Path, given: Mapping[str, Any]) -> "Branches":
-        """Read what is there, or begin anew where it is damaged or was trained with other things.
-
-        Parameters
-        ----------
-        path : Path
-        given : mapping
-            What is trained with now.
-        """
+        """Read what is there; begin anew where it is damaged or was trained with other things."""
         try:
             document = json.loads(path.read_text())
             if document["given"] != given:
@@ -73,15 +60,7 @@ class Branches:
 
 @dataclass(frozen=True, eq=False)
 class Trainer:
-    """Trains models of one structure on one recording.
-
-    Attributes
-    ----------
-    problem : LadderProblem
-        Of the recording.
-    plan : Plan
-        Whose solver, hold and loss the problem was made for.
-    """
+    """Trains models of one structure on one recording, with the plan's solver, hold and loss."""
 
     problem: LadderProblem
     plan: Plan
@@ -94,23 +73,10 @@ class Trainer:
     def train(
         self, start: Model, plan: Plan, branches: Branches, validation: tuple[Experiment, ...]
     ) -> Fit:
-        """Return the fit at the last stage of a plan.
+        """Return the fit at the last stage of a plan; refuse it if that diverges.
 
-        Parameters
-        ----------
-        start : Model
-            Where the first stage begins.
-        plan : Plan
-            Of the trainer's solver, hold and loss.
-        branches : Branches
-            Ends of stages known already; those passed on the way are added.
-        validation : tuple of Experiment
-            Predicted only.
-
-        Raises
-        ------
-        InputError
-            If the last stage diverges.
+        Stages whose ends ``branches`` knows are not trained again, and those passed on the way are
+        added; the validation recordings are predicted only.
         """
         began = time.monotonic()
         *before, last = plan.stages

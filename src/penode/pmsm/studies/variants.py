@@ -25,35 +25,22 @@ _EVALUATIONS = 80
 
 @dataclass(frozen=True)
 class Variant:
-    """How a machine is trained at given horizons.
+    """How a machine is trained at given horizons; ``name`` is the folder, figures use ``label``.
 
-    Attributes
-    ----------
-    name, label : str
-        Folder of its runs, and what figures call it.
-    flux_map : str
-        A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
-    jittered : bool
-        Whether windows start at random instead of end to end.
-    inverter : bool
-        Whether the dead-time voltage is identified too.
-    angle_orders : tuple of int
-        Harmonics of the electrical angle in the map.
-    adam : bool
-        The paper's optimiser and start, a random network beside the name plate's linear map,
-        instead of Levenberg-Marquardt from the weak form.
-    climbing : bool
-        Whether each horizon starts from where the one before ended, or from the weak form. The
-        loss of an unconstrained map has valleys that a climb does not come out of.
-    solver : Solver
-        Turns the model into a predictor.
+    ``adam`` takes the paper's optimiser and start, a random network beside the name plate's linear
+    map, instead of Levenberg-Marquardt from the weak form. ``climbing`` starts each horizon from
+    where the one before ended: the loss of an unconstrained map has valleys that a climb does not
+    come out of.
     """
 
     name: str
     label: str
     flux_map: str = "mlp"
+    #: Whether windows start at random instead of end to end.
     jittered: bool = True
+    #: Whether the dead-time voltage is identified too.
     inverter: bool = False
+    #: Harmonics of the electrical angle in the map.
     angle_orders: tuple[int, ...] = ()
     adam: bool = False
     climbing: bool = True

@@ -43,16 +43,9 @@ _ENTRIES = {
 
 @dataclass(frozen=True)
 class Planned:
-    """A row of the table to come: what it is called, and what is to be done for it.
+    """A row of the table to come: its labels, and its task, or why the recording cannot be read.
 
-    Attributes
-    ----------
-    labels : mapping of str to object
-        Columns ``recording``, ``machine``, ``date``, ``variant``, ``horizon`` and ``seed``.
-    task : Task or None
-        None where a recording cannot be read.
-    error : str
-        Why it cannot, as a sentence.
+    The labels are ``recording``, ``machine``, ``date``, ``variant``, ``horizon`` and ``seed``.
     """
 
     labels: Mapping[str, Any]
@@ -64,17 +57,8 @@ class Planned:
 class Campaign:
     """Recordings x variants x horizons x seeds, each an identification of its own.
 
-    Attributes
-    ----------
-    recordings : tuple of Recorded
-    variants : mapping of str to StudyFile
-        Ways to identify by name.
-    horizons : tuple of int or None
-        Steps; None selects it from the data. Empty for that of each variant.
-    seeds : tuple of int
-        Empty for that of each variant.
-    current : tuple of float
-        i_d and i_q in A at which maps are compared.
+    A horizon, in steps, of None is selected from the data; no horizons or seeds stand for those of
+    each variant. ``current`` is i_d and i_q in A at which maps are compared.
     """
 
     recordings: tuple[Recorded, ...]
@@ -118,24 +102,10 @@ def load_campaign(
     given: Mapping[str, Any] | None = None,
     asked: Mapping[str, Any] = MappingProxyType({}),
 ) -> Campaign:
-    """Read the campaign that a study file declares.
+    """Read the campaign that a study file declares in its table ``[sweep]``, if it has one.
 
-    Parameters
-    ----------
-    path : Path or None
-        A study file with a table ``[sweep]``, or without.
-    runs : sequence of Path
-        Recordings in place of the file's, each identified by itself.
-    given : mapping of str to object, optional
-        Entries that override the study's.
-    asked : mapping of str to object
-        Entries that override those of ``[sweep]``.
-
-    Raises
-    ------
-    InputError
-        If an entry is unknown or of the wrong kind, there is no recording, or a horizon or seed
-        cannot be.
+    ``runs`` are recordings in place of the file's, each identified by itself; ``given`` overrides
+    entries of the study, ``asked`` those of ``[sweep]``.
     """
     base = load_study(path, given)
     entries = {**base.sweep, **asked}

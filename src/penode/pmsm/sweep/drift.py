@@ -16,18 +16,10 @@ _CONFIDENCE = 0.99
 
 @dataclass(frozen=True)
 class Drift:
-    """A straight line through a quantity over dates.
+    """A straight line through a quantity over dates, its slope in the quantity's unit a year.
 
-    Attributes
-    ----------
-    mean : float
-        Of the quantity.
-    per_year : float
-        Slope, in the quantity's unit a year.
-    half_95 : float
-        Half of its 95 % interval, by Student's distribution of the scatter about the line.
-    significant : bool
-        Whether the 99 % interval leaves zero out.
+    ``half_95`` is half of the slope's 95 % interval, by Student's distribution of the scatter about
+    the line; ``significant`` where the 99 % interval leaves zero out.
     """
 
     mean: float
@@ -37,21 +29,10 @@ class Drift:
 
 
 def drift_of(dates: Sequence[date], values: FloatArray) -> Drift | None:
-    """Fit a line to values over dates.
+    """Fit a line to finite values over dates; None below three different dates or four values.
 
     What all recordings of a bench have in common, such as the gain of a sensor, changes none of
     this; the scatter from recording to recording decides.
-
-    Parameters
-    ----------
-    dates : sequence of date
-    values : ndarray, shape (date,)
-        Finite.
-
-    Returns
-    -------
-    Drift or None
-        None with fewer than three different dates or four values.
     """
     if len(set(dates)) < 3 or len(values) < 4:
         return None

@@ -32,16 +32,8 @@ def over_dates(
 ) -> go.Figure:
     """Draw a quantity over the dates of the recordings, or over the recordings without dates.
 
-    Parameters
-    ----------
-    rows : DataFrame
-        Of a sweep; columns ``machine``, ``date``, ``recording``, ``answered`` and the quantity.
-    name, unit : str
-        Of the quantity's column, and its SI unit.
-    bars : (str, str) or None
-        Columns of the ends of its interval.
-    singled : sequence of str
-        Machines with a colour of their own; all others are grey.
+    ``bars`` are the columns of the ends of its interval; machines in ``singled`` have a colour of
+    their own, all others are grey.
     """
     rows = rows.filter(pl.col(name).is_finite()).gather_every(max(-(-len(rows) // _MOST), 1))
     dated = bool(len(rows)) and not rows["date"].has_nulls()
@@ -108,13 +100,7 @@ def _told(row: dict[str, object], name: str) -> str:
 
 
 def over_horizons(rows: pl.DataFrame) -> go.Figure:
-    """Draw R over the horizon, a marker an identification, a colour a variant.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        With columns ``selected``, ``R`` and ``variant``.
-    """
+    """Draw R over the horizon (``selected``), a marker an identification, a colour a variant."""
     rows = rows.filter(pl.col("R").is_finite()).gather_every(max(-(-len(rows) // _MOST), 1))
     scale = scale_for(rows["R"].to_numpy(), "ohm")
     figure = panels.blank_figure()

@@ -17,18 +17,7 @@ _SPACE = "\N{NO-BREAK SPACE}"
 
 
 def fleet_report(table: pl.DataFrame) -> str:
-    """Return the report of a sweep as one self-contained HTML page.
-
-    Parameters
-    ----------
-    table : DataFrame
-        As `penode.pmsm.sweep.table.read_table` gives it, of a sweep that goes on too.
-
-    Returns
-    -------
-    str
-        The page; save it as UTF-8.
-    """
+    """Return the report of a sweep, of one that goes on too, as one self-contained HTML page."""
     table = table.with_columns(pl.col("machine").fill_null(UNNAMED)).with_row_index("place")
     main = _main(table)
     sound = main.filter(pl.col("answered"))

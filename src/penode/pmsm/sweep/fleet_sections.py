@@ -16,16 +16,7 @@ _SPACE = "\N{NO-BREAK SPACE}"
 
 
 class Machine:
-    """One machine of a fleet.
-
-    Attributes
-    ----------
-    name : str
-    rows, sound : DataFrame
-        Its rows, and those of them that give an answer.
-    drifts : list of Drift or None
-        Of R and of psi_d.
-    """
+    """One machine of a fleet: its rows, those that give an answer, the drifts of R and of psi_d."""
 
     def __init__(self, name: str, rows: pl.DataFrame):
         self.name, self.rows = name, rows

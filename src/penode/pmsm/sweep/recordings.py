@@ -13,15 +13,9 @@ from penode.errors import InputError
 
 @dataclass(frozen=True)
 class Recorded:
-    """One or several files that are identified together.
+    """One or several files that are identified together, as the table names them.
 
-    Attributes
-    ----------
-    name : str
-        As the table has it.
-    files : tuple of Path
-    machine, date : str or None
-        What the name says of them; the date as YYYY-MM-DD.
+    Machine and date, YYYY-MM-DD, are what the name says of them.
     """
 
     name: str
@@ -50,23 +44,10 @@ def digests_of(recorded: Recorded) -> tuple[tuple[str, ...], str]:
 def recorded_in(
     path: Path | None, runs: Sequence[Path], entries: Mapping[str, Any], where: str
 ) -> tuple[Recorded, ...]:
-    """Return the recordings of a campaign.
+    """Return the recordings of a campaign; refuse a pattern that cannot be, and none at all.
 
-    Parameters
-    ----------
-    path : Path or None
-        The study file; its folder is where the names in it begin.
-    runs : sequence of Path
-        Recordings in place of the file's, each by itself.
-    entries : mapping of str to object
-        Of the table ``[sweep]``: ``recordings`` and ``name``.
-    where : str
-        Begin of a message.
-
-    Raises
-    ------
-    InputError
-        If there is none, or a pattern cannot be.
+    Names begin in the folder of the study file; ``runs`` stand in place of the file's recordings,
+    each by itself; ``entries`` are ``recordings`` and ``name`` of the table ``[sweep]``.
     """
     pattern = _pattern(entries.get("name"), where)
     if runs:

@@ -18,20 +18,9 @@ Row: TypeAlias = dict[str, Any]
 def sweep(campaign: Campaign, folder: Path, workers: Workers) -> Iterator[Row]:
     """Do what of a campaign is not done, and give each row of its table as it is there.
 
-    Parameters
-    ----------
-    campaign : Campaign
-    folder : Path
-        Claimed by the caller. Gets ``table.jsonl``, a line a row as tasks end, ``fits/KEY`` with
-        what `penode.Fit.load` reads, and at the end ``table.parquet``: the campaign's rows in its
-        order.
-    workers : callable
-        Where the tasks are done.
-
-    Raises
-    ------
-    InputError
-        If the table in the folder is not as it was written.
+    The folder, claimed by the caller, gets ``table.jsonl``, a line a row as tasks end, ``fits/KEY``
+    with what `penode.Fit.load` reads, and at the end ``table.parquet``: the campaign's rows in its
+    order.
     """
     with open_table(folder) as table:
         run = _Run(campaign, table)

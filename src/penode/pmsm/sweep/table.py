@@ -55,11 +55,7 @@ _TYPES: dict[str, Any] = {
 class Table:
     """The rows in a folder, and the saved fits beside them; made by `open_table`.
 
-    Parameters
-    ----------
-    folder : Path
-    lines : BinaryIO
-        ``table.jsonl``, open for reading and appending.
+    ``lines`` is ``table.jsonl``, open for reading and appending.
     """
 
     def __init__(self, folder: Path, lines: BinaryIO):
@@ -138,17 +134,9 @@ class Table:
 
 @contextmanager
 def open_table(folder: Path) -> Iterator[Table]:
-    """Give the table of a folder, with what was left half written removed.
+    """Give the table of a folder that the caller claimed, what was left half written removed.
 
-    Parameters
-    ----------
-    folder : Path
-        Claimed by the caller.
-
-    Raises
-    ------
-    InputError
-        If a line is not as it was written.
+    Refuses a line that is not as it was written.
     """
     for left in (folder / FITS).glob(".*.part"):
         shutil.rmtree(left, ignore_errors=True)
@@ -165,11 +153,7 @@ def open_table(folder: Path) -> Iterator[Table]:
 def write_parquet(called: Iterable[Mapping[str, Any]], folder: Path) -> None:
     """Write ``table.parquet``: the last row of each name, in the order of the names.
 
-    Parameters
-    ----------
-    called : iterable of mapping
-        Labels of every row of a campaign.
-    folder : Path
+    ``called`` has the labels of every row of a campaign.
     """
     wanted = {name: _TYPES[name] for name in LABELS}
     order = pl.DataFrame(list(called), schema=wanted)
@@ -181,22 +165,10 @@ def write_parquet(called: Iterable[Mapping[str, Any]], folder: Path) -> None:
 
 
 def read_table(folder: Path) -> pl.DataFrame:
-    """Return the table of a sweep's folder, of one that goes on too.
+    """Return the table of the folder of ``penode sweep --out``, one row a task.
 
-    Parameters
-    ----------
-    folder : Path
-        That ``penode sweep --out`` wrote.
-
-    Returns
-    -------
-    DataFrame
-        One row a task: the Parquet file's where the sweep has ended, else the lines so far.
-
-    Raises
-    ------
-    InputError
-        If there is no table, or a file is not as it was written.
+    The rows are the Parquet file's where the sweep has ended, else the lines so far; refuses a file
+    that is not as it was written.
     """
     path, ended = folder / LINES, folder / PARQUET
     try:

@@ -32,20 +32,10 @@ ANSWERED, REFUSED, FAILED = "done", "refused", "failed"
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One identification.
+    """One identification of files, with the SHA-256 of each, by one version of the code.
 
-    Attributes
-    ----------
-    files : tuple of str
-        Recordings that are identified together.
-    digests : tuple of str
-        SHA-256 of each.
-    asked : StudyFile
-        How they are read and what is identified, horizon and seed included.
-    current : tuple of float
-        i_d and i_q in A at which the map is put into the table.
-    code : str
-        Version of the code that shall run, as `code_version` gives it.
+    ``asked`` includes horizon and seed; ``current`` is i_d and i_q in A at which the map is put
+    into the table.
     """
 
     files: tuple[str, ...]
@@ -68,15 +58,7 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came of a task.
-
-    Attributes
-    ----------
-    values : mapping of str to object
-        Columns of its row in the table.
-    files : mapping of str to bytes
-        The saved fit, names to contents; empty where there is none.
-    """
+    """What came of a task: its row's columns, and the saved fit, names to contents, if any."""
 
     values: Mapping[str, Any]
     files: Mapping[str, bytes] = field(default_factory=dict)
@@ -93,12 +75,7 @@ def code_version() -> str:
 
 
 def run(task: Task) -> Outcome:
-    """Do a task; whatever becomes of it is an outcome.
-
-    Parameters
-    ----------
-    task : Task
-    """
+    """Do a task; whatever becomes of it is an outcome."""
     began, spent = time.monotonic(), time.process_time()
     try:
         fit = _identified(task)
