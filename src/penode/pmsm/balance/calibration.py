@@ -39,56 +39,36 @@ _NOTICED = 0.1
 class Calibration:
     """What the channels of a drive's recordings have to be corrected by.
 
-    Attributes
-    ----------
-    delay : float
-        Samples by which the voltage acts later than it is recorded.
-    hold : str
-        Frame in which it then stands still for a sample, a key of
-        `penode.pmsm.machine.holds.HOLDS`.
-    turn : float
-        Samples of rotation by which it is turned beside that.
-    ripple : float
-        Samples of rotation by which a balance of whole samples sees it turned beside that, as
-        currents curve within a sample.
-    angle : float
-        By which the d axis of the machine lies before that of the recording, rad.
-    iron : float
-        Conductance of the iron, parallel to the induced voltage, S: of the recorded current it
-        takes this share, and the rest magnetises.
-    rotation_alone : bool
-        Whether the iron takes current by omega J psi alone (Morimoto et al., IEEE Trans. Ind.
-        Electron. 41 (1994) 511, doi:10.1109/41.315269), not by d psi/dt too.
-    resistance : float
-        By which the induced voltage is known, ohm; for the iron alone.
-    linkage : Linkage or None
-        By which that of the rotation is known; for the iron alone.
-    mismatch, offset : complex
-        Of the current sensors of the phases, see `with_mismatch` and `with_offset` in
-        `penode.pmsm.machine.space_vectors`; the offset in A.
-    speed_from_angle : bool
-        Whether the speed is the slope of the angle, as the recorded one lags.
-    deviation : mapping of str to float
-        Of what was estimated, by the names above, an offset's as a fraction of the largest current;
-        of what was left alone, what it may be off by. Of rotation_alone the root of the
-        probability that it is the other way round.
-    reasons : tuple of str
-        What was estimated, a sentence each.
+    The deviation of an offset is a fraction of the largest current, that of `rotation_alone`
+    the root of the probability that it is the other way round.
     """
 
+    # Samples by which the voltage acts later than it is recorded.
     delay: float = 0.0
+    # Frame in which it then stands still for a sample, a key of `HOLDS`.
     hold: str = "dq"
+    # Samples of rotation by which it is turned beside that.
     turn: float = 0.0
+    # The same as a balance of whole samples sees it, as currents curve within a sample.
     ripple: float = 0.0
+    # By which the d axis of the machine lies before that of the recording, rad.
     angle: float = 0.0
+    # Conductance parallel to the induced voltage, S; the rest of the current magnetises.
     iron: float = 0.0
+    # Iron current by omega J psi alone, without d psi/dt (doi:10.1109/41.315269).
     rotation_alone: bool = False
+    # By which the induced voltage is known, ohm; for the iron alone.
     resistance: float = field(default=0.0, compare=False)
+    # By which that of the rotation is known; for the iron alone.
     linkage: Linkage | None = field(default=None, compare=False)
+    # Of the phases' current sensors, see `with_mismatch` and `with_offset`; offset in A.
     mismatch: complex = 0.0
     offset: complex = 0.0
+    # Whether the speed is the slope of the angle, as the recorded one lags.
     speed_from_angle: bool = False
+    # Of what was estimated, by name; of what was left alone, what it may be off by.
     deviation: Mapping[str, float] = field(default_factory=dict, compare=False)
+    # What was estimated, a sentence each.
     reasons: tuple[str, ...] = ()
 
     def applied(self, experiment: Experiment) -> Experiment:

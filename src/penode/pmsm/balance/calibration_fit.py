@@ -54,12 +54,7 @@ _LEFT = ("delay", "turn", "angle", "iron", "rotation_alone")
 def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> Calibration:
     """Estimate what the channels of recordings have to be corrected by.
 
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        Recordings with i_d, i_q (A), u_d, u_q (V), omega_el (rad/s) and the channels of the terms.
-    terms : sequence of Term
-        Of the voltage equation; a dead time is allowed for where the angle was recorded.
+    A dead time among the terms is allowed for where the angle was recorded.
     """
     turning = max(float(np.abs(e.channels[SPEED.name]).max()) * e.time_step for e in experiments)
     if turning <= _STANDSTILL:

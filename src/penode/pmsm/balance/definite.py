@@ -32,24 +32,14 @@ _ROUNDS = 15
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A map whose inductance is positive definite over the rectangle of the recordings.
-
-    Attributes
-    ----------
-    solution : ndarray, shape (coefficient,)
-        As of `Smoothed`.
-    rows : ndarray, shape (observation, coefficient)
-        Inductances in one direction, over the deviation with which they are known.
-    target : ndarray, shape (observation,)
-        Their values.
-    least : float
-        Smallest inductance in any direction that training may reach; 0 where nothing says how
-        large one is.
-    """
+    """A map whose inductance is positive definite over the rectangle of the recordings."""
 
     solution: FloatArray
+    # Inductances in one direction over their deviation, (observation, coefficient).
     rows: FloatArray
+    # Their values (observation,).
     target: FloatArray
+    # Smallest that training may reach, in any direction; 0 where nothing says how large one is.
     least: float = 0.0
 
 
@@ -62,14 +52,8 @@ def held_definite(
 ) -> Held:
     """Add observations of a small positive inductance where a solution has less.
 
-    Parameters
-    ----------
-    equations, penalties, smoothed
-        What was solved, and the solution.
-    parts : sequence of CoenergyPart
-        Of the mean map; their coefficients are the last of the solution.
-    currents : ndarray, shape (time, 2)
-        Recorded ones, dimensionless.
+    The coefficients of `parts`, of the mean map, are the last of the solution; `currents`
+    (time, 2) are dimensionless.
     """
     first = len(smoothed.solution) - sum(part.coefficients.size for part in parts)
     everywhere = _hessians(parts, _rectangle(currents, _GRID))
@@ -110,21 +94,12 @@ def held_definite(
 )
 @dataclass(frozen=True, eq=False)
 class PositiveInductance:
-    """A penalty on inductances that are smaller than a least one, in any direction.
+    """A penalty on inductances below a least one (dimensionless, as W), in any direction."""
 
-    Attributes
-    ----------
-    hessians : ndarray, shape (point, 3, coefficient)
-        W_dd, W_dq and W_qq of each coefficient of the mean map, the first of those that are
-        learned.
-    least : float
-        Dimensionless, as W is.
-    weight : float
-        What a point without any inductance adds to the loss, in its units.
-    """
-
+    # W_dd, W_dq, W_qq of each coefficient of the mean map, the first of the learned ones.
     hessians: FloatArray = field(repr=False)
     least: float
+    # What a point without any inductance adds to the loss, in its units.
     weight: float
 
     def residuals(self, layout: Layout[Model], values: JaxArray) -> JaxArray:
@@ -164,15 +139,7 @@ def held_in_training(
 ) -> tuple[PositiveInductance, ...]:
     """Return the penalty that keeps the map definite over the rectangle of the recordings.
 
-    Parameters
-    ----------
-    held : Held
-    parts : sequence of CoenergyPart
-        Of the mean map.
-    currents : ndarray, shape (time, 2)
-        Recorded ones, dimensionless.
-    weight : float
-        As of `PositiveInductance`.
+    `parts` are of the mean map, `currents` (time, 2) dimensionless.
     """
     if not held.least > 0:
         return ()

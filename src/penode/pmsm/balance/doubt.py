@@ -13,16 +13,11 @@ from penode.pmsm.machine.terms import Term
 
 
 def probability(deviations: float, equations: float) -> float:
-    """Return how probable a parameter is, as against zero, of two that are equally likely before.
+    """Return how probable a parameter is, as against zero, of two equally likely before.
 
-    Parameters
-    ----------
-    deviations : float
-        Estimate over its standard deviation.
-    equations : float
-        Independent ones: before them the parameter is believed to be about as large as one of
-        them shows (unit information; Kass and Wasserman, J. Am. Stat. Assoc. 90 (1995) 928,
-        doi:10.1080/01621459.1995.10476592).
+    `deviations` is the estimate over its standard deviation. Before the `equations`, independent
+    ones, the parameter is believed to be about as large as one of them shows (unit information;
+    Kass and Wasserman 1995, doi:10.1080/01621459.1995.10476592).
     """
     against = 0.5 * np.log(max(equations, 1.0)) - 0.5 * min(deviations**2, 1e3)
     return float(1 / (1 + np.exp(against)))
@@ -30,24 +25,16 @@ def probability(deviations: float, equations: float) -> float:
 
 @dataclass(frozen=True)
 class Doubt:
-    """A term that may act though the model leaves it out, or has another in its place.
+    """A term that may act though the model leaves it out, or has another in its place."""
 
-    Attributes
-    ----------
-    source, remedy : str
-        See `Imperfection`.
-    term : Term
-        With the values that it would have.
-    instead : Term or None
-        What the model has in its place.
-    weight : float
-        Root of the probability that it acts.
-    """
-
+    # This and the remedy: see `Imperfection`.
     source: str
     remedy: str
+    # With the values that it would have.
     term: Term
+    # What the model has in its place.
     instead: Term | None
+    # Root of the probability that it acts.
     weight: float
 
     @property

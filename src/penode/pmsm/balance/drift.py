@@ -37,21 +37,12 @@ _REMEDY = "Record the winding's temperature, or at a steady one."
 
 @dataclass(frozen=True)
 class Drift:
-    """What resistance and magnets change by from a recording's beginning to its end.
+    """What resistance and magnets change by from a recording's beginning to its end."""
 
-    Attributes
-    ----------
-    resistance, magnet : tuple of float
-        One an experiment, in ohm and Vs; 0 where none is taken into account. Stretches of one
-        recording have that of the whole.
-    left : tuple of float
-        What both may change by beside that, in ohm and Vs: one standard deviation.
-    reasons : tuple of str
-        Why, a sentence each.
-    """
-
+    # One an experiment, ohm and Vs, 0 where none is taken into account; stretches have the whole's.
     resistance: tuple[float, ...] = ()
     magnet: tuple[float, ...] = ()
+    # What both may change by beside that, in ohm and Vs: one standard deviation.
     left: tuple[float, float] = (0.0, 0.0)
     reasons: tuple[str, ...] = ()
 
@@ -86,13 +77,8 @@ class _Left:
 def drift_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> Drift:
     """Estimate the drift of recordings.
 
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        Recordings with i_d, i_q (A), u_d, u_q (V), omega_el (rad/s) and the channels of the terms.
-    terms : sequence of Term
-        Of the voltage equation; a dead time is allowed for where the angle was recorded. One that
-        follows the winding's temperature leaves no drift of R.
+    A dead time is allowed for where the angle was recorded. A term that follows the winding's
+    temperature leaves no drift of R.
     """
     kinds = _kinds(terms)
     equations, first = _equations(experiments, terms)
@@ -136,20 +122,10 @@ def _equations(
 def drift_columns(
     experiments: Sequence[Experiment], terms: Sequence[Term]
 ) -> list[list[tuple[FloatArray, FloatArray]]]:
-    """Return stored and supplied quantity of the drifts of each recording, for `balance_equations`.
+    """Return stored and supplied quantity of the drifts, for `balance_equations`.
 
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
-    terms : sequence of Term
-        Of the voltage equation.
-
-    Returns
-    -------
-    list of list of (ndarray, ndarray)
-        For each experiment those of R, then of the magnets, of one recording after the other,
-        shape (time, 2) each; without R's where a term follows the winding's temperature.
+    For each experiment those of R, then of the magnets, of one recording after the other, shape
+    (time, 2) each; without R's where a term follows the winding's temperature.
     """
     numbers = recording_numbers(experiments)
     return [

@@ -31,23 +31,9 @@ def balance_equations(
 ) -> WeakRegression:
     """Return the weak form of d psi/dt = u - sum of drops, linear in what is unknown.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q (A), u_d, u_q (V) and the channels of the terms.
-    terms : sequence of Term
-        Prepared; psi enters through them, such as through the rotation.
-    basis : ndarray, shape (time, 2, coefficient)
-        Flux linkage of each coefficient, in Vs or a fraction of it.
-    length : int
-        Samples in a window.
-    further : sequence of (ndarray, ndarray), each of shape (time, 2)
-        Stored and supplied quantity of further coefficients.
-
-    Returns
-    -------
-    WeakRegression
-        Columns: further ones, the terms' physical parameters in their order, the map.
+    Columns: `further` coefficients, by stored and supplied quantity (time, 2) each, the
+    prepared terms' physical parameters in their order, the map, by the flux linkages `basis`
+    (time, 2, coefficient). Windows hold `length` samples.
     """
     known_drop, by_parameter, by_psi = term_columns(experiment, terms)
     window = HannWindow(experiment.time_step, length)
@@ -63,24 +49,11 @@ def balance_equations(
 def term_columns(
     experiment: Experiment, terms: Sequence[Term]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the drops of terms at every sample, as they depend on what is unknown.
+    """Return the drops of terms at every sample, linearised in what is unknown.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q (A), u_d, u_q (V) and the channels of the terms.
-    terms : sequence of Term
-        Their drops are linearised where their physical parameters stand, without flux linkage;
-        they represent the half samples before and after.
-
-    Returns
-    -------
-    known_drop : ndarray, shape (time, 2)
-        What drops with all physical parameters and the flux linkage at zero, in V.
-    by_parameter : ndarray, shape (time, 2, parameter)
-        Derivative by each physical parameter, in V over its unit.
-    by_psi : ndarray, shape (time, 2, 2)
-        Derivative by the flux linkages, in V over Vs.
+    The known drop (time, 2), V, with all parameters and psi at zero, and its derivatives by
+    each physical parameter (time, 2, parameter) and by psi (time, 2, 2), V/Vs; for the half
+    samples before and after, linearised where the parameters stand, without flux linkage.
     """
     each = [_columns(experiment, term) for term in terms]
     known_drop = sum((known for known, _, _ in each), np.zeros((len(experiment), 2)))

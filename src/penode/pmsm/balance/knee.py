@@ -45,17 +45,11 @@ _CLEAR, _DIFFERENT = 25.0, 0.02
 
 @dataclass(frozen=True)
 class Shaped:
-    """The dead time of recordings.
+    """The dead time of recordings."""
 
-    Attributes
-    ----------
-    term : PhaseSigns
-        With width, voltages and, where the recordings show it, softness and a junction's law.
-    doubts : tuple of Doubt
-        That the knee is another, or its tail.
-    """
-
+    # With width, voltages and, where the recordings show it, softness and a junction's law.
     term: PhaseSigns
+    # That the knee is another, or its tail.
     doubts: tuple[Doubt, ...]
 
 
@@ -64,14 +58,8 @@ def with_knee(
 ) -> Shaped:
     """Return the dead time with the knee and the voltages that short windows show.
 
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        Recordings with i_d, i_q (A), u_d, u_q (V), omega_el (rad/s) and theta_el (rad).
-    terms : sequence of Term
-        Of the voltage equation beside the dead time.
-    by_phase : bool
-        Whether a voltage a phase is wanted, even where the phases do not differ clearly.
+    `terms` are those beside the dead time; with `by_phase` each phase has its voltage, even
+    where they do not differ clearly.
     """
     search = _Search.of(experiments, terms)
     sharp, soft, whole = search.best()

@@ -14,15 +14,7 @@ from penode.pmsm.machine.terms import SPEED
 
 @dataclass(frozen=True, eq=False)
 class Linkage:
-    """Flux linkage over the currents.
-
-    Attributes
-    ----------
-    part : CoenergyPart
-        Of the currents over the reach.
-    reach : float
-        In A.
-    """
+    """Flux linkage over the currents: a part, of the currents over the reach, A."""
 
     part: CoenergyPart
     reach: float

@@ -12,20 +12,13 @@ _DEGREE = {True: 8, False: 6}
 
 @dataclass(frozen=True, eq=False)
 class PolynomialMap:
-    """Flux map that is linear in its coefficients, on currents scaled to the unit disc.
+    """Flux map that is linear in its coefficients, on currents scaled to the unit disc."""
 
-    Attributes
-    ----------
-    reciprocal : bool
-        Gradient of a polynomial coenergy, or two free polynomials.
-    current_scale : float
-        A (peak).
-    degree : int or None
-        Of the coenergy, or of the free polynomials; 8 and 6 if not given.
-    """
-
+    # Gradient of a polynomial coenergy, or two free polynomials.
     reciprocal: bool
+    # A (peak).
     current_scale: float
+    # Of the coenergy, or of the free polynomials; 8 and 6 if not given.
     degree: int | None = None
 
     def basis(self, currents: FloatArray) -> FloatArray:
@@ -43,17 +36,9 @@ class PolynomialMap:
         return np.stack([along_d, along_q], axis=1)
 
     def slopes(self, currents: FloatArray) -> FloatArray:
-        """Return the slopes of each coefficient's map over the currents, in 1/A.
+        """Return d psi / d i (time, 2, 2, coefficient), 1/A, of currents (time, 2), A.
 
-        Parameters
-        ----------
-        currents : ndarray, shape (time, 2)
-            A.
-
-        Returns
-        -------
-        ndarray, shape (time, 2, 2, coefficient)
-            Flux linkage first, then the current it is derived by; by central differences.
+        Flux linkage first, then the current; by central differences.
         """
         step = 1e-4 * self.current_scale
         shifts = step * np.eye(2)

@@ -27,23 +27,13 @@ _RIDGE = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Roughness:
-    """A quadratic penalty on consecutive coefficients.
-
-    Attributes
-    ----------
-    first : int
-        Of the coefficients.
-    matrix : ndarray, shape (coefficient, coefficient)
-        S, positive semidefinite.
-    rank : int
-        Of S.
-    volume : float
-        Log of the product of its eigenvalues that are not zero.
-    """
+    """A quadratic penalty on consecutive coefficients from `first` on."""
 
     first: int
+    # S (coefficient, coefficient), positive semidefinite.
     matrix: FloatArray
     rank: int
+    # Log of the product of its eigenvalues that are not zero.
     volume: float
 
     @classmethod
@@ -63,36 +53,26 @@ class Roughness:
 class Smoothed:
     """Penalised least squares at the strengths that the data favour.
 
-    Attributes
-    ----------
-    solution : ndarray, shape (coefficient,)
-    strength : ndarray, shape (penalty,)
-        lambda of each penalty.
-    noise : float
-        Variance of an equation that counts as one, of several that overlap.
-    prior_variance : ndarray, shape (penalty,)
-        Variance of a coefficient along the eigenvectors of S, over its eigenvalue.
-    evidence : float
-        -2 log restricted likelihood: smaller is better. What is not penalised is believed to be
-        about as large before as one equation shows (unit information; Kass and Wasserman, J. Am.
-        Stat. Assoc. 90 (1995) 928, doi:10.1080/01621459.1995.10476592), whatever its unit.
+    What is not penalised is believed to be about as large before as one equation shows (unit
+    information; Kass and Wasserman 1995, doi:10.1080/01621459.1995.10476592), whatever its
+    unit.
     """
 
     solution: FloatArray
+    # lambda of each penalty.
     strength: FloatArray
+    # Variance of an equation that counts as one, of several that overlap.
     noise: float
+    # Of a coefficient along the eigenvectors of S, over its eigenvalue; one a penalty.
     prior_variance: FloatArray
+    # -2 log restricted likelihood: smaller is better.
     evidence: float
 
 
 def smoothed(equations: WeakRegression, penalties: Sequence[Roughness]) -> Smoothed:
     """Solve equations with penalties whose strengths maximise the restricted likelihood.
 
-    Parameters
-    ----------
-    equations : WeakRegression
-        In the order of their windows, which overlap by three quarters.
-    penalties : sequence of Roughness
+    The equations are in the order of their windows, which overlap by three quarters.
     """
     problem = _Normal.of(equations, penalties)
     logs = _ROUNDED * lowest(
@@ -113,13 +93,7 @@ def penalised(
 ) -> FloatArray:
     """Solve once more at strengths found before, with further observations.
 
-    Parameters
-    ----------
-    equations : WeakRegression
-    penalties : sequence of Roughness
-    smoothed : Smoothed
-    observed : tuple of ndarray
-        Rows (observation, coefficient) and values (observation,) of deviation 1.
+    `observed` are rows (observation, coefficient) and values (observation,) of deviation 1.
     """
     matrix, target = equations.matrix, equations.target
     rows, values = observed
@@ -131,14 +105,7 @@ def penalised(
 def deviations(
     equations: WeakRegression, penalties: Sequence[Roughness], smoothed: Smoothed
 ) -> FloatArray:
-    """Return the deviation of each coefficient, shape (coefficient,), at strengths found before.
-
-    Parameters
-    ----------
-    equations : WeakRegression
-    penalties : sequence of Roughness
-    smoothed : Smoothed
-    """
+    """Return the deviation of each coefficient (coefficient,) at strengths found before."""
     normal = equations.matrix.T @ equations.matrix
     inverse = inverse_normal(_with_penalties(normal, penalties, smoothed.strength))
     return np.asarray(np.sqrt(smoothed.noise * np.maximum(np.diag(inverse), 0.0)))
@@ -168,20 +135,11 @@ def _solved(normal: FloatArray, right: FloatArray) -> tuple[FloatArray, float]:
 def lowest(
     function: Callable[[FloatArray], float], first: FloatArray, limits: tuple[int, int]
 ) -> FloatArray:
-    """Return the whole numbers at which a function is lowest, by a compass search.
+    """Return the whole numbers (axis,) at which a function is lowest, by a compass search.
 
-    Steps along one axis at a time, first long, then half as long, to one; where none leads lower,
-    the place is lower than its neighbours (R. Hooke and T. A. Jeeves, J. ACM 8 (1961) 212,
+    Steps along one axis at a time, first long, then half as long, to one; where none leads
+    lower, the place is lower than its neighbours (Hooke and Jeeves 1961,
     doi:10.1145/321062.321069). No place is evaluated twice.
-
-    Parameters
-    ----------
-    function : callable
-        Of whole numbers, shape (axis,).
-    first : ndarray, shape (axis,)
-        Where to begin.
-    limits : tuple of int
-        Lowest and highest number along each axis.
     """
     evaluated: dict[tuple[float, ...], float] = {}
 

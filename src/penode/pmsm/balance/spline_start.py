@@ -47,15 +47,11 @@ _AHEAD, _JUDGED = 20, 1000
 
 @dataclass(frozen=True, eq=False)
 class SplineStart:
-    """A machine with a map of splines, as the weak form gives it.
+    """A machine with a map of splines, as the weak form gives it, and penalties for training.
 
-    Attributes
-    ----------
-    machine : Machine
-        Its mean map has one part, even in i_q, or a second, odd one if the recordings show that
-        W(i_d, -i_q) differs from W(i_d, i_q).
-    penalties : tuple of Penalty
-        For training: a Gaussian prior of the map's coefficients, and a positive inductance.
+    The mean map has one part, even in i_q, or a second, odd one if the recordings show that
+    W(i_d, -i_q) differs from W(i_d, i_q). The penalties are a Gaussian prior of the map's
+    coefficients and a positive inductance.
     """
 
     machine: Machine
@@ -70,20 +66,10 @@ def spline_start(
 ) -> SplineStart:
     """Find the physical parameters and the map of splines by penalised linear least squares.
 
-    Windows over whole periods of the sixth harmonic show the mean map and the physical parameters
-    alone; what those leave in short windows is the harmonics'.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        Recordings with i_d, i_q (A), u_d, u_q (V), omega_el (rad/s), and the channels of the
-        terms; theta_el (rad) where there are harmonics.
-    terms : sequence of Term
-        Completed and prepared.
-    scales : tuple of float
-        Largest current in A, which the splines reach to, and flux linkage in Vs.
-    angle_orders : tuple of int
-        Harmonics of the electrical angle.
+    Windows over whole periods of the sixth harmonic show the mean map and the physical
+    parameters alone; what those leave in short windows is the harmonics'. Terms are completed
+    and prepared; `scales` are the largest current, A, which the splines reach to, and flux
+    linkage, Vs.
     """
     setting = _Setting(tuple(experiments), tuple(terms), scales)
     every = CoenergyPart.zero(MEAN, True), CoenergyPart.zero(ODD, False)

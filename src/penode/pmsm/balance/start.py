@@ -40,20 +40,12 @@ _WEAK = 0.05
 
 
 class WeakStart(NamedTuple):
-    """A machine started by the weak form.
-
-    Attributes
-    ----------
-    machine : Machine
-        Terms and map.
-    balance : BalanceSolution
-        The voltage balance with a polynomial map: estimates without training, their deviations.
-    penalties : tuple of Penalty
-        What the weak form knows of the map's smoothness, for training.
-    """
+    """A machine started by the weak form."""
 
     machine: Machine
+    # With a polynomial map: estimates without training, their deviations.
     balance: BalanceSolution
+    # What the weak form knows of the map's smoothness, for training.
     penalties: tuple[Penalty, ...] = ()
 
 

@@ -32,22 +32,12 @@ _MORE = "Record longer, or more amplitudes of the current."
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What became of a candidate.
+    """What became of a candidate, why in sentences, and what may be otherwise."""
 
-    Attributes
-    ----------
-    term : Term or None
-        As it joins the model; None where it is left out.
-    reason : str
-        Why, in sentences.
-    balance : BalanceSolution or None
-        Of the model with the term.
-    doubts : tuple of Doubt
-        What may be otherwise.
-    """
-
+    # As it joins the model; None where it is left out.
     term: Term | None
     reason: str
+    # Of the model with the term.
     balance: BalanceSolution | None = None
     doubts: tuple[Doubt, ...] = ()
 
@@ -55,18 +45,9 @@ class Judged:
 def judged(
     experiments: Sequence[Experiment], terms: Sequence[Term], candidate: Term, certain: bool = False
 ) -> Judged:
-    """Return whether a candidate is in beside terms.
+    """Return whether a candidate is in beside terms; if `certain`, whatever recordings show.
 
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        With the channels of the terms.
-    terms : sequence of Term
-        That are in the model.
-    candidate : Term
-        A dead time whose i_0 is not set takes the knee that the recordings show.
-    certain : bool
-        Whether it is in whatever they show.
+    A dead time whose i_0 is not set takes the knee that the recordings show.
     """
     missing = [n for e in experiments for n in channels_of((candidate,)) if n not in e.channels]
     title = candidate.title

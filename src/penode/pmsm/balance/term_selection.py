@@ -152,22 +152,11 @@ def _rounded(ratio: float) -> str:
 def order_power(
     experiments: Sequence[Experiment], balance: BalanceSolution, orders: Sequence[int]
 ) -> dict[int, float]:
-    """Return the power of each order of the angle in what a balance leaves over.
+    """Return the power of each order of the angle in what a balance leaves over, in V^2.
 
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        With theta_el.
-    balance : BalanceSolution
-        Its map is averaged over the angle.
-    orders : sequence of int
-        Each in both directions, with amplitudes quadratic in the currents, one for all stretches
-        of a recording.
-
-    Returns
-    -------
-    dict of int to float
-        V^2, summed over samples and recordings.
+    Each order counts in both directions, with amplitudes quadratic in the currents, one for all
+    stretches of a recording; summed over samples and recordings. The balance's map is averaged
+    over the angle.
     """
     power = dict.fromkeys(orders, 0.0)
     for stretches in by_recording(experiments):

@@ -51,30 +51,19 @@ Window: TypeAlias = Callable[[Experiment], int]
 
 @dataclass(frozen=True, eq=False)
 class TrialBalance:
-    """What the balance makes of a recording.
+    """What the balance makes of a recording; deviations are HAC."""
 
-    Attributes
-    ----------
-    resistance, deviation : float
-        R and its HAC deviation in ohm.
-    residual : float
-        Residual of the balance over the voltages (root mean square).
-    definite : float
-        Fraction of the visited currents at which d psi / d i is positive definite, as it must be.
-    magnet : ndarray, shape (2,)
-        Flux linkage at no current in Vs.
-    magnet_deviation : float
-        HAC deviation of its q part in Vs.
-    inductance : ndarray, shape (2,)
-        L_dd and L_qq at no current in H.
-    """
-
+    # R, ohm.
     resistance: float
     deviation: float
+    # Of the balance over the voltages (root mean square).
     residual: float
+    # Fraction of the visited currents at which d psi / d i is positive definite, as it must be.
     definite: float
+    # Flux linkage at no current (2,), Vs; the deviation is of its q part.
     magnet: FloatArray
     magnet_deviation: float
+    # L_dd and L_qq at no current (2,), H.
     inductance: FloatArray
 
     @property
@@ -86,21 +75,7 @@ class TrialBalance:
 def try_balance(
     experiment: Experiment, window: int | None = None, degree: int = _DEGREE
 ) -> TrialBalance:
-    """Solve the balance of one recording.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
-    window : int, optional
-        Samples in a window; those that null the sixth harmonic without.
-    degree : int
-        Of the coenergy.
-
-    Returns
-    -------
-    TrialBalance
-    """
+    """Solve the balance of one recording; windows null the sixth harmonic unless given, samples."""
     currents = experiment.stack(CURRENTS)
     polynomial = _polynomial(currents, degree)
     length = window or trial_window(experiment)
@@ -127,13 +102,7 @@ def try_balance(
 
 
 def residual_of(experiments: Sequence[Experiment]) -> float:
-    """Return what one balance of several recordings leaves over, as a share of the voltages.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        As in `try_balance`.
-    """
+    """Return what one balance of several recordings leaves over, as a share of the voltages."""
     currents = np.concatenate([e.stack(CURRENTS) for e in experiments])
     polynomial, terms = _polynomial(currents, _DEGREE), _terms(currents)
     equations = join(
@@ -154,17 +123,10 @@ def trial_window(experiment: Experiment) -> int:
 def lag_of_voltage(experiment: Experiment, in_phases: bool) -> tuple[float, float]:
     """Return by how many samples the voltage lags behind its place, and the deviation of that.
 
-    What a voltage late by tau was is u + tau du/dt, with du/dt + omega J u for one of phases, which
-    the rotor turned away from: linear in tau. As a little turn has other reasons too, such as dead
-    time, that of phases is taken from tau du/dt alone where the rotor turns slowly. Of windows of
-    several lengths the one with the least deviation is taken.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        As in `try_balance`.
-    in_phases : bool
-        Whether the voltages were recorded in phases.
+    What a voltage late by tau was is u + tau du/dt, with du/dt + omega J u for one of phases,
+    which the rotor turned away from: linear in tau. As a little turn has other reasons too,
+    such as dead time, that of phases is taken from tau du/dt alone where the rotor turns
+    slowly. Of windows of several lengths the one with the least deviation is taken.
     """
     currents, voltage = experiment.stack(CURRENTS), experiment.stack(VOLTAGES)
     terms, basis = _terms(currents), _polynomial(currents, FINE_DEGREE).basis(currents)
@@ -192,14 +154,7 @@ def lag_of_voltage(experiment: Experiment, in_phases: bool) -> tuple[float, floa
 
 
 def mean_lag(experiments: Sequence[Experiment], in_phases: bool) -> tuple[float, float]:
-    """Return the mean lag over recordings or stretches, and its deviation with that between them.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-    in_phases : bool
-        As in `lag_of_voltage`.
-    """
+    """Return the mean `lag_of_voltage` of recordings, and its deviation with that between them."""
     lags, deviations = np.array([lag_of_voltage(e, in_phases) for e in experiments]).T
     weights = 1.0 / np.maximum(deviations, 1e-9) ** 2
     mean, own = float(np.average(lags, weights=weights)), float(np.sum(weights) ** -0.5)
@@ -210,16 +165,9 @@ def mean_lag(experiments: Sequence[Experiment], in_phases: bool) -> tuple[float,
 def imitated_lag(experiments: Sequence[Experiment], window: Window) -> float:
     """Return the lag in samples that a controller's answer to noise can imitate, at most.
 
-    Noise n of a measured current is L dn/dt in the balance. The voltage that answers it stands in
-    the regressor of the lag, du/dt, with the size that the voltage's own noise shows; if the two
-    are in phase, their product over the square of the regressor is taken for a lag.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        As in `try_balance`.
-    window : callable
-        Returns the samples of a window for a recording.
+    Noise n of a measured current is L dn/dt in the balance. The voltage that answers it stands
+    in the regressor of the lag, du/dt, with the size that the voltage's own noise shows; if the
+    two are in phase, their product over the square of the regressor is taken for a lag.
     """
     products, squares = 0.0, 0.0
     for experiment in experiments:
@@ -274,20 +222,13 @@ def _terms(currents: FloatArray) -> tuple[Term, ...]:
 
 
 class DirectedDeadTime(Term):
-    """dU i / |i|: the mean of dead time over the rotor's angle, faded out below a current.
-
-    Attributes
-    ----------
-    directed_voltage : array, shape ()
-        Along the current, in V.
-    fade : array, shape ()
-        Length of the current in A at which 71 % of it are lost.
-    """
+    """dU i / |i|: the mean of dead time over the rotor's angle, faded out below a current."""
 
     role: ClassVar[str] = "dead time"
     title: ClassVar[str] = "Mean dead time"
 
     directed_voltage: Leaf = physical("V", default=0.0)
+    # Length of the current at which 71 % of it are lost.
     fade: Leaf = parameter(unit="A", group="held", default=1.0)
 
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:

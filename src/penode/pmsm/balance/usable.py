@@ -14,35 +14,16 @@ from penode.pmsm.recording.spikes import without_spikes
 def usable_stretches(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
     """Return recordings without what says nothing of a machine, or what did not act.
 
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        As a study file maps them, whole or in stretches.
-
-    Returns
-    -------
-    tuple of Experiment
-        Whole recordings, without spikes (`without_spikes`), and without the samples at the voltage
-        limit where that shows (`below_limit`).
-        Of stretches those in which currents and voltages move, or all where there are none. They
-        say what was left out.
+    Whole recordings lose spikes and, where that shows, the samples at the voltage limit; of
+    stretches those are kept in which currents and voltages move, or all where there are none.
+    They say what was left out.
     """
     recordings = (_excited(without_spikes(each)) for each in by_recording(experiments))
     return tuple(e for stretches in recordings for e in _excited(below_limit(stretches)))
 
 
 def require_samples(experiments: Sequence[Experiment]) -> None:
-    """Raise if recordings are too short to identify a machine from.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-
-    Raises
-    ------
-    InputError
-        If no stretch holds as many samples as one has to that is worth its while.
-    """
+    """Raise if no stretch is long enough to identify a machine from."""
     longest = max(experiments, key=len)
     if len(longest) < SHORTEST:
         raise InputError(
@@ -52,13 +33,7 @@ def require_samples(experiments: Sequence[Experiment]) -> None:
 
 
 def left_out(given: Sequence[Experiment], usable: Sequence[Experiment]) -> str:
-    """Return how many samples are not usable, in a sentence; empty where all are.
-
-    Parameters
-    ----------
-    given, usable : sequence of Experiment
-        What `usable_stretches` was given and returned.
-    """
+    """Return how many samples are not usable, in a sentence; empty where all are."""
     whole, used = (sum(map(len, experiments)) for experiments in (given, usable))
     lost = whole - used
     return f"{lost} of {whole} samples {'was' if lost == 1 else 'were'} left out." if lost else ""

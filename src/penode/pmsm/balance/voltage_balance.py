@@ -25,32 +25,20 @@ _AT_REST = 40
 
 @dataclass(frozen=True, eq=False)
 class BalanceSolution:
-    """A machine as the weak form gives it.
-
-    Attributes
-    ----------
-    form : BalanceForm
-        What was asked for.
-    terms : tuple of Term
-        Of the form, with the physical parameters of the solution.
-    mean : ndarray, shape (coefficient,)
-        Coefficients of the map averaged over the angle, in Vs.
-    harmonics : ndarray, shape (2 order, coefficient)
-        Coefficients of cos and sin of each order, in Vs.
-    deviation : mapping of str to float
-        HAC deviation of each physical parameter, SI units.
-    independence : mapping of str to float
-        Fraction of each one's low-passed regressor that the others do not explain.
-    equations : WeakRegression
-        Behind all but the harmonics; columns of the physical parameters first.
-    """
+    """A machine as the weak form gives it."""
 
     form: "BalanceForm"
+    # Of the form, with the physical parameters of the solution.
     terms: tuple[Term, ...]
+    # Coefficients of the map averaged over the angle, Vs.
     mean: FloatArray
+    # Coefficients (2 order, coefficient) of cos and sin of each order, Vs.
     harmonics: FloatArray
+    # HAC deviation of each physical parameter, SI units.
     deviation: Mapping[str, float]
+    # Fraction of each one's low-passed regressor that the others do not explain.
     independence: Mapping[str, float]
+    # Behind all but the harmonics; columns of the physical parameters first.
     equations: WeakRegression
 
     @property
@@ -69,13 +57,10 @@ class BalanceSolution:
         return {name: (value, self.deviation[name]) for name, value in self.values.items()}
 
     def flux(self, currents: FloatArray, theta_el: FloatArray) -> tuple[FloatArray, ...]:
-        """Return the map of the solution at currents (point, 2) in A and angles (point,) in rad.
+        """Return psi, d psi / d i and d psi / d theta at currents and angles (point,), rad.
 
-        Returns
-        -------
-        tuple of ndarray
-            psi (point, 2) in Vs, d psi / d i (point, 2, 2) in H, d psi / d theta (point, 2) in
-            Vs/rad.
+        Shapes are (point, 2), Vs, (point, 2, 2), H, and (point, 2), Vs/rad, of currents
+        (point, 2), A.
         """
         basis, slopes = self.form.polynomial.basis(currents), self.form.polynomial.slopes(currents)
         weights = np.tile(self.mean, (len(currents), 1))
@@ -92,20 +77,11 @@ class BalanceSolution:
 
 @dataclass(frozen=True, eq=False)
 class BalanceForm:
-    """What the voltage balance is made of.
+    """What the voltage balance is made of."""
 
-    Attributes
-    ----------
-    polynomial : PolynomialMap
-        Basis of the mean map and of each harmonic's amplitude.
-    terms : tuple of Term
-        All that takes up voltage (`penode.pmsm.machine.term_registry.completed`), prepared. Their
-        physical parameters are solved for; all others are held.
-    angle_orders : tuple of int
-        Harmonics of the electrical angle.
-    """
-
+    # Basis of the mean map and of each harmonic's amplitude.
     polynomial: PolynomialMap
+    # Completed and prepared; their physical parameters are solved for, all others are held.
     terms: tuple[Term, ...]
     angle_orders: tuple[int, ...] = ()
 
@@ -120,18 +96,7 @@ class BalanceForm:
     ) -> "BalanceForm":
         """Return the form for recordings, terms completed and prepared for their currents.
 
-        Parameters
-        ----------
-        experiments : sequence of Experiment
-            With i_d and i_q (A).
-        reciprocal : bool
-            Whether the map is the gradient of a coenergy.
-        terms : sequence of Term
-            Resistance and rotation may be left unsaid.
-        angle_orders : tuple of int
-            Harmonics of the electrical angle.
-        degree : int, optional
-            Of the polynomials; see `PolynomialMap`.
+        Resistance and rotation may be left unsaid.
         """
         scale = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
         whole = tuple(term.prepared(scale) for term in completed(terms))
@@ -142,12 +107,6 @@ class BalanceForm:
 
         Windows over whole periods of the sixth harmonic show the mean map and the physical
         parameters alone. What those leave in short windows is the harmonics'.
-
-        Parameters
-        ----------
-        experiments : sequence of Experiment
-            Recordings with i_d, i_q (A), u_d, u_q (V), omega_el (rad/s), and the channels of the
-            terms; theta_el (rad) where there are harmonics.
         """
         slow = join([self._mean_equations(e, harmonic_window(e)) for e in experiments])
         solution = slow.solve()

@@ -33,19 +33,10 @@ _SAMPLES, _MOST = 40_000, 0.5
 
 
 def below_limit(stretches: Sequence[Experiment]) -> Sequence[Experiment]:
-    """Return a recording without the samples at the voltage limit.
+    """Return a recording in stretches without the samples at the voltage limit.
 
-    Parameters
-    ----------
-    stretches : sequence of Experiment
-        Of one recording, as a study file maps it; itself where it is whole.
-
-    Returns
-    -------
-    sequence of Experiment
-        As they came where u_dc was not recorded, the voltages act as they were logged, or nothing
-        long enough is left. Else what lies between the samples that were not made, with a sentence
-        on how many they are.
+    As they came where u_dc was not recorded, the voltages act as they were logged, or nothing
+    long enough is left. Else a sentence says how many samples that were not made are left out.
     """
     if any(LINK not in e.channels for e in stretches):
         return stretches

@@ -28,20 +28,12 @@ _MOST, _SURE = 3.0, 0.1
 
 
 def timing_of(free: Estimate, plain: float, experiments: Sequence[Experiment]) -> Calibration:
-    """Return the timing of the voltages where it is clear, else none.
+    """Return the timing of the voltages where it is clear against the `plain` evidence, else none.
 
     No inverter turns a voltage by hundredths of a sample. Where the rotor turns far in one, a
     voltage of its middle that is held in the stationary frame seems to be turned back by about
-    R T / (12 L) of it: the current curves in between, which windows over samples do not see.
-
-    Parameters
-    ----------
-    free : Estimate
-        With delay and turn.
-    plain : float
-        Evidence without them.
-    experiments : sequence of Experiment
-        That they are of; a delay that the controller's answer to noise imitates is none.
+    R T / (12 L) of it: the current curves in between, which windows over samples do not see. A
+    delay that the controller's answer to noise imitates is none.
     """
     values = {name: free.values[name] for name in TIMING}
     if max(map(abs, values.values())) > _MOST or free.evidence > plain - CLEAR:
@@ -88,14 +80,7 @@ def timing_sentences(
 ) -> Iterator[str]:
     """Yield what was found of the timing, and what is made of it; nothing of none.
 
-    Parameters
-    ----------
-    timing : Calibration
-        As it is taken into account.
-    delay : tuple of float
-        As it was estimated, and its deviation, in samples.
-    free : Estimate
-        With the turn.
+    `delay` is the estimated one and its deviation, in samples.
     """
     taken = [f"a delay of {timing.delay:.3g}"] if timing.delay else []
     taken += [f"a turn of {timing.turn:.3g}"] if timing.turn and not timing.ripple else []
@@ -110,13 +95,7 @@ def timing_sentences(
 
 
 def timing_at_rest(experiments: Sequence[Experiment]) -> Calibration:
-    """Return the delay at standstill, from windows short enough for what moves there to show it.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        With i_d, i_q, u_d and u_q.
-    """
+    """Return the delay at standstill, from windows short enough for what moves there to show it."""
     lag, own = mean_lag(experiments, in_phases=False)
     if not (_DIFFERENT < abs(lag) < _MOST and own < _SURE):
         return AS_RECORDED

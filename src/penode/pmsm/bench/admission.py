@@ -73,20 +73,7 @@ _ROUNDING = 1e-9
 
 
 def check_drive(name: str, drive: Drive) -> None:
-    """Refuse a drive with values that cannot be.
-
-    Parameters
-    ----------
-    name : str
-        Name of the run, for the message.
-    drive : Drive
-        The drive, with all records it holds.
-
-    Raises
-    ------
-    InputError
-        If a value breaks its rule, is not finite, or the dead time fills the switching period.
-    """
+    """Refuse a drive with values that cannot be, such as dead time that fills the period."""
     for record in _records(drive):
         _check_record(name, record)
     dead_time = drive.inverter.dead_time
@@ -98,23 +85,7 @@ def check_drive(name: str, drive: Drive) -> None:
 
 
 def check_speed(name: str, speed: Speed, time: FloatArray) -> None:
-    """Refuse a speed that is not finite.
-
-    Parameters
-    ----------
-    name : str
-        Name of the run, for the message.
-    speed : float, callable or FreeShaft
-        Mechanical speed in rpm, or a free shaft.
-    time : ndarray, shape (time + 1,)
-        Sampling instants in s.
-
-    Raises
-    ------
-    InputError
-        If the speed is not finite at an instant, or beyond that of any machine, or the shaft has
-        no inertia.
-    """
+    """Refuse a speed (rpm) not finite at `time` (time + 1,), s, or beyond any machine's."""
     if isinstance(speed, FreeShaft):
         _check_record(name, speed)
         return
@@ -133,25 +104,7 @@ def check_speed(name: str, speed: Speed, time: FloatArray) -> None:
 
 
 def sampling_instants(name: str, duration: float, time_step: float) -> FloatArray:
-    """Return the sampling instants and the end of the last interval.
-
-    Parameters
-    ----------
-    name : str
-        Name of the run, for the message.
-    duration, time_step : float
-        Length and sampling interval in s.
-
-    Returns
-    -------
-    ndarray, shape (time + 1,)
-        In s.
-
-    Raises
-    ------
-    InputError
-        If there is no sample, or more than a computer holds.
-    """
+    """Return the sampling instants and the end of the last interval, (time + 1,), s."""
     if not (np.isfinite(duration) and duration >= time_step > 0):
         raise InputError(
             f"{name}: {duration:g} s hold no sample at a time step of {time_step:g} s; "
@@ -168,28 +121,9 @@ def sampling_instants(name: str, duration: float, time_step: float) -> FloatArra
 def reference_rows(
     name: str, reference: Reference, time: FloatArray, current_limit: float
 ) -> FloatArray:
-    """Return the reference at the rows.
+    """Return the reference i_d, i_q at `time` (time,), s, as (time, 2), A.
 
-    Parameters
-    ----------
-    name : str
-        Name of the run, for the message.
-    reference : callable
-        Times in s to i_d and i_q in A.
-    time : ndarray, shape (time,)
-        Sampling instants in s.
-    current_limit : float
-        Longest current vector permitted in A.
-
-    Returns
-    -------
-    ndarray, shape (time, 2)
-        i_d and i_q in A.
-
-    Raises
-    ------
-    InputError
-        If it has another shape, is not finite, or is above the machine's limit.
+    Refused if it has another shape, is not finite or longer than `current_limit`, A.
     """
     wanted = np.asarray(reference(time), dtype=np.float64)
     if wanted.shape != (len(time), 2) or not np.all(np.isfinite(wanted)):

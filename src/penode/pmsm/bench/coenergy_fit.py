@@ -31,53 +31,26 @@ _DEFAULT_ORDERS = (6, 12, 18)
 
 @dataclass(frozen=True)
 class SplineFit:
-    """A fitted coenergy.
-
-    Attributes
-    ----------
-    table : CoenergyTable
-        The coenergy.
-    error : float
-        rms of psi between the map and the fit in Vs, over points, angles and axes.
-    left_out : float
-        rms of psi over the angle in orders that were not fitted in Vs.
-    skew : float
-        s in H of the part s J i of the mean map, which no coenergy has; it is left out.
-    mean_inductance : float
-        Mean of (L_dd + L_qq)/2 over the map's points in H.
-    """
+    """A fitted coenergy; errors are rms of psi in Vs."""
 
     table: CoenergyTable
+    # Between the map and the fit, over points, angles and axes.
     error: float
+    # Over the angle, in orders that were not fitted.
     left_out: float
+    # s in H of the part s J i of the mean map, which no coenergy has; it is left out.
     skew: float
+    # Mean of (L_dd + L_qq)/2 over the map's points, H.
     mean_inductance: float
 
 
 def fit_splines(
     table: FluxTable, limit: float, orders: tuple[int, ...] | None, mirror: bool
 ) -> SplineFit:
-    """Fit a coenergy whose derivatives are closest to the map.
+    """Fit the coenergy whose derivatives are closest to the map, up to 1.25 `limit`, A.
 
-    Parameters
-    ----------
-    table : FluxTable
-        The map.
-    limit : float
-        Current limit in A; points beyond 1.25 times it are not used.
-    orders : tuple of int or None
-        Harmonics of the angle; None takes those of 6, 12 and 18 that the angles can resolve.
-    mirror : bool
-        Whether the mirror image in i_q belongs to the map.
-
-    Returns
-    -------
-    SplineFit
-
-    Raises
-    ------
-    InputError
-        If the angles cannot resolve the orders, or fewer than 25 points lie within the limit.
+    Orders None are those of 6, 12 and 18 that the angles can resolve; with `mirror` the mirror
+    image in i_q belongs to the map.
     """
     orders = _resolved(table, orders)
     currents, flux = _points(table, REACH * limit)

@@ -30,17 +30,7 @@ _SPLINE_DERIVATIVES = np.stack([SPLINES, DERIVE @ SPLINES, DERIVE @ DERIVE @ SPL
 
 
 class Flux(NamedTuple):
-    """The machine at one current and angle: psi, d psi/di and d psi/d theta.
-
-    Attributes
-    ----------
-    linkage : array, shape (2,)
-        psi_d and psi_q in Vs.
-    inductance : array, shape (2, 2)
-        Differential inductance L in H; row psi, column current.
-    angle_slope : array, shape (2,)
-        d psi/d theta at constant current in Vs/rad.
-    """
+    """psi (2,), Vs, d psi/di (2, 2), H (row psi), and d psi/d theta (2,), Vs/rad, at one point."""
 
     linkage: JaxArray
     inductance: JaxArray

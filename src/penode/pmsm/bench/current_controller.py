@@ -106,26 +106,10 @@ def tuned_controller(
     time_step: float,
     limit: VoltageLimit = _CIRCLE,
 ) -> CurrentController:
-    """Tune a controller from the data sheet, approximately.
+    """Tune a controller from the data sheet to a bandwidth in rad/s, approximately.
 
-    Parameters
-    ----------
-    machine : Machine
-        Only its data-sheet values are used.
-    bandwidth : float
-        Closed-loop bandwidth in rad/s that a machine with the believed inductances would get.
-    tuning : float
-        Believed over data-sheet inductance; 1 is tuned as well as the data sheet allows.
-    dc_voltage : float
-        Voltage of the dc link in V.
-    time_step : float
-        Sampling interval in s.
-    limit : VoltageLimit
-        The voltages it keeps to; by default the circle of radius ``u_dc / sqrt(3)``.
-
-    Returns
-    -------
-    CurrentController
+    `tuning` is the believed inductance over that of the data sheet; a machine with the believed
+    one would get the bandwidth.
     """
     return CurrentController(
         inductance=tuning * np.array([machine.inductance_d, machine.inductance_q]),

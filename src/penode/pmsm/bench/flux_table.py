@@ -9,16 +9,8 @@ from penode.arrays import BoolArray, FloatArray
 class FluxTable:
     """Flux linkage over a grid of currents, straight or polar, and the electrical angle.
 
-    Attributes
-    ----------
-    name : str
-        The file it came from.
-    i_d, i_q : ndarray, shape (row, column)
-        Currents of the grid's points in A, peak value of a phase.
-    theta_el : ndarray, shape (angle,)
-        Electrical angles of the d axis in rad; one angle for a map without angle.
-    psi_d, psi_q : ndarray, shape (row, column, angle)
-        Flux linkages in Vs; NaN where the map has no value.
+    Currents (row, column) are peak values of a phase in A, angles (angle,) in rad, one for a
+    map without angle; psi (row, column, angle) in Vs is NaN where the map has no value.
     """
 
     name: str

@@ -19,15 +19,7 @@ from penode.pmsm.bench.voltage_limits import Circle, VoltageLimit
 
 
 class Pulses(NamedTuple):
-    """What an inverter does in one interval: a few voltages, one after the other.
-
-    Attributes
-    ----------
-    durations : array, shape (pulse,)
-        Lengths in s; they add up to the interval.
-    vectors : array, shape (pulse, 2)
-        Voltages in V, in the frame in which the hold keeps them.
-    """
+    """An interval's voltages: durations (pulse,), s; vectors (pulse, 2), V, in the hold's frame."""
 
     durations: JaxArray
     vectors: JaxArray

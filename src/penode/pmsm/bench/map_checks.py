@@ -15,24 +15,15 @@ _MIRRORED_SHARE = 0.2
 
 @dataclass(frozen=True)
 class MapChecks:
-    """What the checks found in a usable map.
+    """What the checks found in a usable map."""
 
-    Attributes
-    ----------
-    reciprocity_residual : float
-        rms of d psi_d/d i_q - d psi_q/d i_d over the cells of the grid and the angles in H.
-    asymmetry : float or None
-        rms difference of the mean map to its mirror image in i_q in Vs; None where less than a
-        fifth of the points have one.
-    covered_share : float
-        Share of the grid's points that have values.
-    i_d_range, i_q_range : tuple of float
-        Smallest and largest covered current in A.
-    """
-
+    # rms of d psi_d/d i_q - d psi_q/d i_d over cells and angles, H.
     reciprocity_residual: float
+    # rms to the mirror image in i_q, Vs; None where less than a fifth of the points have one.
     asymmetry: float | None
+    # Share of the grid's points that have values.
     covered_share: float
+    # Smallest and largest covered current, A.
     i_d_range: tuple[float, float]
     i_q_range: tuple[float, float]
 
@@ -40,20 +31,8 @@ class MapChecks:
 def check_map(table: FluxTable) -> MapChecks:
     """Check coverage, invertibility, reciprocity and symmetry.
 
-    Parameters
-    ----------
-    table : FluxTable
-        The map.
-
-    Returns
-    -------
-    MapChecks
-
-    Raises
-    ------
-    InputError
-        If there is a hole inside the covered region, or a cell in which the differential
-        inductance is not positive definite; the message says where.
+    A hole in the covered region, or a cell whose inductance is not positive definite, is
+    refused.
     """
     covered = table.covered
     _refuse_holes(table, covered)
@@ -70,19 +49,9 @@ def check_map(table: FluxTable) -> MapChecks:
 
 
 def cell_inductance(table: FluxTable) -> tuple[FloatArray, BoolArray]:
-    """Return the mean differential inductance of each cell of the grid.
+    """Return L (row - 1, column - 1, angle, 2, 2), H, of each cell, and which cells are known.
 
-    Parameters
-    ----------
-    table : FluxTable
-        The map.
-
-    Returns
-    -------
-    inductance : ndarray, shape (row - 1, column - 1, angle, 2, 2)
-        L in H; row psi, column current. NaN in cells without values.
-    cells : ndarray of bool, shape (row - 1, column - 1)
-        Cells that have four known corners and an area.
+    Differential, row psi, column current; NaN in cells without four known corners and an area.
     """
     current = np.stack([table.i_d, table.i_q], axis=-1)[:, :, None, :]
     flux = np.stack([table.psi_d, table.psi_q], axis=-1)

@@ -86,25 +86,9 @@ class ImportedMachine:
 
 
 def read_flux_table(path: str | Path, *, pole_pairs: int) -> FluxTable:
-    """Read a flux map from a CSV, npz or mat file.
+    """Read a flux map from a CSV, npz or mat file; `map_layouts` lists the names it may use.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file. `penode.pmsm.bench.map_layouts` lists the names it may use.
-    pole_pairs : int
-        Number of pole pairs, for angles that the file has in mechanical degrees.
-
-    Returns
-    -------
-    FluxTable
-
-    Raises
-    ------
-    InputError
-        If the file is of no known kind or holds no flux map.
-    OSError
-        If the file cannot be opened.
+    The pole pairs are for angles that the file has in mechanical degrees.
     """
     path = Path(path)
     reader = MAP_READERS.get(path.suffix.lower())

@@ -29,27 +29,10 @@ _LEAST_FILLED = 0.25
 
 
 def flux_table(file: str, arrays: Arrays, pole_pairs: int) -> FluxTable:
-    """Make a flux table of named arrays.
+    """Make a flux table of named arrays; pole pairs are for angles in mechanical degrees.
 
-    Parameters
-    ----------
-    file : str
-        Name for messages.
-    arrays : mapping of str to ndarray
-        What a reader found. Currents are vectors of a grid, grids of the shape of the fluxes, or,
-        with all arrays of one axis, one point a row.
-    pole_pairs : int
-        Number of pole pairs, for angles given in mechanical degrees.
-
-    Returns
-    -------
-    FluxTable
-
-    Raises
-    ------
-    InputError
-        If currents or fluxes are not there under any known name, or their shapes do not belong
-        together, or there are fewer than 5 points along an axis.
+    Currents are vectors of a grid, grids of the shape of the fluxes, or, with all arrays of one
+    axis, one point a row; at least 5 points along an axis.
     """
     named = {key.lower().replace("_", "").replace(" ", ""): arrays[key] for key in arrays}
     named |= _split_complex(named)

@@ -23,26 +23,15 @@ from penode.pmsm.bench.winding import IronLoss, Winding
 
 
 class State(NamedTuple):
-    """The plant at one moment. The slopes of these quantities are a `State` too.
+    """The plant at one moment. The slopes of these quantities are a `State` too."""
 
-    Attributes
-    ----------
-    current : array, shape (2,)
-        i_d and i_q that make the flux, in A; the terminals carry the iron's current beside it.
-    theta_el : array, shape ()
-        Electrical angle of the d axis in rad.
-    omega_el : array, shape ()
-        Electrical speed in rad/s.
-    temperature : array, shape ()
-        Winding temperature in degrees Celsius.
-    filtered : array, shape (2,), or None
-        Terminal current behind the sensors' filter, in the rotor frame, in A.
-    """
-
+    # (2,), A, that make the flux; the terminals carry the iron's current beside it.
     current: JaxArray
     theta_el: JaxArray
     omega_el: JaxArray
+    # Of the winding, degC.
     temperature: JaxArray
+    # Terminal current behind the sensors' filter, in the rotor frame (2,), A.
     filtered: JaxArray | None = None
 
 
@@ -51,17 +40,7 @@ VoltageAt = Callable[[JaxArray, JaxArray], JaxArray]
 
 
 class Copper(eqx.Module):
-    """Resistance of one phase over temperature: ``R (1 + alpha (T - T_ref))``.
-
-    Attributes
-    ----------
-    resistance : float
-        R in ohm.
-    coefficient : float
-        alpha in 1/K.
-    reference : float
-        T_ref in degrees Celsius.
-    """
+    """Resistance of a phase, ``R (1 + alpha (T - T_ref))``, in ohm, 1/K and degC."""
 
     resistance: float
     coefficient: float
@@ -77,50 +56,22 @@ class Plant(eqx.Module):
 
     ``di/dt = L^-1 (u - R i - omega J psi - omega d psi/d theta)``, beside the equations of the
     shaft, of the winding's temperature and of the sensors' filter.
-
-    Attributes
-    ----------
-    table : CoenergyTable
-        The machine.
-    copper : Copper
-        Resistance of a phase over its temperature.
-    magnet_flux_change : float
-        What the magnets' temperature adds to psi_d in Vs.
-    winding : Winding
-        Temperature and balance of the phases.
-    iron_loss : IronLoss or None
-        Iron loss.
-    shaft : Shaft
-        What moves the rotor.
-    sensors : CurrentSensors or None
-        Current sensors whose filter is to be integrated; None where they have none.
-    substeps : int
-        Integration steps to one pulse of the inverter.
     """
 
     table: CoenergyTable
     copper: Copper
+    # What the magnets' temperature adds to psi_d, Vs.
     magnet_flux_change: float
     winding: Winding
     iron_loss: IronLoss | None
     shaft: Shaft
+    # None where they have no filter to be integrated.
     sensors: CurrentSensors | None
+    # Integration steps to one pulse of the inverter.
     substeps: int = eqx.field(static=True)
 
     def rest(self, theta_el: JaxArray, omega_el: JaxArray) -> State:
-        """Return the state without current.
-
-        Parameters
-        ----------
-        theta_el : array, shape ()
-            Electrical angle in rad.
-        omega_el : array, shape ()
-            Electrical speed in rad/s.
-
-        Returns
-        -------
-        State
-        """
+        """Return the state without current at an electrical angle (rad) and speed (rad/s)."""
         none = jnp.zeros(2)
         start = self.winding.temperature
         temperature = jnp.asarray(self.copper.reference if start is None else start, none.dtype)
@@ -128,56 +79,22 @@ class Plant(eqx.Module):
         return State(none, theta_el, omega_el, temperature, filtered)
 
     def at_sample(self, state: State, given: Motion) -> State:
-        """Return the state at a sampling instant, where a given motion of the shaft takes over.
-
-        Parameters
-        ----------
-        state : State
-            The plant as integrated until now.
-        given : Motion
-            The shaft at this instant, as far as it is given.
-
-        Returns
-        -------
-        State
-        """
+        """Return the state at a sampling instant, where a given motion of the shaft takes over."""
         theta_el, omega_el = self.shaft.at_sample((state.theta_el, state.omega_el), given)
         return state._replace(theta_el=theta_el, omega_el=omega_el)
 
     def terminals(self, state: State) -> Terminals:
-        """Return what there is to be measured.
-
-        Parameters
-        ----------
-        state : State
-            The plant.
-
-        Returns
-        -------
-        Terminals
-            Currents in A with the iron's included, angle in rad, speed in rad/s.
-        """
+        """Return what there is to be measured, the iron's current included."""
         current = state.current
         if self.iron_loss is not None:
             current = self._terminal_current(state, self._flux(state).linkage)
         return Terminals(current, state.filtered, state.theta_el, state.omega_el)
 
     def slope(self, state: State, voltage_at: VoltageAt, acceleration: JaxArray) -> State:
-        """Return the slopes of the state.
+        """Return the slopes of the state per second.
 
-        Parameters
-        ----------
-        state : State
-            The plant.
-        voltage_at : callable
-            Terminal current (2,) in A and angle in rad to terminal voltage (2,) in V.
-        acceleration : array, shape ()
-            Electrical acceleration in rad/s^2 of a shaft whose speed is given.
-
-        Returns
-        -------
-        State
-            Slopes per second.
+        `voltage_at` gives terminal voltage (2,), V, of terminal current (2,), A, and angle,
+        rad; `acceleration` (rad/s^2, electrical) is that of a shaft whose speed is given.
         """
         flux = self._flux(state)
         current = self._terminal_current(state, flux.linkage)
@@ -205,20 +122,7 @@ class Plant(eqx.Module):
     ) -> State:
         """Return the state after the inverter's pulses, by classic Runge-Kutta steps.
 
-        Parameters
-        ----------
-        state : State
-            The plant at the start.
-        pulses : Pulses
-            Durations in s and voltages in V.
-        voltages : callable
-            A pulse's voltage (2,) in V to the ``voltage_at`` of `slope`.
-        acceleration : array, shape ()
-            Electrical acceleration in rad/s^2 of a shaft whose speed is given.
-
-        Returns
-        -------
-        State
+        `voltages` makes the ``voltage_at`` of `slope` from a pulse's voltage (2,), V.
         """
 
         def pulse(state: State, one: Pulses) -> tuple[State, None]:
@@ -242,20 +146,7 @@ class Plant(eqx.Module):
         return state.current + self.iron_loss.current(state.omega_el * quarter_turned(linkage))
 
     def torque(self, state: State) -> JaxArray:
-        """Return the air-gap torque over the pole pairs.
-
-        ``3/2 (psi_d i_q - psi_q i_d + dW/dtheta)``.
-
-        Parameters
-        ----------
-        state : State
-            The plant.
-
-        Returns
-        -------
-        array, shape ()
-            Torque in Nm for one pole pair.
-        """
+        """Return ``3/2 (psi_d i_q - psi_q i_d + dW/dtheta)``, the torque of one pole pair in Nm."""
         return self._torque(state, self._flux(state))
 
     def _torque(self, state: State, flux: Flux) -> JaxArray:

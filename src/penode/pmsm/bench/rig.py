@@ -29,17 +29,7 @@ _LARGEST_SWEEP = 2.0
 
 
 class Row(NamedTuple):
-    """What is given for a sample.
-
-    Attributes
-    ----------
-    reference : array, shape (..., 2)
-        Wanted i_d and i_q in A.
-    motion : Motion
-        The shaft, as far as it is given.
-    draws : Draws
-        Random numbers.
-    """
+    """What is given for a sample: wanted currents (..., 2), A, the shaft and random numbers."""
 
     reference: JaxArray
     motion: Motion
@@ -47,63 +37,28 @@ class Row(NamedTuple):
 
 
 class Sampled(NamedTuple):
-    """What a sample yields.
-
-    Attributes
-    ----------
-    voltage : array, shape (..., 2)
-        u_d and u_q that the controller asks for in V.
-    reading : Reading
-        Outputs of the sensors.
-    truth : Terminals
-        True values of the same.
-    temperature : array, shape (...)
-        Winding temperature in degrees Celsius.
-    limit_used : array, shape (...)
-        Length of the voltage over the longest permitted.
-    """
+    """What a sample yields: voltages asked for, V, readings, true values, degC of the winding."""
 
     voltage: JaxArray
     reading: Reading
     truth: Terminals
     temperature: JaxArray
+    # Length of the voltage over the longest permitted.
     limit_used: JaxArray
 
 
 class LoopState(NamedTuple):
-    """What a sample leaves to the next.
-
-    Attributes
-    ----------
-    plant : State
-        Currents, shaft, temperature, filter.
-    integral : array, shape (2,)
-        Integral part of the controller in V.
-    waiting : array, shape (delay, 2)
-        Voltages computed that do not act yet in V, the oldest first.
-    """
+    """What a sample leaves to the next."""
 
     plant: State
+    # Integral part of the controller (2,), V.
     integral: JaxArray
+    # Voltages (delay, 2), V, that do not act yet, the oldest first.
     waiting: JaxArray
 
 
 class Rig(eqx.Module):
-    """The blocks of the loop.
-
-    Attributes
-    ----------
-    controller : CurrentController
-        Discrete current controller.
-    inverter : Inverter
-        From the controller's voltage to the terminals'.
-    switching : Switching
-        dc voltage in V and sampling interval in s.
-    plant : Plant
-        Machine, shaft and the sensors' filter.
-    sensors : Sensors
-        From the truth to what is seen of it.
-    """
+    """The blocks of the loop, from the controller to what the sensors see of the truth."""
 
     controller: CurrentController
     inverter: Inverter
@@ -112,17 +67,7 @@ class Rig(eqx.Module):
     sensors: Sensors
 
     def start(self, motion: Motion) -> LoopState:
-        """Return the loop before its first sample: no current, the induced voltage waiting.
-
-        Parameters
-        ----------
-        motion : Motion
-            The shaft at the first sample.
-
-        Returns
-        -------
-        LoopState
-        """
+        """Return the loop before its first sample: no current, the induced voltage waiting."""
         theta_el, omega_el = jnp.asarray(motion.theta_el), jnp.asarray(motion.omega_el)
         none = jnp.zeros(2)
         angle = theta_el - self.inverter.hold.frame_angle(theta_el)
@@ -131,20 +76,7 @@ class Rig(eqx.Module):
         return LoopState(self.plant.rest(theta_el, omega_el), none, waiting)
 
     def sample(self, state: LoopState, row: Row) -> tuple[LoopState, Sampled]:
-        """Return the loop one sample later, and what the sample yields.
-
-        Parameters
-        ----------
-        state : LoopState
-            The loop until now.
-        row : Row
-            Reference, shaft and random numbers of the sample.
-
-        Returns
-        -------
-        state : LoopState
-        sampled : Sampled
-        """
+        """Return the loop one sample later, and what the sample yields."""
         plant = self.plant.at_sample(state.plant, row.motion)
         truth = self.plant.terminals(plant)
         reading = self.sensors.read(truth, row.draws)
@@ -170,17 +102,9 @@ class Rig(eqx.Module):
         return self.plant.advance(plant, pulses, self.voltages, acceleration)
 
     def voltages(self, vector: JaxArray) -> VoltageAt:
-        """Return the terminal voltage of a pulse as a function of current and angle.
+        """Return the function from current (2,), A, and angle, rad, to terminal voltage (2,), V.
 
-        Parameters
-        ----------
-        vector : array, shape (2,)
-            The pulse's voltage in V, in the hold's frame.
-
-        Returns
-        -------
-        callable
-            Terminal current (2,) in A and angle () in rad to terminal voltage (2,) in V.
+        The pulse's `vector` (2,), V, is in the hold's frame.
         """
 
         def voltage_at(current: JaxArray, theta_el: JaxArray) -> JaxArray:
@@ -196,23 +120,7 @@ def _delayed(waiting: JaxArray, sent: JaxArray) -> tuple[JaxArray, JaxArray]:
 
 
 def rig_of(machine: Machine, drive: Drive, shaft: Shaft, fastest: float) -> Rig:
-    """Return the blocks of a drive, tuned and integrated finely enough for a speed.
-
-    Parameters
-    ----------
-    machine : Machine
-        The machine.
-    drive : Drive
-        Everything around it.
-    shaft : Shaft
-        What moves the rotor.
-    fastest : float
-        Largest electrical speed in rad/s.
-
-    Returns
-    -------
-    Rig
-    """
+    """Return a drive's blocks, integrated finely enough for an electrical speed in rad/s."""
     controller = tuned_controller(
         machine,
         bandwidth=drive.bandwidth,
@@ -234,23 +142,7 @@ def rig_of(machine: Machine, drive: Drive, shaft: Shaft, fastest: float) -> Rig:
 
 
 def plant_of(machine: Machine, drive: Drive, shaft: Shaft, fastest: float) -> Plant:
-    """Return the plant of a machine, integrated finely enough for a speed.
-
-    Parameters
-    ----------
-    machine : Machine
-        The machine.
-    drive : Drive
-        Its winding, iron loss, magnets and sensors' filter count here.
-    shaft : Shaft
-        What moves the rotor.
-    fastest : float
-        Largest electrical speed in rad/s; see `substeps`.
-
-    Returns
-    -------
-    Plant
-    """
+    """Return a machine's plant, integrated finely enough for an electrical speed in rad/s."""
     copper = Copper(machine.resistance, machine.copper_coefficient, machine.reference_temperature)
     warm = drive.magnet_temperature
     filtered = drive.current_sensors is not None and drive.current_sensors.cutoff_hz is not None
@@ -267,24 +159,12 @@ def plant_of(machine: Machine, drive: Drive, shaft: Shaft, fastest: float) -> Pl
 
 
 def substeps(machine: Machine, drive: Drive, fastest: float) -> int:
-    """Return how many integration steps one pulse of the inverter takes.
+    """Return how many integration steps one pulse takes at an electrical speed in rad/s.
 
-    Parameters
-    ----------
-    machine : Machine
-        Its fastest harmonic turns by at most 0.2 rad in a step, of which there are at least two;
-        voltage steps of 25 V then leave an error below 1e-8 of the built-in machine's current
-        limit.
-    drive : Drive
-        A filter decays by at most half a time constant in a step (error 1e-6 of the current
-        limit), and with dead time a phase current moves by at most two of its current scales,
-        so that its crossing of zero is met.
-    fastest : float
-        Largest electrical speed in rad/s.
-
-    Returns
-    -------
-    int
+    The fastest harmonic turns by at most 0.2 rad a step, a filter decays by at most half a time
+    constant, and with dead time a phase current moves by at most two of its current scales, so
+    that its crossing of zero is met. For steps of 25 V on the built-in machines the error is below
+    1e-8 of the current limit, 1e-6 with a filter.
     """
     turn = abs(fastest) * drive.time_step
     wanted = [2.0, max(machine.angle_orders, default=1) * turn / _LARGEST_TURN]

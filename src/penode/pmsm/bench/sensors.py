@@ -90,17 +90,7 @@ class SpeedSensor(eqx.Module):
 
 
 class Draws(NamedTuple):
-    """The random numbers of a sample, all standard normal.
-
-    Attributes
-    ----------
-    dq : array, shape (..., 2)
-        For noise on the dq currents.
-    phase : array, shape (..., 3)
-        For the phase-current sensors.
-    speed : array, shape (...)
-        For the speed signal.
-    """
+    """Standard normal numbers of a sample: dq (..., 2), phase sensors (..., 3), speed (...)."""
 
     dq: JaxArray
     phase: JaxArray
@@ -108,81 +98,37 @@ class Draws(NamedTuple):
 
 
 class Terminals(NamedTuple):
-    """The truth at a sampling instant.
-
-    Attributes
-    ----------
-    current : array, shape (2,)
-        Terminal i_d and i_q in A.
-    filtered : array, shape (2,), or None
-        The same behind the anti-alias filter.
-    theta_el : array, shape ()
-        Electrical angle in rad, within one mechanical turn.
-    omega_el : array, shape ()
-        Electrical speed in rad/s.
-    """
+    """The truth at a sampling instant: currents (2,), A, angle, rad, and speed, rad/s."""
 
     current: JaxArray
+    # The current behind the anti-alias filter.
     filtered: JaxArray | None
+    # Within one mechanical turn.
     theta_el: JaxArray
     omega_el: JaxArray
 
 
 class Reading(NamedTuple):
-    """What the controller and the file get at a sampling instant.
+    """What the controller and the file get at a sampling instant, in A, rad and rad/s."""
 
-    Attributes
-    ----------
-    current : array, shape (2,)
-        Measured i_d and i_q, transformed with the measured angle, in A.
-    theta_el : array, shape ()
-        Measured electrical angle in rad.
-    omega_el : array, shape ()
-        Measured electrical speed in rad/s.
-    """
-
+    # i_d and i_q (2,), transformed with the measured angle.
     current: JaxArray
     theta_el: JaxArray
     omega_el: JaxArray
 
 
 class Sensors(eqx.Module):
-    """All sensors of a drive; where there is none, the truth is read.
-
-    Attributes
-    ----------
-    current : CurrentSensors or None
-        The phase-current sensors.
-    resolver : Resolver or None
-        The angle sensor.
-    speed : SpeedSensor or None
-        The speed signal.
-    dq_noise : float
-        Standard deviation in A of white noise on each measured dq current, beside the sensors'.
-    pole_pairs : float
-        Number of pole pairs, between mechanical and electrical angle.
-    """
+    """All sensors of a drive; where there is none, the truth is read."""
 
     current: CurrentSensors | None
     resolver: Resolver | None
     speed: SpeedSensor | None
+    # Standard deviation in A of white noise on each dq current, beside the sensors'.
     dq_noise: float
     pole_pairs: float
 
     def read(self, terminals: Terminals, draws: Draws) -> Reading:
-        """Return what the controller and the file get.
-
-        Parameters
-        ----------
-        terminals : Terminals
-            The truth at the sampling instant.
-        draws : Draws
-            The sample's random numbers.
-
-        Returns
-        -------
-        Reading
-        """
+        """Return what the controller and the file get of the truth."""
         theta_el = self._angle(terminals)
         current = self._current(terminals, theta_el, draws.phase) + self.dq_noise * draws.dq
         return Reading(current, theta_el, self._speed(terminals, draws.speed))

@@ -124,20 +124,12 @@ class FreeShaft(eqx.Module):
 
 
 class Motion(NamedTuple):
-    """The shaft at the sampling instants, as far as it is given.
+    """The shaft at the sampling instants (time,): electrical rad, rad/s and rad/s^2."""
 
-    Attributes
-    ----------
-    theta_el : array, shape (time,)
-        Electrical angle in rad; it starts anew after a whole mechanical turn.
-    omega_el : array, shape (time,)
-        Electrical speed in rad/s.
-    slope : array, shape (time,)
-        Electrical acceleration until the next instant in rad/s^2.
-    """
-
+    # Starts anew after a whole mechanical turn.
     theta_el: Leaf
     omega_el: Leaf
+    # Of the speed, until the next instant.
     slope: Leaf
 
 
@@ -175,15 +167,7 @@ class HeldShaft(eqx.Module):
 
 
 class MovedShaft(eqx.Module):
-    """A free shaft, in electrical quantities.
-
-    Attributes
-    ----------
-    free : FreeShaft
-        Inertia and load.
-    pole_pairs : float
-        Number of pole pairs.
-    """
+    """A free shaft, in electrical quantities."""
 
     free: FreeShaft
     pole_pairs: float
@@ -210,23 +194,10 @@ Speed: TypeAlias = float | SpeedProfile | FreeShaft
 def given_motion(
     profile: SpeedProfile, instants: FloatArray, time_step: float, pole_pairs: int
 ) -> Motion:
-    """Return the motion of a shaft whose speed is given.
+    """Return the motion at a speed profile, s to mechanical rpm; the angle starts at 0.
 
-    Parameters
-    ----------
-    profile : callable
-        Times in s, shape (time,), to mechanical speed in rpm, shape (time,).
-    instants : ndarray, shape (time + 1,)
-        The sampling instants and the end of the last interval in s.
-    time_step : float
-        Sampling interval in s.
-    pole_pairs : int
-        Number of pole pairs.
-
-    Returns
-    -------
-    Motion
-        The angle starts at 0 and is the exact integral of the speed between the samples.
+    The angle is the exact integral of the speed between the samples; `instants` (time + 1,), s,
+    include the end of the last interval.
     """
     omega = RPM * pole_pairs * np.asarray(profile(instants), dtype=np.float64)
     steps = time_step * (omega[1:] + omega[:-1]) / 2.0
@@ -235,22 +206,7 @@ def given_motion(
 
 
 def steady_motion(rpm: float, instants: FloatArray, pole_pairs: int) -> Motion:
-    """Return the motion of a shaft that turns at one speed.
-
-    Parameters
-    ----------
-    rpm : float
-        Mechanical speed in revolutions per minute.
-    instants : ndarray, shape (time,)
-        The sampling instants in s.
-    pole_pairs : int
-        Number of pole pairs.
-
-    Returns
-    -------
-    Motion
-        The angle is speed times time.
-    """
+    """Return the motion at one mechanical speed in rpm, the angle speed times time."""
     omega_el = RPM * rpm * pole_pairs
     theta = np.mod(omega_el * instants, 2.0 * np.pi * pole_pairs)
     return Motion(theta, np.full_like(instants, omega_el), np.zeros_like(instants))
@@ -259,24 +215,10 @@ def steady_motion(rpm: float, instants: FloatArray, pole_pairs: int) -> Motion:
 def shaft_of(
     speed: Speed, instants: FloatArray, time_step: float, pole_pairs: int
 ) -> tuple[Shaft, Motion]:
-    """Return what moves the rotor, and its motion as far as it is given.
+    """Return what moves the rotor at a speed (mechanical rpm), and its motion as far as given.
 
-    Parameters
-    ----------
-    speed : float, callable or FreeShaft
-        A constant mechanical speed in rpm, one over time, or a free shaft.
-    instants : ndarray, shape (time + 1,)
-        The sampling instants and the end of the last interval in s.
-    time_step : float
-        Sampling interval in s.
-    pole_pairs : int
-        Number of pole pairs.
-
-    Returns
-    -------
-    shaft : Shaft
-    motion : Motion
-        One row a sample; of a free shaft only the first counts.
+    `instants` (time + 1,), s, include the end of the last interval. The motion has one row a
+    sample; of a free shaft only the first counts.
     """
     if isinstance(speed, FreeShaft):
         start = steady_motion(speed.start_rpm, instants[:-1], pole_pairs)

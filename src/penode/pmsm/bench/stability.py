@@ -19,23 +19,9 @@ _TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 def refuse_unstable(name: str, rig: Rig, wanted: FloatArray, fastest: float) -> None:
-    """Refuse a current loop that is unstable where the reference leads.
+    """Refuse a loop that is unstable where `wanted` (time, 2), A, leads.
 
-    Parameters
-    ----------
-    name : str
-        Name of the run, for the message.
-    rig : Rig
-        The drive.
-    wanted : ndarray, shape (time, 2)
-        The reference, i_d and i_q in A.
-    fastest : float
-        Largest electrical speed in rad/s; the loop is looked at there and standing still.
-
-    Raises
-    ------
-    InputError
-        If a pole of the loop lies outside the unit circle at an operating point of the reference.
+    It is looked at standing still and at the electrical speed `fastest`, rad/s.
     """
     rows = np.linspace(0, len(wanted) - 1, _POINTS).round().astype(int)
     points = wanted[rows]
@@ -55,22 +41,7 @@ def refuse_unstable(name: str, rig: Rig, wanted: FloatArray, fastest: float) -> 
 
 
 def loop_pole(rig: Rig, inductance: FloatArray, omega_el: float) -> float:
-    """Return the largest modulus of the sampled current loop's poles.
-
-    Parameters
-    ----------
-    rig : Rig
-        The drive.
-    inductance : ndarray, shape (2, 2)
-        The machine's differential inductance in H.
-    omega_el : float
-        Electrical speed in rad/s.
-
-    Returns
-    -------
-    float
-        Below 1 where the loop is stable.
-    """
+    """Return the largest modulus of the loop's poles (stable below 1) at L (2, 2), H, and rad/s."""
     controller, delay = rig.controller, rig.inverter.delay
     decay, drive = _sampled_machine(rig, inductance, omega_el)
     angle = -omega_el * controller.time_step * rig.inverter.hold.mean_lag(delay)

@@ -113,19 +113,8 @@ class Truth:
 def truth_of(truth: Truth) -> dict[str, Any]:
     """Return the truth as what JSON can hold, without the traces.
 
-    Parameters
-    ----------
-    truth : Truth
-        The truth.
-
-    Returns
-    -------
-    dict
-        ``schema``, ``machine``, ``drive``, ``reference``, ``speed``, ``duration``, ``seed`` as they
-        were given (records by the name of their class under ``kind`` and their fields), and what
-        came of them: ``resistance`` and ``phase_resistances`` in ohm at the run's mean
-        temperature, ``temperature`` [start, end] in degrees Celsius, ``mean_speed_rpm``,
-        ``dead_time_voltage`` dU in V, ``voltage_delay_samples`` and ``voltage_hold``.
+    Arguments are as they were given; resistances (ohm) are those at the run's mean temperature,
+    temperatures [start, end] in degC, ``dead_time_voltage`` dU in V.
     """
     temperature, inverter = truth.trace.temperature, truth.drive.inverter
     lost = 0.0
@@ -150,18 +139,10 @@ def truth_of(truth: Truth) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a record as what JSON can hold.
+    """Return a value as what JSON can hold.
 
-    Parameters
-    ----------
-    value : object
-        A record, a number, text, a sequence, a mapping, an array, or a function.
-
-    Returns
-    -------
-    object
-        Records become their fields beside ``kind``, the name of their class; arrays and tuples
-        become lists; what else is no JSON becomes its name.
+    Records become their fields beside ``kind``, the name of their class; arrays and tuples
+    become lists; what else is no JSON becomes its name.
     """
     if value is None or isinstance(value, (bool, int, float, str)):
         return value

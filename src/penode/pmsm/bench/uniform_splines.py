@@ -27,21 +27,10 @@ DERIVE: FloatArray = np.diag(np.arange(1.0, 6.0), k=1)
 def cell_splines(
     position: FloatArray, cells: int, derivative: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the splines that are not zero at some positions, and which they are.
+    """Return values and numbers (point, 6) of the splines that are not zero at `position` (point,).
 
-    Parameters
-    ----------
-    position : ndarray, shape (point,)
-        Positions in spacings, 0 to ``cells``.
-    cells : int
-        Number of cells; there are ``cells + 5`` splines.
-    derivative : int
-        How often the splines are derived by the position.
-
-    Returns
-    -------
-    values, numbers : ndarray, shape (point, 6)
-        Values of the six splines and their numbers.
+    Positions are in spacings, 0 to `cells`; of the ``cells + 5`` splines the values are
+    derivatives by the position.
     """
     cell = np.clip(np.floor(position), 0, cells - 1)
     powers = np.power((position - cell)[:, None], np.arange(6))

@@ -24,22 +24,7 @@ class Circle(eqx.Module):
     """The voltages reachable at every angle: length at most ``u_dc / sqrt(3)``."""
 
     def used(self, voltage: JaxArray, theta_el: JaxArray, dc_voltage: JaxArray | float) -> JaxArray:
-        """Return the length over ``u_dc / sqrt(3)``.
-
-        Parameters
-        ----------
-        voltage : array, shape (2,)
-            dq voltage in V.
-        theta_el : array, shape ()
-            Not used.
-        dc_voltage : array, shape ()
-            Voltage of the dc link in V.
-
-        Returns
-        -------
-        array, shape ()
-            Dimensionless; permitted up to 1.
-        """
+        """Return the length of a dq voltage (2,) over ``u_dc / sqrt(3)``, permitted up to 1."""
         share: JaxArray = jnp.hypot(voltage[0], voltage[1]) / (dc_voltage / np.sqrt(3.0))
         return share
 
@@ -48,21 +33,9 @@ class Hexagon(eqx.Module):
     """All voltages an inverter can make: no line-to-line voltage above u_dc."""
 
     def used(self, voltage: JaxArray, theta_el: JaxArray, dc_voltage: JaxArray | float) -> JaxArray:
-        """Return the largest line-to-line voltage over u_dc.
+        """Return the largest line-to-line voltage over u_dc, permitted up to 1.
 
-        Parameters
-        ----------
-        voltage : array, shape (2,)
-            dq voltage in V.
-        theta_el : array, shape ()
-            Electrical angle in rad at which it is sent to the phases.
-        dc_voltage : array, shape ()
-            Voltage of the dc link in V.
-
-        Returns
-        -------
-        array, shape ()
-            Dimensionless; permitted up to 1.
+        The dq voltage (2,) is sent to the phases at `theta_el`, rad.
         """
         by_phase = phases(rotated(voltage, theta_el))
         return (by_phase.max() - by_phase.min()) / dc_voltage

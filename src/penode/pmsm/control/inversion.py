@@ -18,23 +18,10 @@ def inverse(
     targets: FloatArray,
     start: FloatArray,
 ) -> FloatArray:
-    """Return where a function of two variables takes given values.
+    """Return where a function of two variables takes `targets` (2, point), NaN where it fails.
 
-    Parameters
-    ----------
-    function : callable
-        (2, point) to (2, point), such as currents in A to flux linkages in Vs.
-    slope : callable
-        Its Jacobian, (2, point) to (2, 2, point).
-    targets : ndarray, shape (2, point)
-        Values to take.
-    start : ndarray, shape (2, point)
-        First guesses, close ones: full Newton steps are taken.
-
-    Returns
-    -------
-    ndarray, shape (2, point)
-        NaN where the steps did not die out.
+    Such as currents, A, to flux linkages, Vs; `slope` is its Jacobian (2, 2, point). First
+    guesses are close ones: full Newton steps are taken.
     """
     solution = start.copy()
     converged: BoolArray = np.zeros(solution.shape[1], dtype=np.bool_)

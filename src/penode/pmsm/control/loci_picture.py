@@ -21,20 +21,9 @@ _TO_RPM = 30 / np.pi
 def loci_picture(machine: ControlledMachine, loci: ControlLoci, name: str) -> bytes:
     """Return a PNG of control loci.
 
-    Parameters
-    ----------
-    machine : ControlledMachine
-    loci : ControlLoci
-        Of that machine.
-    name : str
-        Title.
-
-    Returns
-    -------
-    bytes
-        Left the dq plane: torque contours, MTPA, MTPV, most torque over speed, grey where no
-        recording has been. Right torque and power over speed, or over the current without a voltage
-        limit. Loci are dashed where they are extrapolations.
+    Left the dq plane: torque contours, MTPA, MTPV, most torque over speed, grey where no
+    recording has been. Right torque and power over speed, or over the current without a voltage
+    limit. Loci are dashed where they are extrapolations.
     """
     figure = Figure(figsize=(12, 6), layout="constrained")
     plane, curve = figure.subplots(1, 2, width_ratios=(1.0, 1.15))

@@ -23,24 +23,12 @@ class Curves(Protocol):
     """Closed curves of currents."""
 
     def __call__(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return currents and their slopes over the angle, both (2, curve, angle).
-
-        Parameters
-        ----------
-        angle : ndarray, shape (curve, angle) or (1, angle)
-            In rad.
-        """
+        """Return currents, slopes (2, curve, angle) at angles (curve, angle) or (1, angle), rad."""
 
 
 @dataclass(frozen=True, eq=False)
 class Circles:
-    """Currents of one magnitude, by their angle.
-
-    Attributes
-    ----------
-    radius : ndarray, shape (curve,)
-        In A.
-    """
+    """Currents of one magnitude, the radius (curve,), A, by their angle."""
 
     radius: FloatArray
 
@@ -52,22 +40,14 @@ class Circles:
 
 @dataclass(frozen=True, eq=False)
 class VoltageCurves:
-    """Currents at which the voltage has one magnitude, by the angle of the voltage.
-
-    Attributes
-    ----------
-    machine : ControlledMachine
-    speed : ndarray, shape (curve,)
-        Electrical, in rad/s.
-    magnitude : ndarray, shape (curve,)
-        In V.
-    reach : float
-        Current in A around which first guesses are spread.
-    """
+    """Currents at which the voltage has one magnitude, by the angle of the voltage."""
 
     machine: ControlledMachine
+    # Electrical (curve,), rad/s.
     speed: FloatArray
+    # (curve,), V.
     magnitude: FloatArray
+    # Current, A, around which first guesses are spread.
     reach: float
 
     def __call__(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -97,18 +77,7 @@ class VoltageCurves:
 
 
 def most_torque(machine: ControlledMachine, curves: Curves) -> FloatArray:
-    """Return the current of most torque on each curve.
-
-    Parameters
-    ----------
-    machine : ControlledMachine
-    curves : Curves
-
-    Returns
-    -------
-    ndarray, shape (2, curve)
-        In A; NaN for a curve on which no current was found.
-    """
+    """Return the current of most torque on each curve, (2, curve), A; NaN where none was found."""
     torque = machine.torque(curves(ANGLES[None])[0])
     best = ANGLES[np.where(np.isnan(torque), -np.inf, torque).argmax(axis=1)]
     width = ANGLES[1] - ANGLES[0]

@@ -32,28 +32,14 @@ _REASON = "Linear least squares over short windows predicts nothing, so there is
 
 @dataclass(frozen=True)
 class CoenergyLeastSquares:
-    """Least squares of the voltage equation over short windows.
-
-    Attributes
-    ----------
-    degree : int
-        Of the polynomial coenergy.
-    mirrored : bool
-        Whether the machine is symmetric about its d axis, so that the coenergy is even in i_q.
-    inverter : bool
-        Whether the dead-time voltage is identified too; the recordings then need theta_el.
-    hold : str
-        Frame in which the voltage is held: ``"dq"`` or ``"stationary"``.
-
-    Raises
-    ------
-    InputError
-        If the degree is below 2 or the hold unknown.
-    """
+    """Least squares of the voltage equation over short windows."""
 
     degree: int = 8
+    # Whether the coenergy is even in i_q: the machine is symmetric about its d axis.
     mirrored: bool = True
+    # Whether the dead-time voltage is identified too; the recordings then need theta_el.
     inverter: bool = False
+    # Frame in which the voltage is held: "dq" or "stationary".
     hold: str = "dq"
 
     def __post_init__(self) -> None:
@@ -66,29 +52,12 @@ class CoenergyLeastSquares:
         validation: Sequence[Experiment] = (),
         observer: Observer = ignore_events,
     ) -> Fit:
-        """Return resistance and map; see `penode.pmsm.conventional.method.Method`.
-
-        Raises
-        ------
-        InputError
-            If a recording cannot be used, or has fewer equations than there are unknowns.
-        """
+        """Return resistance and map; see `penode.pmsm.conventional.method.Method`."""
         runs, unseen = usable(experiments), [drive_recording(e) for e in validation]
         return self.solved(runs).to_fit(runs, unseen)
 
     def solved(self, runs: Sequence[Experiment]) -> LinearFit:
-        """Return resistance and map before anything is predicted.
-
-        Parameters
-        ----------
-        runs : sequence of Experiment
-            With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
-
-        Raises
-        ------
-        InputError
-            As in `identify`.
-        """
+        """Return resistance and map before anything is predicted."""
         scale, basis = largest_current(runs), coenergy_polynomial(self.degree, self.mirrored)
         dead_time = (DeadTime().prepared(scale),) if self.inverter else ()
         require_channels(runs, dead_time)
@@ -116,23 +85,9 @@ def coenergy_equations(
 ) -> WeakRegression:
     """Return the voltage equation over short windows, linear in R and the map's coefficients.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q (A), omega_el (rad/s), the channels of the terms, and u_d, u_q (V), the mean
-        voltages of each sample in the rotor frame.
-    basis : LinearMap
-        The map, with `scale` in A for one unit of its inputs.
-    scale : float
-        A.
-    terms : sequence of Term
-        Beside resistance and rotation, prepared.
-
-    Returns
-    -------
-    WeakRegression
-        Two rows a window, d and q in Vs; columns R in ohm, the terms' physical parameters in SI
-        units, then the coefficients in Vs.
+    u_d and u_q are the mean voltages of each sample in the rotor frame; one unit of the map's
+    inputs is `scale`, A; `terms` are prepared. Two rows a window, d and q in Vs; columns R in
+    ohm, the terms' parameters in SI units, then the coefficients in Vs.
     """
     columns = basis.columns(experiment.stack(CURRENTS) / scale)
     return balance_equations(experiment, completed(terms), columns, harmonic_window(experiment))

@@ -27,23 +27,10 @@ from penode.training.second_order import LevenbergMarquardt
 
 @dataclass(frozen=True)
 class CurrentPredictor:
-    """Least squares of the currents one forward Euler step ahead.
-
-    Attributes
-    ----------
-    flux_map : str
-        A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
-    inverter : bool
-        Whether the dead-time voltage is identified too; the recordings then need theta_el.
-    hold : str
-        Frame in which the voltage is held.
-    seed : int
-        Of the network's draw.
-    evaluations : int
-        Most evaluations of Levenberg-Marquardt.
-    """
+    """Least squares of the currents one forward Euler step ahead."""
 
     flux_map: str = "mlp"
+    # Whether the dead-time voltage is identified too; the recordings then need theta_el.
     inverter: bool = True
     hold: str = "dq"
     seed: int = 0
@@ -61,13 +48,7 @@ class CurrentPredictor:
         validation: Sequence[Experiment] = (),
         observer: Observer = ignore_events,
     ) -> Fit:
-        """Return resistance, map and dead-time voltage; see `Method`.
-
-        Raises
-        ------
-        InputError
-            If a recording cannot be used, or lacks theta_el where the inverter is asked for.
-        """
+        """Return resistance, map and dead-time voltage; see `Method`."""
         terms = (DeadTime(),) if self.inverter else ()
         asked = Study(self.flux_map, horizon=1, terms=terms, hold=self.hold)
         runs = [drive_recording(e) for e in experiments]

@@ -32,22 +32,10 @@ _REASON = "Linear least squares of the flux one step ahead has no horizon but 1.
 
 @dataclass(frozen=True)
 class FluxPredictor:
-    """Least squares of the flux linkage one step ahead.
-
-    Attributes
-    ----------
-    basis : LinearMap
-        The map.
-    hold : str
-        Frame in which the voltage is held: ``"dq"`` or ``"stationary"``.
-
-    Raises
-    ------
-    InputError
-        If the hold is unknown.
-    """
+    """Least squares of the flux linkage one step ahead."""
 
     basis: LinearMap = field(default_factory=polynomial)
+    # Frame in which the voltage is held: "dq" or "stationary".
     hold: str = "dq"
 
     def __post_init__(self) -> None:
@@ -59,13 +47,7 @@ class FluxPredictor:
         validation: Sequence[Experiment] = (),
         observer: Observer = ignore_events,
     ) -> Fit:
-        """Return resistance and map; see `penode.pmsm.conventional.method.Method`.
-
-        Raises
-        ------
-        InputError
-            If a recording cannot be used, or has fewer equations than there are unknowns.
-        """
+        """Return resistance and map; see `penode.pmsm.conventional.method.Method`."""
         runs, unseen = usable(experiments), [drive_recording(e) for e in validation]
         scale = largest_current(runs)
         equations = join([flux_equations(e, self.basis, scale, self.hold) for e in runs])
@@ -88,21 +70,8 @@ def flux_equations(
 ) -> WeakRegression:
     """Return the balance of each sample, linear in R and the map's coefficients.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
-    basis : LinearMap
-        The map, with `scale` in A for one unit of its inputs.
-    scale : float
-        A.
-    hold : str
-        ``"dq"`` or ``"stationary"``.
-
-    Returns
-    -------
-    WeakRegression
-        Two rows a sample, d and q in Vs; columns R in ohm, then the coefficients in Vs.
+    One unit of the map's inputs is `scale`, A. Two rows a sample, d and q in Vs; columns R in
+    ohm, then the coefficients in Vs.
     """
     currents = experiment.stack(("i_d", "i_q"))
     drive = experiment.stack(("u_d", "u_q", "omega_el"))[:-1]

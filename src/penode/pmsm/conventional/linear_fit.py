@@ -29,52 +29,29 @@ _SOLVED = "Linear least squares: solved in one step."
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
-    """Resistance and map as linear least squares gives them.
+    """Resistance and map as linear least squares gives them."""
 
-    Attributes
-    ----------
-    method : str
-        Its name in the provenance.
-    network : LearnedMap
-        Currents over `current_scale` to flux linkages in Vs.
-    current_scale : float
-        A.
-    resistance, deviation : float
-        R and its standard deviation in ohm.
-    identifiability : float or None
-        Share of the resistance's regressor that no regressor of the map explains.
-    reason : str
-        Why there is no horizon to choose, as a sentence.
-    hold : str
-        A key of `penode.pmsm.machine.holds.HOLDS`.
-    facts : mapping
-        Further provenance.
-    terms : tuple of Term
-        Of the voltage equation beside resistance and rotation.
-    beside : mapping of str to Estimate
-        Their physical parameters.
-    """
-
+    # Its name in the provenance.
     method: str
+    # Currents over `current_scale`, A, to flux linkages, Vs.
     network: LearnedMap
     current_scale: float
+    # R and its standard deviation, ohm.
     resistance: float
     deviation: float
+    # Share of the resistance's regressor that no regressor of the map explains.
     identifiability: float | None
+    # Why there is no horizon to choose, as a sentence.
     reason: str
+    # A key of `HOLDS`.
     hold: str = "dq"
     facts: Mapping[str, Any] = field(default_factory=dict)
+    # Of the voltage equation beside resistance and rotation, and their physical parameters.
     terms: tuple[Term, ...] = ()
     beside: Mapping[str, Estimate] = field(default_factory=dict)
 
     def to_fit(self, experiments: Sequence[Experiment], validation: Sequence[Experiment]) -> Fit:
-        """Return the fit, every recording predicted by the classic Runge-Kutta method.
-
-        Parameters
-        ----------
-        experiments, validation : sequence of Experiment
-            With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
-        """
+        """Return the fit, every recording predicted by the classic Runge-Kutta method."""
         flux_map = FluxMap(self.network, self.current_scale, 1.0)
         model = Machine(flux_map, (Resistance(self.resistance), *self.terms))
         estimate = Estimate.of(
@@ -124,33 +101,16 @@ class LinearFit:
 
 
 def usable(experiments: Sequence[Experiment]) -> list[Experiment]:
-    """Return recordings with the channels of a drive checked.
-
-    Raises
-    ------
-    InputError
-        If none came, or one cannot be used.
-    """
+    """Return recordings with the channels of a drive checked."""
     if not experiments:
         raise InputError("no recording came; give at least one.")
     return [drive_recording(e) for e in experiments]
 
 
 def solution_of(equations: WeakRegression, name: str, smaller: str) -> FloatArray:
-    """Return the least-squares solution of equations.
+    """Return the least-squares solution of equations; fewer than unknowns are refused.
 
-    Parameters
-    ----------
-    equations : WeakRegression
-    name : str
-        Of the first recording.
-    smaller : str
-        What would have fewer unknowns.
-
-    Raises
-    ------
-    InputError
-        If there are fewer equations than unknowns.
+    `name` is that of the first recording, `smaller` what would have fewer unknowns.
     """
     rows, unknowns = equations.matrix.shape
     if rows < unknowns:

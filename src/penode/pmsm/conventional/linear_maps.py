@@ -21,24 +21,14 @@ _REACH = 1.0
 
 @dataclass(frozen=True, eq=False)
 class LinearMap:
-    """A map that is linear in its coefficients.
-
-    Attributes
-    ----------
-    name : str
-        As tables show it.
-    terms : int
-        Basis functions of one flux linkage.
-    network : callable
-        Weights (output, term) to the map that sums the basis functions so weighted, on currents
-        scaled to order 1.
-    constraint : ndarray, shape (2 term, coefficient), or None
-        Weights of psi_d, then psi_q, of each coefficient; None has a coefficient for each weight.
-    """
+    """A map that is linear in its coefficients."""
 
     name: str
+    # Basis functions of one flux linkage.
     terms: int
+    # Weights (output, term) to the map that sums them, on currents scaled to order 1.
     network: Callable[[FloatArray], LearnedMap]
+    # Weights (2 term, coefficient) of psi_d, then psi_q; None: a coefficient for each.
     constraint: FloatArray | None = None
 
     @property
@@ -47,17 +37,9 @@ class LinearMap:
         return 2 * self.terms if self.constraint is None else self.constraint.shape[1]
 
     def columns(self, x: FloatArray) -> FloatArray:
-        """Return the flux linkages of each coefficient at scaled currents.
+        """Return the flux linkages (time, 2, coefficient), dimensionless, of each coefficient.
 
-        Parameters
-        ----------
-        x : ndarray, shape (time, 2)
-            Currents over the largest one.
-
-        Returns
-        -------
-        ndarray, shape (time, 2, coefficient)
-            Dimensionless.
+        The currents (time, 2) are over the largest one.
         """
         # With the identity for weights a map's outputs are its basis functions.
         network = self.network(np.eye(self.terms))
@@ -83,17 +65,12 @@ def _evaluate(network: LearnedMap, x: JaxArray) -> JaxArray:
 class Monomials(eqx.Module):
     """All monomials of two inputs up to a total degree, weighted and summed.
 
-    The products are gathered from tables of powers: a few array operations, whatever the degree.
-
-    Attributes
-    ----------
-    degree : int
-        Largest total degree.
-    coefficients : array, shape (m, term)
-        One column a monomial, in the order of `penode.models.polynomials.exponents`.
+    The products are gathered from tables of powers: a few array operations, whatever the
+    degree.
     """
 
     degree: int = eqx.field(static=True)
+    # (m, term), one column a monomial, in the order of `polynomials.exponents`.
     coefficients: Leaf = parameter()
 
     def value_and_jacobian(self, x: JaxArray) -> tuple[JaxArray, JaxArray]:
@@ -112,19 +89,13 @@ class RadialBasis(eqx.Module):
     """Gaussians on a square grid beside a constant and a linear part.
 
     ``sum_c w_c exp(-|x - c|^2 / (2 width^2)) + w_0 + w_1 x_1 + w_2 x_2``
-
-    Attributes
-    ----------
-    points : int
-        Centres along each side of the square from -1 to 1.
-    width : float
-        Standard deviation of the Gaussians, in the unit of the inputs.
-    coefficients : array, shape (m, points^2 + 3)
-        Of the Gaussians, row by row, of 1, x_1 and x_2.
     """
 
+    # Centres along each side of the square from -1 to 1.
     points: int = eqx.field(static=True)
+    # Standard deviation of the Gaussians, in the unit of the inputs.
     width: float = eqx.field(static=True)
+    # (m, points^2 + 3), of the Gaussians, row by row, of 1, x_1 and x_2.
     coefficients: Leaf = parameter()
 
     def value_and_jacobian(self, x: JaxArray) -> tuple[JaxArray, JaxArray]:
@@ -151,19 +122,9 @@ def _weigh(coefficients: JaxArray, value: JaxArray, slopes: JaxArray) -> tuple[J
 
 
 def polynomial(degree: int = 6, reciprocal: bool = False) -> LinearMap:
-    """Return all monomials of the currents up to a total degree.
+    """Return all monomials of the currents up to a total degree of the flux linkages.
 
-    Parameters
-    ----------
-    degree : int
-        Of the flux linkages.
-    reciprocal : bool
-        Whether both are the slopes of one coenergy, of one degree more.
-
-    Raises
-    ------
-    InputError
-        If the degree is below 1.
+    If reciprocal, both are the slopes of one coenergy, of one degree more.
     """
     _at_least(degree, 1, "degree")
     monomials = exponents(2, degree)
@@ -176,17 +137,7 @@ def polynomial(degree: int = 6, reciprocal: bool = False) -> LinearMap:
 def coenergy_polynomial(degree: int = 8, mirrored: bool = True) -> LinearMap:
     """Return the slopes of all monomials of a coenergy up to a total degree.
 
-    Parameters
-    ----------
-    degree : int
-        Of the coenergy.
-    mirrored : bool
-        Whether it is even in i_q, as that of a machine that is symmetric about its d axis.
-
-    Raises
-    ------
-    InputError
-        If the degree is below 2.
+    If mirrored, it is even in i_q, as that of a machine that is symmetric about its d axis.
     """
     _at_least(degree, 2, "degree")
     monomials = exponents(2, degree - 1)
@@ -204,36 +155,14 @@ def coenergy_polynomial(degree: int = 8, mirrored: bool = True) -> LinearMap:
 
 
 def radial(points: int = 6) -> LinearMap:
-    """Return Gaussians on a square grid, as wide as the grid's spacing, and a linear part.
-
-    Parameters
-    ----------
-    points : int
-        Centres a side.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than 2 points a side.
-    """
+    """Return Gaussians on a square grid, as wide as its spacing, and a linear part."""
     _at_least(points, 2, "points")
     width = 2 * _REACH / (points - 1)
     return LinearMap("radial", points**2 + 3, partial(RadialBasis, points, width))
 
 
 def spline(cells: int = 4) -> LinearMap:
-    """Return cubic B-splines on a square.
-
-    Parameters
-    ----------
-    cells : int
-        Along each side.
-
-    Raises
-    ------
-    InputError
-        If there is no cell.
-    """
+    """Return cubic B-splines on a square, cells along each side."""
     _at_least(cells, 1, "cells")
     side, reach = cells + 3, (_REACH, _REACH)
 

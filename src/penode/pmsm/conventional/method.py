@@ -17,13 +17,9 @@ class Method(Protocol):
         validation: Sequence[Experiment] = (),
         observer: Observer = ignore_events,
     ) -> Fit:
-        """Return the fit.
+        """Return the fit of recordings; those for validation are predicted only.
 
-        Parameters
-        ----------
-        experiments, validation : sequence of Experiment
-            With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s); the latter are predicted only.
-        observer : callable
-            Called with each evaluation and rung, where the method has any.
+        They need i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s). The observer sees each
+        evaluation and rung, where the method has any.
         """
         ...

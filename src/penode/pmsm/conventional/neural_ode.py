@@ -25,27 +25,11 @@ from penode.training.second_order import LevenbergMarquardt
 
 @dataclass(frozen=True)
 class NeuralODE:
-    """A fully connected network 2-6-4-2 trained a fixed number of steps ahead.
-
-    Attributes
-    ----------
-    horizon : int
-        Steps.
-    hold : str
-        Frame in which the voltage is held.
-    seed : int
-        Of the network and of R's start, uniform in 0 to 20 mohm.
-    evaluations : int
-        Most evaluations of Levenberg-Marquardt.
-
-    Raises
-    ------
-    InputError
-        If the horizon is below 1 or the hold unknown.
-    """
+    """A fully connected network 2-6-4-2 trained a fixed number of steps ahead."""
 
     horizon: int = 1
     hold: str = "dq"
+    # Of the network and of R's start, uniform in 0 to 20 mohm.
     seed: int = 0
     evaluations: int = 100
 
@@ -66,13 +50,7 @@ class NeuralODE:
         validation: Sequence[Experiment] = (),
         observer: Observer = ignore_events,
     ) -> Fit:
-        """Return resistance and map; see `penode.pmsm.conventional.method.Method`.
-
-        Raises
-        ------
-        InputError
-            If a recording cannot be used.
-        """
+        """Return resistance and map; see `penode.pmsm.conventional.method.Method`."""
         runs = [drive_recording(e) for e in experiments]
         return identify(
             Start(nominal_start(runs, self.seed)),

@@ -22,18 +22,9 @@ _LONGEST = 2000
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Means over whole electrical periods at one point.
+    """Means over whole electrical periods at one point, `omega_el` in rad/s."""
 
-    Attributes
-    ----------
-    current, voltage : complex
-        i_d + j i_q in A, u_d + j u_q in V as the machine sees it on average.
-    omega_el : float
-        rad/s.
-    samples : int
-        That were averaged.
-    """
-
+    # i_d + j i_q, A, and u_d + j u_q, V, as the machine sees it on average.
     current: complex
     voltage: complex
     omega_el: float
@@ -41,25 +32,13 @@ class OperatingPoint:
 
 
 def operating_points(experiment: Experiment, hold: str = "dq") -> tuple[OperatingPoint, ...]:
-    """Find where the currents stand still, and average there.
+    """Find where the currents stand still, and average there; empty where they never dwell.
 
     The mean over one electrical period is free of offsets of the sensors (order 1 in dq) and of
-    slots and dead time (orders 6, 12, ...). The currents stand while such means, taken one period
-    apart, agree within 0.5 % of the largest current; the first period of a stretch is left out,
-    in which currents settle, and a quarter of one at its end.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
-    hold : str
-        ``"stationary"`` takes into account that a voltage held in the stationary frame falls
-        behind the rotor by half a sample.
-
-    Returns
-    -------
-    tuple of OperatingPoint
-        In the order of time; empty where the recording never dwells.
+    slots and dead time (orders 6, 12, ...). The currents stand while such means, taken one
+    period apart, agree within 0.5 % of the largest current; the first period of a stretch is
+    left out, in which currents settle, and a quarter of one at its end. A voltage held in the
+    stationary frame falls behind the rotor by half a sample, which `hold` takes into account.
     """
     drive = experiment.stack(("i_d", "i_q", "u_d", "u_q", "omega_el"))
     period = _period(experiment)
@@ -83,13 +62,8 @@ def operating_points(experiment: Experiment, hold: str = "dq") -> tuple[Operatin
 def fold(points: Sequence[OperatingPoint], scale: float, mirrored: bool) -> list[list[int]]:
     """Return which points belong together: at one current, or mirrored at the d axis.
 
-    Parameters
-    ----------
-    points : sequence of OperatingPoint
-    scale : float
-        Largest current in A; points within 2 % of it are one.
-    mirrored : bool
-        Whether points of opposite i_q, motor and generator, belong together.
+    Points within 2 % of `scale`, the largest current, A, are one; if mirrored, so are motor and
+    generator, of opposite i_q.
     """
     groups: list[list[int]] = []
     for k, point in enumerate(points):

@@ -21,20 +21,12 @@ Schedule = Callable[[int], int]
 
 @dataclass(frozen=True)
 class Growing:
-    """A horizon that goes through shorter ones first.
-
-    Attributes
-    ----------
-    horizon : int
-        Where it ends.
-    steps : tuple of int
-        Horizons on the way; those not below the last are left out.
-    epochs : int
-        Epochs at each of them.
-    """
+    """A horizon that goes through shorter ones first."""
 
     horizon: int
+    # Horizons on the way; those not below the last are left out.
     steps: tuple[int, ...] = (1, 2, 5, 10, 20, 50)
+    # At each of them.
     epochs: int = 75
 
     @property
@@ -50,26 +42,15 @@ class Growing:
 
 @dataclass(frozen=True)
 class PaperRecipe:
-    """Adam with default values on contiguous windows (paper, section 4.3).
+    """Adam with default values on contiguous windows (paper, section 4.3)."""
 
-    Attributes
-    ----------
-    schedule : callable
-        Horizon of each epoch.
-    epochs : int
-        Epochs in all.
-    seed : int
-        Of the network, of R(0) in 0 to 20 mohm and of the batches.
-    batches : int
-        Mini-batches an epoch.
-    rate, resistance_rate : float
-        Learning rate of the network's weights, and of R in ohm.
-    """
-
+    # Horizon of each epoch.
     schedule: Schedule
     epochs: int
+    # Of the network, of R(0) in 0 to 20 mohm and of the batches.
     seed: int = 0
     batches: int = 20
+    # Learning rate of the network's weights, and of R in ohm.
     rate: float = 1e-3
     resistance_rate: float = 1e-4
 
@@ -97,15 +78,7 @@ class PaperRecipe:
         validation: Sequence[Experiment] = (),
         observer: Observer = ignore_events,
     ) -> Fit:
-        """Train on recordings and return the fit at the last horizon.
-
-        Parameters
-        ----------
-        experiments, validation : sequence of Experiment
-            With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
-        observer : callable
-            Called with each epoch and stage.
-        """
+        """Train on recordings and return the fit at the last horizon."""
         return identify(
             Start(nominal_start(experiments, self.seed)),
             experiments,

@@ -8,10 +8,7 @@ from penode.arrays import ComplexArray
 def held(z: ComplexArray) -> ComplexArray:
     """Return int_0^1 exp(z (1 - s)) ds = (exp(z) - 1) / z, 1 at zero.
 
-    Parameters
-    ----------
-    z : ndarray of complex, any shape
-        -j omega T for a frame that turns by omega T.
+    z is -j omega T for a frame that turns by omega T.
     """
     safe = np.where(z == 0, 1.0, z)
     return np.asarray(np.where(z == 0, 1.0, np.expm1(safe) / safe))
@@ -20,10 +17,7 @@ def held(z: ComplexArray) -> ComplexArray:
 def rising(z: ComplexArray) -> ComplexArray:
     """Return int_0^1 exp(z (1 - s)) s ds = (exp(z) - 1 - z) / z^2, 1/2 at zero.
 
-    Parameters
-    ----------
-    z : ndarray of complex, any shape
-        As in `held`; below 1e-3 the series stands in, where the difference would cancel.
+    Below 1e-3 the series stands in, where the difference would cancel.
     """
     small = np.abs(z) < 1e-3
     safe = np.where(small, 1.0, z)

@@ -42,30 +42,14 @@ def _smooth_map() -> LinearMap:
 
 @dataclass(frozen=True)
 class StationaryAveraging:
-    """Averages at operating points, and a smooth map through them.
+    """Averages at operating points, and a smooth map through them."""
 
-    Attributes
-    ----------
-    resistance : float or None
-        R in ohm where it is known; None finds it from motor against generator points, or from both
-        directions of rotation.
-    basis : LinearMap
-        The map through the points.
-    mirrored : bool
-        Whether the machine is symmetric about its d axis, so that motor and generator points stand
-        for one another.
-    hold : str
-        Frame in which the voltage is held: ``"dq"`` or ``"stationary"``.
-
-    Raises
-    ------
-    InputError
-        If the hold is unknown.
-    """
-
+    # ohm; None finds it from motor against generator points, or both directions of rotation.
     resistance: float | None = None
     basis: LinearMap = field(default_factory=_smooth_map)
+    # Whether motor and generator points stand for one another, by symmetry about the d axis.
     mirrored: bool = True
+    # Frame in which the voltage is held: "dq" or "stationary".
     hold: str = "dq"
 
     def __post_init__(self) -> None:
@@ -77,14 +61,7 @@ class StationaryAveraging:
         validation: Sequence[Experiment] = (),
         observer: Observer = ignore_events,
     ) -> Fit:
-        """Return resistance and map; see `penode.pmsm.conventional.method.Method`.
-
-        Raises
-        ------
-        InputError
-            If a recording cannot be used or never dwells, there are too few points for the map, or
-            R is not identifiable.
-        """
+        """Return resistance and map; see `penode.pmsm.conventional.method.Method`."""
         runs, unseen = usable(experiments), [drive_recording(e) for e in validation]
         scale = largest_current(runs)
         points = [point for e in runs for point in operating_points(e, self.hold)]
@@ -158,21 +135,14 @@ class StationaryAveraging:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Points that share psi_d and, but for its sign, psi_q; two rows a point, d then q.
+    """Points that share psi_d and, but for its sign, psi_q; two rows a point, d then q."""
 
-    Attributes
-    ----------
-    at : ndarray, shape (2,)
-        Mean i_d and i_q in A, on the first point's side of the d axis.
-    current, voltage : ndarray, shape (2 point,)
-        In A and V.
-    turning : ndarray, shape (2 point, 2)
-        What psi_d and psi_q on the first point's side induce, in rad/s.
-    """
-
+    # Mean i_d and i_q (2,), A, on the first point's side of the d axis.
     at: FloatArray
+    # (2 point,), A, and the voltage in V.
     current: FloatArray
     voltage: FloatArray
+    # What psi_d and psi_q on the first point's side induce (2 point, 2), rad/s.
     turning: FloatArray
 
     @classmethod

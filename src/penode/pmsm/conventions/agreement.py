@@ -67,13 +67,8 @@ def disagreement_of(
 ) -> tuple[BrokenConvention, ...]:
     """Return for each recording that disagrees with the first what it does in, and why that may be.
 
-    Parameters
-    ----------
-    recordings : sequence of Experiment
-        Of one machine, corrected, with i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s); of a
-        recording in stretches the longest is looked at.
-    terms : sequence of Term
-        Of the voltage equation; nothing is compared where one follows a temperature.
+    They are corrected; of a recording in stretches the longest is looked at. Nothing is
+    compared where a term follows a temperature.
     """
     warm = any(channel.unit == "degC" for term in terms for channel in term.channels)
     longest = [max(stretches, key=len) for stretches in by_recording(recordings)][:_MOST]

@@ -27,22 +27,10 @@ _LEAST_MAGNET = 0.05
 def judge_delay(
     stretches: Sequence[Experiment], in_phases: bool
 ) -> tuple[BrokenConvention | None, list[Experiment], str]:
-    """Find voltages that stand a sample too early or too late.
+    """Find voltages that stand a sample too early or too late, and put them in place.
 
-    Parameters
-    ----------
-    stretches : sequence of Experiment
-        Of one recording, with i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
-    in_phases : bool
-        Whether the voltages were recorded in phases.
-
-    Returns
-    -------
-    BrokenConvention or None
-    list of Experiment
-        With the voltages in place; of phases, the turn of the rotor is undone.
-    str
-        Why nothing can be determined, empty where it can.
+    Of voltages recorded in phases the turn of the rotor is undone. The text says why nothing
+    can be determined, empty where it can.
     """
     name, longest = stretches[0].place.recording, max(map(len, stretches))
     if longest < _SHORTEST:
@@ -91,18 +79,7 @@ def _in_place(experiment: Experiment, samples: int, in_phases: bool) -> Experime
 def judge_magnet(experiment: Experiment, in_phases: bool) -> tuple[BrokenConvention | None, str]:
     """Find an angle with an offset: the magnet then lies beside the d axis.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
-    in_phases : bool
-        Whether currents and voltages were recorded in phases.
-
-    Returns
-    -------
-    BrokenConvention or None
-    str
-        Why nothing can be determined, empty where it can.
+    The text says why nothing can be determined, empty where it can.
     """
     if stands_still([experiment]):
         return None, f"{experiment.name}: at standstill no voltage shows an offset of the angle."

@@ -10,26 +10,15 @@ from penode.data.experiment import Experiment
 
 @dataclass(frozen=True)
 class BrokenConvention:
-    """What is wrong with the channels of a recording, as the physics shows it.
+    """What is wrong with the channels of a recording, as the physics shows it."""
 
-    Attributes
-    ----------
-    name : str
-        Such as ``"reversed speed"``.
-    recording : str
-        Name of the recording.
-    channels : tuple of str
-        Channels concerned.
-    evidence : str
-        What shows it, with numbers; the beginning of a sentence.
-    mend : str
-        An entry of the study file, or what to do; the end of that sentence.
-    """
-
+    # Such as "reversed speed".
     name: str
     recording: str
     channels: tuple[str, ...]
+    # What shows it, with numbers; the beginning of a sentence.
     evidence: str
+    # An entry of the study file, or what to do; the end of that sentence.
     mend: str
 
     @property
@@ -44,12 +33,5 @@ Judge: TypeAlias = Callable[[Experiment], Judged]
 
 
 def with_channels(experiment: Experiment, changed: dict[str, FloatArray]) -> Experiment:
-    """Return a recording with some channels exchanged or added.
-
-    Parameters
-    ----------
-    experiment : Experiment
-    changed : dict of str to ndarray, each of shape (time,)
-        SI values.
-    """
+    """Return a recording with some channels (time,), SI values, exchanged or added."""
     return replace(experiment, channels={**experiment.channels, **changed})

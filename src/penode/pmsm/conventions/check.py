@@ -133,27 +133,9 @@ def check_conventions(
 def judge(experiments: Sequence[Experiment], study: AskedModel) -> tuple[Conventions, Calibration]:
     """Test the conventions of recordings, and estimate what their channels are corrected by.
 
-    Of a recording in stretches those are looked at that are long enough not to mislead; where there
-    are none, what most of the longest say is taken.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        As in `check_conventions`.
-    study : AskedModel
-        Terms, hold, pole pairs and name plate.
-
-    Returns
-    -------
-    Conventions
-        Of all recordings.
-    Calibration
-        Nothing where a convention is broken, or pole pairs cannot be determined.
-
-    Raises
-    ------
-    InputError
-        If a channel is missing or never moves, and no broken convention explains it.
+    Of a recording in stretches those are looked at that are long enough not to mislead; where
+    there are none, what most of the longest say is taken. Nothing is corrected where a
+    convention is broken or pole pairs cannot be determined.
     """
     recordings = [_long_enough(stretches) for stretches in by_recording(experiments)]
     recorded = [[_as_recorded(e, study.pole_pairs) for e in some] for some in recordings]

@@ -52,33 +52,20 @@ _BOTH: Matrix = ((-1.0, 0.0), (0.0, -1.0))
 
 @dataclass(frozen=True)
 class Cure:
-    """One thing that may be wrong with the channels, as what sets it right.
-
-    Attributes
-    ----------
-    name : str
-        Of the broken convention.
-    channels : tuple of str
-        Channels concerned.
-    fix : str
-        An entry of the study file, or what to do.
-    currents, voltages : Matrix
-        What the d and q components are multiplied by.
-    factor : float
-        Of the speed.
-    exchanged : str
-        Kinds, of u and i, of which two phases change places; needs theta_el.
-    axis : float
-        Direction of the third phase, in rad.
-    """
+    """One thing that may be wrong with the channels, as what sets it right."""
 
     name: str
     channels: tuple[str, ...]
+    # An entry of the study file, or what to do.
     fix: str
+    # What the d and q components are multiplied by, of the voltages too.
     currents: Matrix = _SAME
     voltages: Matrix = _SAME
+    # Of the speed.
     factor: float = 1.0
+    # Kinds, of u and i, of which two phases change places; needs theta_el.
     exchanged: str = ""
+    # Direction of the third phase, rad.
     axis: float = 0.0
 
     def applied(self, experiment: Experiment) -> Experiment:
@@ -142,19 +129,8 @@ _PHASES = _exchanges()
 def judge_cures(experiment: Experiment, pole_pairs: int | None) -> tuple[Judged, str]:
     """Find channels that count the other way or are exchanged, and a speed that is not electrical.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q (A), u_d, u_q (V), omega_el (rad/s), and theta_el (rad) if it was recorded.
-    pole_pairs : int or None
-        Of the machine.
-
-    Returns
-    -------
-    tuple of BrokenConvention or None and Experiment
-        The finding, and the recording with it set right.
-    str
-        Why pole pairs cannot be determined, empty where they can or an angle shows them.
+    The recording comes with the finding set right. The text says why pole pairs cannot be
+    determined, empty where they can or an angle shows them.
     """
     cures = (*_SIGNS, *_factors(pole_pairs))
     trials = _trials(experiment, (AS_RECORDED, *cures))

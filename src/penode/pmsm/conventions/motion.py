@@ -19,17 +19,9 @@ _STEPS = 24
 
 
 def find_stepped_angle(experiment: Experiment) -> BrokenConvention | None:
-    """Find an angle that stands still and jumps, as that of Hall sensors does.
+    """Find an angle (in any unit) that stands still and jumps, as that of Hall sensors does.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        With theta_el in any unit.
-
-    Returns
-    -------
-    BrokenConvention or None
-        If it takes few values, one after the other round the turn, and keeps each for a while.
+    It takes few values, one after the other round the turn, and keeps each for a while.
     """
     levels, place = np.unique(experiment.channels["theta_el"], return_inverse=True)
     count = len(levels)
@@ -50,19 +42,7 @@ def find_stepped_angle(experiment: Experiment) -> BrokenConvention | None:
 
 
 def judge_angle_unit(experiment: Experiment) -> Judged:
-    """Find an angle that is not in rad, by the size of its turn, or by its slope over the speed.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        With theta_el.
-
-    Returns
-    -------
-    BrokenConvention or None
-    Experiment
-        With the angle in rad.
-    """
+    """Find an angle that is not in rad, by the size of its turn, or by its slope over the speed."""
     angle = experiment.channels["theta_el"]
     turn, shown = _turn_of(experiment)
     for unit, size in _TURNS.items():
@@ -94,20 +74,9 @@ def _turn_of(experiment: Experiment) -> tuple[float | None, str]:
 
 
 def judge_speed_and_angle(experiment: Experiment) -> Judged:
-    """Find a speed or an angle of the shaft, by the slope of the angle over the speed.
+    """Find a speed or an angle (rad) of the shaft, by the slope of the angle over the speed.
 
     A ratio of -1 is left to the voltage balance, which shows which of the two is reversed.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        With omega_el, and theta_el in rad.
-
-    Returns
-    -------
-    BrokenConvention or None
-    Experiment
-        With electrical speed and angle.
     """
     ratio = angle_over_speed(experiment)
     size = abs(ratio)
@@ -150,17 +119,7 @@ def _slope_over_speed(steps: FloatArray, experiment: Experiment) -> float:
 
 
 def of_shaft(experiment: Experiment, pairs: int, evidence: str) -> Judged:
-    """Return the finding of a mechanical angle, and the recording with the electrical one.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        With theta_el of the shaft in rad.
-    pairs : int
-        Pole pairs.
-    evidence : str
-        What shows it.
-    """
+    """Return the finding of a mechanical angle, rad, and the recording with the electrical one."""
     finding = BrokenConvention(
         "mechanical angle for electrical",
         experiment.name,

@@ -22,18 +22,7 @@ _STRIDE = 0.02
 def judge_turns(experiment: Experiment, kinds: str) -> Judged:
     """Find an angle of the shaft where phase quantities are steady only in multiples of it.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        With theta_el in rad, and phase quantities.
-    kinds : str
-        Which of u and i are in phases.
-
-    Returns
-    -------
-    BrokenConvention or None
-    Experiment
-        With the electrical angle.
+    `kinds` says which of u and i are in phases; the recording comes with the electrical angle.
     """
     theta = np.unwrap(experiment.channels["theta_el"])
     counts = [sign * k for k in range(1, MOST_POLE_PAIRS + 1) for sign in (1, -1)]
@@ -46,20 +35,10 @@ def judge_turns(experiment: Experiment, kinds: str) -> Judged:
 
 
 def judge_phases(experiment: Experiment, kinds: str) -> Judged:
-    """Find two phases exchanged, in currents, in voltages, or in both.
+    """Find two phases exchanged, in currents, in voltages, or in both, and put them in order.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        With theta_el in rad.
-    kinds : str
-        Which of u and i are in phases.
-
-    Returns
-    -------
-    BrokenConvention or None
-    Experiment
-        With the phases in order. Which two were exchanged the voltage balance shows.
+    `kinds` says which of u and i are in phases. Which two were exchanged the voltage balance
+    shows.
     """
     slower = {kind: _spins_backwards(experiment, kind) for kind in kinds}
     swapped = "".join(kind for kind, ratio in slower.items() if ratio is not None)

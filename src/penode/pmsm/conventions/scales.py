@@ -29,15 +29,7 @@ _WORDS = {"u": "voltages", "i": "currents"}
 
 
 def judge_units(experiment: Experiment, trial: TrialBalance) -> tuple[BrokenConvention, ...]:
-    """Find currents in kA and voltages that are shares of the dc link.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q, u_d, u_q.
-    trial : TrialBalance
-        Of the same recording.
-    """
+    """Find currents in kA and voltages that are shares of the dc link."""
     current = float(np.hypot(*experiment.stack(_NAMES["i"]).T).max())
     voltage = float(np.hypot(*experiment.stack(_NAMES["u"]).T).max())
     drop = abs(trial.resistance) * current
@@ -71,13 +63,7 @@ def judge_units(experiment: Experiment, trial: TrialBalance) -> tuple[BrokenConv
 
 
 def judge_rms_by_phases(experiment: Experiment) -> tuple[BrokenConvention, ...]:
-    """Find dq channels in rms where phase channels were recorded beside them.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        With dq channels, and phase channels of some kinds.
-    """
+    """Find dq channels in rms where phase channels were recorded beside them."""
     findings = []
     for kind in "ui":
         phases = [f"{kind}_{phase}" for phase in "abc"]
@@ -96,14 +82,8 @@ def judge_rms_by_phases(experiment: Experiment) -> tuple[BrokenConvention, ...]:
 def judge_rms_by_plate(experiment: Experiment, plate: NamePlate) -> tuple[BrokenConvention, ...]:
     """Find voltages or currents in rms against a name plate.
 
-    Voltages in rms make the magnet's flux linkage and R 0.71 times as large, currents in rms make R
-    1.41 times as large, as does copper that is 104 K warmer.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q (A), u_d, u_q (V), omega_el (rad/s).
-    plate : NamePlate
+    Voltages in rms make the magnet's flux linkage and R 0.71 times as large, currents in rms
+    make R 1.41 times as large, as does copper that is 104 K warmer.
     """
     if plate.magnet_flux_linkage is None:
         return ()

@@ -33,20 +33,13 @@ _POINTS = 200
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What the balance makes of a recording at one factor of the speed.
+    """What the balance makes of a recording at one factor of the speed."""
 
-    Attributes
-    ----------
-    residual : float
-        What it leaves of the voltages (root mean square), as a fraction of them.
-    definite : float
-        Fraction of the visited currents at which d psi / d i is positive definite, as it must be.
-    magnet : ndarray, shape (2,)
-        Flux linkage at no current in Vs.
-    """
-
+    # What it leaves of the voltages (root mean square), as a fraction of them.
     residual: float
+    # Fraction of the visited currents at which d psi / d i is positive definite, as it must be.
     definite: float
+    # Flux linkage at no current (2,), Vs.
     magnet: FloatArray
 
     @property
@@ -57,15 +50,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class SpeedBalance:
-    """Sums over windows of one recording.
-
-    Attributes
-    ----------
-    experiment : Experiment
-        With i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s).
-    length : int
-        Samples in a window.
-    """
+    """Sums over windows of `length` samples of one recording."""
 
     experiment: Experiment
     length: int

@@ -25,18 +25,10 @@ MEAN, ODD, AMPLITUDE = 15, 7, 7
 
 
 class CoenergyPart(eqx.Module):
-    """Splines of i_d times splines of i_q that are all even or all odd in i_q.
-
-    Attributes
-    ----------
-    even : bool
-        Symmetry in i_q.
-    coefficients : array, shape (wave, d, q)
-        One table for the mean over the angle, or one for each order. There are as many splines
-        along i_q as along i_d; folded by their symmetry they are half as many.
-    """
+    """Splines of i_d times splines of i_q that are all even or all odd in i_q."""
 
     even: bool = eqx.field(static=True)
+    # (wave, d, q), one table for the mean or one an order; folded by symmetry, q is half of d.
     coefficients: Leaf = coefficients()
 
     @classmethod
@@ -60,34 +52,22 @@ class CoenergyPart(eqx.Module):
 class CoenergySplines(FeatureNetwork):
     """Gradient of W(x, theta) = sum of tensor splines, linear in all coefficients.
 
-    A machine without skew has W(i_d, -i_q, -theta) = W(i_d, i_q, theta): a mean and cosines even in
-    i_q, sines odd. Further parts of the other symmetry describe one that lacks it. The Jacobian is
-    a Hessian at every angle, so the map is reciprocal. P. H. C. Eilers and B. D. Marx, Statist.
-    Sci. 11 (1996) 89, doi:10.1214/ss/1038425655.
-
-    Attributes
-    ----------
-    mean : tuple of CoenergyPart
-        Of the coenergy averaged over the angle.
-    cosine, sine : tuple of CoenergyPart
-        Amplitudes of cos(n theta) and sin(n theta), a wave an order n.
+    A machine without skew has W(i_d, -i_q, -theta) = W(i_d, i_q, theta): a mean and cosines
+    even in i_q, sines odd. Further parts of the other symmetry describe one that lacks it. The
+    Jacobian is a Hessian at every angle, so the map is reciprocal (Eilers and Marx 1996,
+    doi:10.1214/ss/1038425655).
     """
 
     linear_in_features: ClassVar[bool] = True
 
     mean: tuple[CoenergyPart, ...]
+    # Amplitudes of cos(n theta) and sin(n theta), a wave an order n.
     cosine: tuple[CoenergyPart, ...] = ()
     sine: tuple[CoenergyPart, ...] = ()
 
     @classmethod
     def linear(cls, orders: int = 0) -> "CoenergySplines":
-        """Return the map psi = 0.3 x, to rounding, mirror symmetric.
-
-        Parameters
-        ----------
-        orders : int
-            Harmonics of the angle, each with amplitudes of zero.
-        """
+        """Return the map psi = 0.3 x, to rounding, with harmonics of amplitude zero."""
         even = CoenergyPart.zero(MEAN, True)
         solved = quadratic(even, np.array([0.3, 0.3]))
         mean = replace(even, coefficients=solved.reshape(even.coefficients.shape))
@@ -156,19 +136,10 @@ GRADIENT, HESSIAN = ((1, 0), (0, 1)), ((2, 0), (1, 1), (0, 2))
 def columns(
     part: CoenergyPart, points: FloatArray, orders: Sequence[tuple[int, int]] = GRADIENT
 ) -> FloatArray:
-    """Return derivatives of each coefficient's coenergy, for one table of a part.
+    """Return derivatives of each coefficient's coenergy, (point, order, coefficient), of a table.
 
-    Parameters
-    ----------
-    part : CoenergyPart
-    points : ndarray, shape (point, 2)
-        Dimensionless currents.
-    orders : sequence of (int, int)
-        How often to differentiate along d and q, such as `GRADIENT` or `HESSIAN`.
-
-    Returns
-    -------
-    ndarray, shape (point, order, coefficient)
+    `points` (point, 2) are dimensionless currents, `orders` how often to differentiate along d
+    and q.
     """
     along_d, along_q = part.bases
     d = along_d.derivatives(points[:, 0])
@@ -180,15 +151,7 @@ def columns(
 
 
 def quadratic(part: CoenergyPart, inductances: FloatArray) -> FloatArray:
-    """Return the coefficients, shape (coefficient,), of (L_d x_d^2 + L_q x_q^2) / 2, to rounding.
-
-    Parameters
-    ----------
-    part : CoenergyPart
-        Even in x_q.
-    inductances : ndarray, shape (2,)
-        L_d and L_q, dimensionless.
-    """
+    """Return the coefficients of (L_d x_d^2 + L_q x_q^2) / 2, dimensionless, to rounding."""
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (4 * part.coefficients.size, 2))
     gradient = np.concatenate(columns(part, points).transpose(1, 0, 2))
     wanted = points * inductances
@@ -199,16 +162,6 @@ def roughness(part: CoenergyPart, orders: tuple[int, ...] = (3,)) -> FloatArray:
     """Return the matrix of the integral of all squared derivatives of some orders, for one table.
 
     That of the third alone is zero for a quadratic coenergy, the linear machine.
-
-    Parameters
-    ----------
-    part : CoenergyPart
-    orders : tuple of int
-        Of differentiation, 0 to 3.
-
-    Returns
-    -------
-    ndarray, shape (coefficient, coefficient)
     """
     grams = []
     for basis, fold in zip(part.bases, (None, part.even), strict=True):

@@ -89,15 +89,7 @@ class PhaseSigns(Term):
     narrowest: eqx.AbstractVar[float]
 
     def lost(self, voltages: JaxArray, x: JaxArray, u: Inputs) -> JaxArray:
-        """Return the voltage that the phases lose, in dq.
-
-        Parameters
-        ----------
-        voltages : array, shape (3, batch) or (1, batch)
-            What each phase loses at much current, in V.
-        x, u
-            See `Term.drop`.
-        """
+        """Return the lost voltage in dq, of that at much current, (3 or 1, batch), V."""
         cosine, sine = jnp.cos(u[ANGLE.name]), jnp.sin(u[ANGLE.name])
         alpha = cosine * x[0] - sine * x[1]
         beta = sine * x[0] + cosine * x[1]

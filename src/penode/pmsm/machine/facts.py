@@ -50,13 +50,7 @@ def facts_of(
 ) -> dict[str, Any]:
     """Return the facts by name, without those that are not known.
 
-    Parameters
-    ----------
-    recordings : sequence of Experiment
-        With omega_el (rad/s).
-    study : Decided
-    reasons : sequence of str
-        Why the model is as it is, in sentences.
+    `reasons` say in sentences why the model is as it is.
     """
     speed = float(np.median(np.abs(recordings[0].channels[SPEED.name])))
     still = stands_still(recordings)

@@ -78,18 +78,9 @@ class FluxGrid:
 
 
 def even_axis(low: float, high: float, points: int) -> FloatArray:
-    """Return evenly spaced currents around zero, zero itself exactly among them.
+    """Return evenly spaced currents around zero (points,), A, zero itself exactly among them.
 
-    Parameters
-    ----------
-    low, high : float
-        Range to cover in A, low <= 0 <= high; it is widened at one end so that zero is a point.
-    points : int
-        Number of points.
-
-    Returns
-    -------
-    ndarray, shape (points,)
+    The range, low <= 0 <= high, is widened at one end so that zero is a point.
     """
     below = np.arange(points)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -152,20 +143,10 @@ def tabulate(fit: Fit, points: int, pole_pairs: int | None = None) -> FluxGrid:
 
 
 def interpolation_error(fit: Fit, grid: FluxGrid) -> float:
-    """Return by how much linear interpolation in a fit's table is off at most, in Vs.
+    """Return by how much linear interpolation in a fit's table is off at most, Vs.
 
-    Parameters
-    ----------
-    fit : Fit
-        Of a machine.
-    grid : FluxGrid
-        Its table.
-
-    Returns
-    -------
-    float
-        Largest length of the error of psi at the middle of a cell with four supported corners;
-        zero where there is none.
+    The largest length of the error of psi at the middle of a cell with four supported corners;
+    zero where there is none.
     """
     corners = np.lib.stride_tricks.sliding_window_view
     middle = corners(grid.mesh, (2, 2), (1, 2)).mean(axis=(-2, -1))

@@ -23,17 +23,7 @@ from penode.pmsm.machine.coenergy_map import CoenergySplines
 
 
 class Flux(NamedTuple):
-    """A flux map at one angle.
-
-    Attributes
-    ----------
-    linkage : array, shape (2, batch)
-        psi_d and psi_q in Vs.
-    inductance : array, shape (2, 2, batch)
-        L = d psi / d i in H.
-    angle_slope : array, shape (2, batch)
-        d psi / d theta in Vs/rad.
-    """
+    """A flux map at one angle: psi (2, batch), Vs, L = d psi / d i, H, d psi / d theta, Vs/rad."""
 
     linkage: JaxArray
     inductance: JaxArray
@@ -177,24 +167,15 @@ def _mean_layers(network: TanhLayers, features: FloatArray) -> TanhLayers:
 
 @dataclass(frozen=True)
 class FluxMapKind:
-    """A family of flux maps a user can name.
+    """A family of flux maps a user can name."""
 
-    Attributes
-    ----------
-    draw : callable
-        ``draw(seed)`` gives an untrained learned map.
-    reciprocal : bool
-        Whether d psi_d / d i_q = d psi_q / d i_d holds by construction. A map without it can
-        absorb a wrong resistance at constant speed (the gauge).
-    draw_with_features : callable or None
-        ``draw_with_features(seed, features)`` gives one that can follow the rotor's angle.
-    drawn : bool
-        Whether training starts from a draw; if not, from the weak form's own coefficients.
-    """
-
+    # ``draw(seed)`` gives an untrained learned map.
     draw: Callable[[int], LearnedMap]
+    # By construction; without it a map absorbs a wrong R at constant speed (the gauge).
     reciprocal: bool
+    # ``draw_with_features(seed, features)`` gives one that can follow the rotor's angle.
     draw_with_features: Callable[[int, int], FeatureNetwork] | None = None
+    # Whether training starts from a draw; if not, from the weak form's own coefficients.
     drawn: bool = True
 
 
@@ -231,18 +212,9 @@ def _reciprocal(coenergy: LearnedMap) -> Gradient:
 def draw_flux_map(
     kind: str, seed: int, scales: tuple[float, float], angle_orders: tuple[int, ...] = ()
 ) -> FluxMap:
-    """Draw an untrained flux map.
+    """Draw an untrained flux map of a kind; one without features has no harmonics of the angle.
 
-    Parameters
-    ----------
-    kind : str
-        A key of `FLUX_MAPS`; one with ``draw_with_features`` if it is to follow the angle.
-    seed : int
-        Seed of the draw.
-    scales : tuple of float
-        Largest current in A and largest flux linkage in Vs.
-    angle_orders : tuple of int
-        Harmonics of the electrical angle.
+    `scales` are the largest current, A, and the largest flux linkage, Vs.
     """
     family = FLUX_MAPS[kind]
     if angle_orders and family.draw_with_features is not None:
@@ -256,14 +228,7 @@ _HIGHEST_ORDER = 1000
 
 
 def check_angle_orders(kind: str, angle_orders: tuple[int, ...]) -> None:
-    """Refuse harmonics that a family cannot have.
-
-    Raises
-    ------
-    InputError
-        If they are not distinct whole numbers from 1 to 1000, or the family cannot follow the
-        angle.
-    """
+    """Refuse orders other than distinct whole numbers from 1 to 1000, or of a map without angle."""
     if not angle_orders:
         return
     if len({*angle_orders} & {*range(1, _HIGHEST_ORDER + 1)}) < len(angle_orders):

@@ -68,30 +68,15 @@ def abc_from_dq(dq: FloatArray, theta_el: FloatArray) -> FloatArray:
 
 
 def quarter_turned(vector: Any) -> Any:
-    """Return J x = (-x_q, x_d), x turned by 90 degrees.
-
-    Parameters
-    ----------
-    vector : array, shape (2, ...)
-        d and q components of a vector, or a matrix whose first axis they are; of NumPy or JAX.
-    """
+    """Return J x = (-x_q, x_d), x (2, ...) turned by 90 degrees, of NumPy or JAX."""
     signs = np.array([-1.0, 1.0]).reshape(2, *(1,) * (np.ndim(vector) - 1))
     return signs * vector[::-1]
 
 
 def solved(matrix: Any, vector: Any) -> Any:
-    """Return the solution x of a system of two equations, M x = v.
+    """Return the solution x (2, ...) of M x = v, M (2, 2, ...), of NumPy or JAX.
 
-    Parameters
-    ----------
-    matrix : array, shape (2, 2, ...)
-        Of NumPy or JAX.
-    vector : array, shape (2, ...)
-
-    Returns
-    -------
-    array, shape (2, ...)
-        Not finite where the matrix is singular.
+    It is not finite where the matrix is singular.
     """
     if isinstance(vector, jax.Array) or isinstance(matrix, jax.Array):
         return _solved(matrix, vector)

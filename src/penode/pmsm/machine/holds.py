@@ -35,15 +35,7 @@ class StationaryFrame:
 
 
 def turned_voltage(experiment: Experiment, samples: float) -> Experiment:
-    """Return a recording with its voltage turned ahead by what the rotor turns in some samples.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        With u_d, u_q (V) and omega_el (rad/s).
-    samples : float
-        May be a fraction, and negative.
-    """
+    """Return a recording with its voltage turned ahead by what the rotor turns in some samples."""
     turn = samples * experiment.time_step * experiment.channels["omega_el"]
     return with_vector(experiment, VOLTAGES, lambda voltage: voltage * np.exp(1j * turn))
 
@@ -51,10 +43,7 @@ def turned_voltage(experiment: Experiment, samples: float) -> Experiment:
 def mean_over_samples(experiment: Experiment) -> Experiment:
     """Return a recording with the mean, seen from the rotor, of voltages held in the other frame.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        As in `turned_voltage`; u_d and u_q at the samples themselves.
+    u_d and u_q are those at the samples themselves.
     """
     behind = turned_voltage(experiment, -0.5)
     half = 0.5 * experiment.time_step * experiment.channels["omega_el"]
@@ -67,12 +56,6 @@ DEFAULT_HOLD = "dq"
 
 
 def check_hold(name: str) -> None:
-    """Refuse a frame that is not known.
-
-    Raises
-    ------
-    InputError
-        If it is not a key of `HOLDS`.
-    """
+    """Refuse a frame that is not a key of `HOLDS`."""
     if name not in HOLDS:
         raise InputError(f"hold {name!r} came; choose one of {', '.join(HOLDS)}.")

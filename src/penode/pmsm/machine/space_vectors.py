@@ -29,16 +29,7 @@ def vector_of(experiment: Experiment, pair: Pair) -> Vector:
 def with_vector(
     experiment: Experiment, pair: Pair, change: Callable[[Vector], Vector]
 ) -> Experiment:
-    """Return a recording with one of its space vectors changed.
-
-    Parameters
-    ----------
-    experiment : Experiment
-    pair : tuple of str
-        `CURRENTS` or `VOLTAGES`.
-    change : callable
-        Of d + j q, shape (time,).
-    """
+    """Return a recording with one of its space vectors, d + j q (time,), changed."""
     changed = change(vector_of(experiment, pair))
     d, q = pair
     return replace(experiment, channels={**experiment.channels, d: changed.real, q: changed.imag})
@@ -52,15 +43,7 @@ def less_voltage(experiment: Experiment, lost: FloatArray) -> Experiment:
 
 
 def in_frame_ahead(experiment: Experiment, angle: float) -> Experiment:
-    """Return a recording in a frame whose d axis lies an angle further ahead.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q, u_d, u_q, and theta_el (rad) where it was recorded.
-    angle : float
-        Electrical, rad.
-    """
+    """Return a recording in a frame whose d axis lies an electrical angle, rad, further ahead."""
     back = np.exp(-1j * angle)
     for pair in (CURRENTS, VOLTAGES):
         experiment = with_vector(experiment, pair, lambda vector: vector * back)
@@ -71,15 +54,10 @@ def in_frame_ahead(experiment: Experiment, angle: float) -> Experiment:
 
 
 def with_mismatch(experiment: Experiment, mismatch: complex) -> Experiment:
-    """Return a recording whose phases measure currents with unequal gains.
+    """Return a recording whose phases measure currents with unequal gains; needs theta_el.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q and theta_el (rad).
-    mismatch : complex
-        m of the stationary current i + m conj(i) that is measured; of a phase a whose gain is g too
-        large m = g / 3, beside a common gain.
+    Measured is i + m conj(i) of the stationary current i; of a phase a whose gain is g too
+    large m = g / 3, beside a common gain.
     """
     rotor = _rotor(experiment)
     return with_vector(
@@ -88,14 +66,9 @@ def with_mismatch(experiment: Experiment, mismatch: complex) -> Experiment:
 
 
 def with_offset(experiment: Experiment, offset: complex) -> Experiment:
-    """Return a recording whose currents have an offset in A in the stationary frame.
+    """Return a recording whose currents have an offset alpha + j beta, A, in the stationary frame.
 
-    Parameters
-    ----------
-    experiment : Experiment
-        With i_d, i_q and theta_el (rad).
-    offset : complex
-        Alpha + j beta.
+    It needs theta_el.
     """
     rotor = _rotor(experiment)
     return with_vector(experiment, CURRENTS, lambda current: current + offset / rotor)

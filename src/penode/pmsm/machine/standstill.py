@@ -45,13 +45,7 @@ def excited_axes(fit: Fit) -> BoolArray:
 
 
 def require_magnet(fit: Fit) -> None:
-    """Refuse a fit whose flux linkage lacks its constant.
-
-    Raises
-    ------
-    InputError
-        If the rotor stood still in all its recordings.
-    """
+    """Refuse a fit without the constant of the flux linkage: the rotor stood still throughout."""
     if fit.provenance.get(STANDSTILL):
         raise InputError(
             "the rotor stood still in the recordings of this fit, which therefore has no flux "

@@ -19,22 +19,13 @@ Range = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Temperatures:
-    """What is known of them; the sentences are plain ASCII and say so where nothing is.
+    """What is known of them; the sentences are plain ASCII and say so where nothing is."""
 
-    Attributes
-    ----------
-    resistance : float or None
-        That R belongs to, in degC.
-    coefficient : float or None
-        Change of R a kelvin over R, at that temperature, in 1/K; None without a term of it.
-    magnets : float or None
-        That the flux map belongs to, in degC.
-    of_resistance, of_map : str
-        The same as sentences.
-    """
-
+    # That R belongs to, degC.
     resistance: float | None = None
+    # Change of R a kelvin over R, at that temperature, 1/K; None without a term of it.
     coefficient: float | None = None
+    # That the flux map belongs to, degC.
     magnets: float | None = None
     of_resistance: str = "R is that of the winding as recorded, at a temperature not known."
     of_map: str = "The map is that of the magnets as recorded, at a temperature not known."
@@ -55,16 +46,8 @@ UNKNOWN = Temperatures()
 def recorded_temperatures(recordings: Sequence[Experiment]) -> dict[str, list[float]] | None:
     """Return mean, lowest and highest of every temperature of all recordings, degC.
 
-    Parameters
-    ----------
-    recordings : sequence of Experiment
-        Channels of temperatures end in ``_temperature``; one that is not in all recordings, or has
-        values that no machine's temperature in degC has, is left out.
-
-    Returns
-    -------
-    dict of str to list of float, or None
-        None where there is none.
+    Its channels end in ``_temperature``; one that is not in all recordings, or has values that
+    no machine's temperature in degC has, is left out.
     """
     shared = set.intersection(*(set(each.channels) for each in recordings))
     found = {}
@@ -76,13 +59,7 @@ def recorded_temperatures(recordings: Sequence[Experiment]) -> dict[str, list[fl
 
 
 def temperatures_of(fit: Fit) -> Temperatures:
-    """Return what a machine's fit knows of the temperatures behind it.
-
-    Parameters
-    ----------
-    fit : Fit
-        Of a machine.
-    """
+    """Return what a machine's fit knows of the temperatures behind it."""
     recorded = {
         name: (float(mean), float(low), float(high))
         for name, (mean, low, high) in (fit.provenance.get(RECORDED) or {}).items()

@@ -24,18 +24,7 @@ TERMS: dict[str, type[Term]] = {
 
 
 def terms_of(names: Sequence[str]) -> tuple[Term, ...]:
-    """Return terms by name, with nothing known of their parameters.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Keys of `TERMS`.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown.
-    """
+    """Return terms by name, with nothing known of their parameters; unknown names are refused."""
     for name in names:
         if name not in TERMS:
             raise InputError(f"term {name!r} came; choose from {', '.join(TERMS)}.")
@@ -45,15 +34,7 @@ def terms_of(names: Sequence[str]) -> tuple[Term, ...]:
 def completed(terms: Sequence[Term]) -> tuple[Term, ...]:
     """Return terms with the resistance and the rotation, which every machine has, added.
 
-    Parameters
-    ----------
-    terms : sequence of Term
-        A term of the role of one of these two stands in its place.
-
-    Raises
-    ------
-    InputError
-        If two terms have one role.
+    A term of the role of one of these two stands in its place; two of one role are refused.
     """
     roles = [term.role for term in terms]
     twice = next((role for role in roles if roles.count(role) > 1), None)
@@ -93,14 +74,7 @@ def physical_values(terms: Sequence[Term]) -> dict[str, float]:
 
 
 def with_physical(terms: Sequence[Term], values: Sequence[float] | FloatArray) -> tuple[Term, ...]:
-    """Return terms with other physical parameters.
-
-    Parameters
-    ----------
-    terms : sequence of Term
-    values : sequence of float
-        In the order of `physical_places`, SI units.
-    """
+    """Return terms with other physical parameters, in the order of `physical_places`, SI units."""
     changed = list(terms)
     for (place, name), value in zip(physical_places(terms), values, strict=True):
         changed[place] = replace(changed[place], **{name: value})

@@ -27,20 +27,8 @@ def check_picture(
 ) -> bytes:
     """Return a PNG of what recordings cover, and of how well they determine R.
 
-    Parameters
-    ----------
-    recordings : tuple of Experiment
-        With i_d, i_q (A) and omega_el (rad/s).
-    excitation : Excitation
-        Of these recordings.
-    identifiability : Identifiability
-        Of these recordings.
-
-    Returns
-    -------
-    bytes
-        Left the visited currents with their hull, coloured by the time spent; right the time over
-        the length of the current, the speeds over time, and the profile of R.
+    Left the visited currents with their hull, coloured by the time spent; right the time over
+    the length of the current, the speeds over time, and the profile of R.
     """
     figure = Figure(figsize=(11, 8), layout="constrained")
     panels = figure.subplot_mosaic(

@@ -21,33 +21,21 @@ _VISITED = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """What recordings cover together.
+    """What recordings cover together."""
 
-    Attributes
-    ----------
-    largest_current : float
-        A (peak).
-    fraction : float
-        Area of the hull of all visited currents over that of the disc of the largest current.
-    quarters : tuple of float
-        Fraction of the time in the quarters of the dq plane, from i_d > 0, i_q > 0 counted
-        anticlockwise.
-    speeds : tuple of float
-        Median electrical speed of each recording in rad/s.
-    speed_range : tuple of float
-        From the lowest to the highest speed, spikes left out, in rad/s.
-    current_rate : float
-        Typical angular frequency of the currents' movement in rad/s.
-    hull : ndarray, shape (corner, 2)
-        Corners of the hull in A, in order; empty where all currents lie on a line.
-    """
-
+    # A (peak).
     largest_current: float
+    # Area of the hull of all visited currents over that of the disc of the largest current.
     fraction: float
+    # Of the time in each quarter of the dq plane, anticlockwise from i_d > 0, i_q > 0.
     quarters: tuple[float, ...]
+    # Median electrical speed of each recording, rad/s.
     speeds: tuple[float, ...]
+    # From the lowest to the highest speed, spikes left out, rad/s.
     speed_range: tuple[float, float]
+    # Typical angular frequency of the currents' movement, rad/s.
     current_rate: float
+    # Corners (corner, 2), A, in order; empty where all currents lie on a line.
     hull: FloatArray
 
     @property
@@ -81,13 +69,7 @@ _QUARTERS = (
 
 
 def excitation_of(recordings: Sequence[Experiment]) -> Excitation:
-    """Measure what recordings cover.
-
-    Parameters
-    ----------
-    recordings : sequence of Experiment
-        With i_d, i_q (A) and omega_el (rad/s).
-    """
+    """Measure what recordings cover."""
     currents = np.concatenate([e.stack(("i_d", "i_q")) for e in recordings])
     largest = float(np.hypot(*currents.T).max())
     quarter = (np.arctan2(currents[:, 1], currents[:, 0]) // (np.pi / 2)).astype(int) % 4

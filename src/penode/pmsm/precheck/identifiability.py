@@ -28,20 +28,13 @@ _POINTS = 300
 
 @dataclass(frozen=True)
 class Profile:
-    """Profile of R: what the voltage balance loses with R held, all else fitted anew.
+    """Profile of R: what the voltage balance loses with R held, all else fitted anew."""
 
-    Attributes
-    ----------
-    flux_map : str
-        ``"reciprocal"`` or ``"unconstrained"``.
-    resistance : float
-        Where the balance fits best, ohm.
-    steepness : float
-        1/ohm^2: the squares of the balance rise by 1 + steepness (R - resistance)^2.
-    """
-
+    # "reciprocal" or "unconstrained".
     flux_map: str
+    # Where the balance fits best, ohm.
     resistance: float
+    # 1/ohm^2: the squares of the balance rise by 1 + steepness (R - resistance)^2.
     steepness: float
 
     def rise(self, resistance: FloatArray) -> FloatArray:
@@ -52,26 +45,16 @@ class Profile:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """How well the physical parameters are determined with a kind of flux map.
-
-    Attributes
-    ----------
-    flux_map : str
-        A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
-    independence : mapping of str to float
-        rho of each physical parameter: 1 its own, 0 indistinguishable.
-    alarm : str
-        The gauge alarm as a sentence, empty where there is none.
-    repair : str
-        The cheapest change that helps, tried, as a sentence; empty where none is needed.
-    profiles : tuple of Profile
-        With a reciprocal map and with an unconstrained one.
-    """
+    """How well the physical parameters are determined with a kind of flux map."""
 
     flux_map: str
+    # rho of each physical parameter: 1 its own, 0 indistinguishable.
     independence: Mapping[str, float]
+    # The gauge alarm as a sentence, empty where there is none.
     alarm: str
+    # The cheapest change that helps, tried, as a sentence; empty where none is needed.
     repair: str
+    # With a reciprocal map and with an unconstrained one.
     profiles: tuple[Profile, ...]
 
     @property
@@ -83,21 +66,7 @@ class Identifiability:
 def identifiability_of(
     recordings: Sequence[Experiment], kind: str, terms: Sequence[Term]
 ) -> Identifiability:
-    """Judge what recordings determine together.
-
-    Parameters
-    ----------
-    recordings : sequence of Experiment
-        With i_d, i_q (A), u_d, u_q (V), omega_el (rad/s), and the channels of the terms.
-    kind : str
-        A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
-    terms : sequence of Term
-        Of the voltage equation; resistance and rotation may be left unsaid.
-
-    Returns
-    -------
-    Identifiability
-    """
+    """Judge what recordings determine together; resistance and rotation may be left unsaid."""
     reciprocal = FLUX_MAPS[kind].reciprocal
     balances = {kind: _balance(recordings, kind, terms) for kind in (True, False)}
     solved = balances[reciprocal]

@@ -25,10 +25,7 @@ _PER_UNIT = 2.5
 def machine_checks(broken: Sequence[BrokenConvention] = ()) -> tuple[Check, ...]:
     """Return what the fit of a machine is examined for.
 
-    Parameters
-    ----------
-    broken : sequence of BrokenConvention
-        Of its recordings, where it was trained all the same.
+    `broken` is of its recordings, where it was trained all the same.
     """
     objections = [
         Objection(b.name, f"{b.recording}: {b.evidence}.", f"To fix it, {b.mend}.") for b in broken

@@ -29,17 +29,7 @@ _LARGER = 3.0
 def unused_samples(
     experiments: Sequence[Experiment], calibration: Calibration, predictor: Predictor
 ) -> Check:
-    """Return a check that predicts every sample of recordings that were used in part.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-        As a study file maps them, whole.
-    calibration : Calibration
-        Of their channels.
-    predictor : Predictor
-        Of the fit.
-    """
+    """Return a check that predicts every sample of recordings, whole, that were used in part."""
 
     def samples_left_unused(fit: Fit, used: Sequence[Experiment]) -> Iterator[Objection]:
         seen = [c.one_step_residual for c in fit.comparisons if c.role == "train"]
@@ -64,15 +54,7 @@ def unused_samples(
 def squared_errors(
     model: Any, predictor: Predictor, experiment: Experiment, calibration: Calibration
 ) -> FloatArray:
-    """Return the mean squared one-step error of each `PIECE` of a recording, (piece,), A^2.
-
-    Parameters
-    ----------
-    model : Machine
-    predictor : Predictor
-    experiment : Experiment
-    calibration : Calibration
-    """
+    """Return the mean squared one-step error of each `PIECE` of a recording, (piece,), A^2."""
 
     def error(first: int) -> float:
         piece = experiment.part(first, min(first + PIECE + predictor.past, len(experiment)))
