@@ -8,12 +8,13 @@ from penode.arrays import FloatArray, one_blas_thread
 from penode.data.experiment import Experiment, require_recordings
 from penode.data.stretches import check_lengths
 from penode.fit.fit import Fit
+from penode.horizon.as_recorded import Climbed, climbed_as_recorded, examined
 from penode.horizon.assemble import Assembly
 from penode.horizon.declared_priors import with_declared_priors
-from penode.horizon.default_plan import default_plan, with_hold
-from penode.horizon.fine_solver import Climbed, examined, with_fine_solver
+from penode.horizon.default_plan import default_plan
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.held_out import selector_for
+from penode.horizon.hold_check import with_hold
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, Observer, ignore_events
 from penode.horizon.learned_prior import with_priors
@@ -106,7 +107,7 @@ def identify(
         climb = believable(with_free_runs(problem, climb))
         return Climbed(problem, plan, climb, choose(selector, climb, plan))
 
-    found = climbed(plan) if given else with_fine_solver(plan, climbed)
+    found = climbed(plan) if given else climbed_as_recorded(plan, climbed)
     check = found.cross_checked(start)
     if given is None and check.better is not None:
         try:

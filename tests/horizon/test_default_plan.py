@@ -12,8 +12,11 @@ from penode import Experiment, InputError, Model, Predictor, identify, physical
 from penode.arrays import Leaf
 from penode.data.windows import Jittered, cut
 from penode.engine import LadderProblem, Loss, Positive, default_plan
-from penode.horizon.default_plan import default_horizons, with_hold
+from penode.horizon import hold_check
+from penode.horizon.default_plan import default_horizons
+from penode.horizon.hold_check import better_hold, with_hold
 from penode.horizon.identifiability import Start
+from penode.horizon.ladder import ignore_events
 from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.base import DEFAULT_SOLVER
 from penode.predictors.holds import FirstOrderHold, ZeroOrderHold
@@ -210,16 +213,43 @@ def test_noise_at_the_first_horizon_makes_no_hold(seed):
     assert plan.hold == ZeroOrderHold()
 
 
-def test_what_noise_hides_at_the_first_horizon_shows_in_the_middle():
-    """Of so much noise one step shows nothing of the ramps between samples."""
-    random = np.random.default_rng(1)
-    u, x = held(FirstOrderHold(), random)
-    noisy = Experiment("lag", SAMPLED, {"u": u, "x": x + 0.8 * random.normal(size=400)})
-    start = Start(Lag(1.0))
-    plan = default_plan(start.model, [noisy])
-    alone = replace(plan, stages=plan.stages[:1])
-    assert with_hold(alone, start, [noisy]).hold == ZeroOrderHold()
-    assert with_hold(plan, start, [noisy]).hold == FirstOrderHold()
+@pytest.mark.parametrize(
+    ("straight", "taken"),
+    [
+        # As a circuit with constant inputs: one step speaks for ramps, longer windows against them.
+        ((-3.003, -2.98, -2.96), ZeroOrderHold()),
+        # Noise hides ramps in the first windows.
+        ((-2.998, -3.01, -3.02), FirstOrderHold()),
+        # As good: the simplest.
+        ((-3.0, -3.0, -3.0), ZeroOrderHold()),
+    ],
+)
+def test_the_horizon_that_speaks_most_against_a_hold_decides(run, monkeypatch, straight, taken):
+    logarithms = {
+        ZeroOrderHold(): [-3.0, -3.0, -3.0],
+        FirstOrderHold(): list(straight),
+        BandLimitedHold(): [-2.0, -2.0, -2.0],
+    }
+    monkeypatch.setattr(hold_check, "_log_losses", lambda plan, *given: logarithms[plan.hold])
+    start = Start(Tanks(OUTFLOW, INFLOW))
+    assert with_hold(default_plan(start.model, [run]), start, [run]).hold == taken
+
+
+@pytest.mark.parametrize("true", [ZeroOrderHold(), FirstOrderHold(), BandLimitedHold()])
+def test_a_wrong_hold_is_found_at_the_rung_that_was_chosen(true):
+    """Training goes on from its parameters; the right one stays."""
+    random = np.random.default_rng(3)
+    u, x = held(true, random)
+    run = Experiment("lag", SAMPLED, {"u": u, "x": x + 0.01 * random.normal(size=400)})
+    for assumed in (ZeroOrderHold(), FirstOrderHold()):
+        plan = replace(default_plan(Lag(1.0), [run]), hold=assumed)
+        plan = replace(plan, stages=plan.stages[:4])
+        problem = LadderProblem.of(Lag(1.0), [run], plan, ignore_events)
+        rung = problem.climb(plan, problem.objective.layout.raw(Lag(1.0))).fits[-1]
+        other = better_hold(problem, plan, rung)
+        assert (other[0].hold if other else assumed) == true
+        if other:
+            assert problem.objective.layout.values(other[1])[0] == pytest.approx(RATE, rel=0.01)
 
 
 def test_the_plan_serves_a_climb(run):

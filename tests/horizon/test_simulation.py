@@ -11,7 +11,7 @@ from tests.horizon.test_selection import rung
 from penode import Experiment, identify
 from penode.errors import InputError
 from penode.fit.fit import Fit
-from penode.horizon import fine_solver
+from penode.horizon import as_recorded
 from penode.horizon.ladder import LadderProblem
 from penode.horizon.selection import Choice
 from penode.horizon.simulation import best_in_free_run, confirmed, parting
@@ -116,7 +116,7 @@ def test_the_better_of_two_minima_is_returned(monkeypatch):
 
     monkeypatch.setattr(LadderProblem, "climb", astray)
     monkeypatch.setattr(sys.modules["penode.identify"], "with_hold", lambda plan, *given: plan)
-    monkeypatch.setattr(fine_solver, "too_coarse", lambda *given: None)
+    monkeypatch.setattr(as_recorded, "too_coarse", lambda *given: None)
     fit = identify(Lag(1.0), [lag()])
     assert len(calls) == 2
     assert fit.parameters["a"].value == pytest.approx(3.0, rel=0.05)

@@ -8,8 +8,8 @@ import pytest
 
 from penode import Experiment, Model, identify, ladder_plan, physical
 from penode.engine import Positive
-from penode.horizon import fine_solver, solver_check
-from penode.horizon.fine_solver import Climbed, examined, with_fine_solver
+from penode.horizon import as_recorded, solver_check
+from penode.horizon.as_recorded import Climbed, climbed_as_recorded, examined
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.horizon.selection import Longest, Plateau, believable, choose
@@ -96,7 +96,7 @@ def alias():
 def test_an_alias_is_left_behind(alias):
     """R(z) = 0.975 of RK4 at z = 0.0253, where it is right, and at 2.77."""
     assert value(alias(PLAN)) == pytest.approx(55.37, abs=0.02)
-    found = with_fine_solver(PLAN, alias)
+    found = climbed_as_recorded(PLAN, alias)
     assert value(found) == pytest.approx(0.506, rel=0.05)
     assert 1 < substeps(found.plan.solver) <= MOST
     assert found.objections == ()
@@ -120,7 +120,7 @@ def test_a_rate_beyond_the_samples_is_refused():
     asked = examined(climbed(plan))
     assert value(asked) == pytest.approx(1.596 / 0.06, rel=0.01)
     assert [one.name for one in asked.objections] == ["solver too coarse"]
-    (objection,) = with_fine_solver(plan, climbed).objections
+    (objection,) = climbed_as_recorded(plan, climbed).objections
     assert objection.name == "faster than the samples"
     assert objection.reason.startswith("a may be any number from this one up")
 
@@ -151,7 +151,7 @@ def test_a_shift_is_what_training_with_a_finer_solver_gives(coarse):
 def test_a_solver_is_refined_until_it_does_not_matter_or_no_further(coarse, monkeypatch):
     plan, climbed = coarse
     monkeypatch.setattr(solver_check, "MOST", 2)
-    found = with_fine_solver(plan, climbed)
+    found = climbed_as_recorded(plan, climbed)
     assert found.plan.solver == Substeps(RungeKutta(EULER), 2)
     (objection,) = found.objections
     assert "moves by" in objection.reason
@@ -162,7 +162,7 @@ def test_a_solver_is_refined_until_it_does_not_matter_or_no_further(coarse, monk
 def test_a_fine_solver_stays(coarse):
     _, climbed = coarse
     plan = ladder_plan((1, 4, 16))
-    found = with_fine_solver(plan, climbed)
+    found = climbed_as_recorded(plan, climbed)
     assert found.plan is plan
     assert found.objections == ()
 
@@ -184,11 +184,11 @@ def test_an_interrupted_check_leaves_a_stopped_fit(coarse, monkeypatch):
     def interrupted(*given):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(fine_solver, "too_coarse", interrupted)
-    found = with_fine_solver(ladder_plan((1, 4, 16)), coarse[1])
+    monkeypatch.setattr(as_recorded, "too_coarse", interrupted)
+    found = climbed_as_recorded(ladder_plan((1, 4, 16)), coarse[1])
     assert found.climb.interrupted
     assert found.choice.verdict == "stopped"
-    assert found.choice.reason.startswith("The check of the solver was interrupted.")
+    assert found.choice.reason.startswith("The check of hold and solver was interrupted.")
 
 
 @pytest.mark.slow

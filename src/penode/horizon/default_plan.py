@@ -4,18 +4,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.data.windows import Jittered
 from penode.errors import InputError
-from penode.horizon.identifiability import Start
-from penode.horizon.ladder import LadderProblem, ignore_events, ladder_plan
+from penode.horizon.ladder import ladder_plan
 from penode.models.base import Model
-from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.base import DEFAULT_SOLVER
-from penode.predictors.holds import FirstOrderHold, Hold
 from penode.predictors.one_step import Substeps
 from penode.training.loss import Loss
 from penode.training.plan import Plan
@@ -27,11 +22,6 @@ _FACTOR, _WINDOWS = 2.0, 40
 #: The longest horizon: so many samples, or a part of a recording where that is more, but no more
 #: than this share of it.
 _LONG, _PART, _SHARE = 1000, 1 / 40, 0.8
-#: Holds that constant inputs are compared with, the simplest first; by how much the logarithm of
-#: the likelihood decides between two (odds of 20 to 1, twice); a loss that is rounding; and the
-#: logarithm of one that diverged.
-_HOLDS: tuple[Hold, ...] = (FirstOrderHold(), BandLimitedHold())
-_EVIDENCE, _EXACT, _DIVERGED = 6.0, 1e-24, 1e3
 
 
 def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0) -> Plan:
@@ -54,7 +44,7 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
     Returns
     -------
     Plan
-        With constant inputs; `penode.identify` asks the recordings whether they are (`with_hold`).
+        With constant inputs; `penode.identify` asks the recordings whether they are.
 
     Raises
     ------
@@ -70,47 +60,6 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
         loss=Loss(free_starts=starts),
         solver=Substeps(DEFAULT_SOLVER, 1),
     )
-
-
-def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:
-    """Return a plan whose hold predicts the recordings best.
-
-    An input that was computed stands still from one sample to the next; one that was sampled goes
-    straight, or as a band-limited signal does. A first horizon may show it best, where longer ones
-    show what else is wrong; or one in the middle, where noise hides it in the first. So that hold
-    is taken whose loss exceeds the least of any by least, at the horizon that speaks most against
-    it. Of holds that are as good, within chance, the simplest.
-
-    Parameters
-    ----------
-    plan : Plan
-        With constant inputs, which stay where no other hold is better, and its penalties.
-    start : Start
-        Where training begins.
-    experiments : sequence of Experiment
-        Recordings of one time step.
-    """
-    if not start.model.inputs:
-        return plan
-    plans = [plan, *(replace(plan, hold=hold) for hold in _HOLDS)]
-    middle = len(plan.stages) // 2
-    stages = tuple(plan.stages[k] for k in sorted({0, (middle + 1) // 2, middle}))
-    losses = np.array([_log_losses(replace(p, stages=stages), start, experiments) for p in plans])
-    excess = np.max(losses - losses.min(axis=0), axis=1)
-    measured = len(start.model.states) - len(start.model.unmeasured)
-    chance = _EVIDENCE / (measured * sum(map(len, experiments)))
-    return plans[int(np.argmax(excess <= excess.min() + chance))]
-
-
-def _log_losses(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> list[float]:
-    """Return the logarithm of the loss at each of a plan's horizons."""
-    problem = LadderProblem.of(start.model, experiments, plan, ignore_events)
-    try:
-        fits = problem.climb(plan, problem.objective.layout.raw(start.model)).fits
-    except InputError:
-        fits = ()
-    known = [math.log(rung.solution.terms.loss + _EXACT) for rung in fits]
-    return known + [_DIVERGED] * (len(plan.stages) - len(known))
 
 
 def default_horizons(model: Model, experiments: Sequence[Experiment]) -> tuple[int, ...]:

@@ -208,7 +208,7 @@ def _doubled(
     finer = Objective(
         predictor, problem.model, before.scale, before.loss, before.layout.experiments
     )
-    again = replace(problem, objective=finer).problem(stage, plan)
+    again = replace(problem, objective=finer, objectives={}).problem(stage, plan)
     raw, terms = rung.solution.raw, rung.solution.terms
     physical = len(before.layout.physical)
     after = again.gauss_newton(raw)

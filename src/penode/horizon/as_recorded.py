@@ -1,4 +1,4 @@
-"""A climb whose solver is fine enough: it is examined, and climbed anew with more sub-steps."""
+"""A climb with the hold and the sub-steps that the recordings want: examined, and climbed anew."""
 
 import math
 from collections.abc import Callable
@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from penode.arrays import FloatArray
 from penode.fit.outcome import Objection
 from penode.horizon.cross_checks import CrossCheck, cross_check
+from penode.horizon.hold_check import better_hold
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import Climb, LadderProblem
 from penode.horizon.selection import Choice
@@ -47,10 +48,12 @@ class Climbed:
         return fits[choice.index].solution.terms.loss if choice.index < len(fits) else math.inf
 
 
-def with_fine_solver(plan: Plan, climbed: Callable[[Plan, FloatArray | None], Climbed]) -> Climbed:
-    """Climb, and climb anew with more sub-steps until they do not move the estimate.
+def climbed_as_recorded(
+    plan: Plan, climbed: Callable[[Plan, FloatArray | None], Climbed]
+) -> Climbed:
+    """Climb, and climb anew with another hold or more sub-steps where the recordings want them.
 
-    What is too coarse with 16 of them stays as an objection.
+    What is too coarse with 16 sub-steps stays as an objection.
 
     Parameters
     ----------
@@ -58,10 +61,18 @@ def with_fine_solver(plan: Plan, climbed: Callable[[Plan, FloatArray | None], Cl
     climbed : callable
         Climbs a plan from raw parameters (parameter,), or from the start where None is given.
     """
-    found = examined(climbed(plan, None))
-    while found.coarse and found.coarse.finer:
-        finer = replace(found.plan, solver=found.coarse.finer)
-        found = examined(climbed(finer, found.coarse.near))
+    found = climbed(plan, None)
+    try:
+        if not found.climb.interrupted:
+            rung = found.climb.fits[found.choice.index]
+            other = better_hold(found.problem, found.plan, rung)
+            found = climbed(*other) if other else found
+        found = examined(found)
+        while found.coarse and found.coarse.finer:
+            finer = replace(found.plan, solver=found.coarse.finer)
+            found = examined(climbed(finer, found.coarse.near))
+    except KeyboardInterrupt:
+        return _stopped(found)
     return found
 
 
@@ -80,8 +91,13 @@ def examined(found: Climbed) -> Climbed:
         raised = too_fast(*given) or ((coarse.objection,) if coarse else ())
         return replace(found, objections=raised, coarse=coarse)
     except KeyboardInterrupt:
-        horizon = found.climb.fits[found.choice.index].horizon
-        found.problem.observer({"event": "stop", "horizon": horizon})
-        reason = f"The check of the solver was interrupted. Before it: {found.choice.reason}"
-        choice = replace(found.choice, verdict="stopped", reason=reason)
-        return replace(found, choice=choice, climb=replace(found.climb, interrupted=True))
+        return _stopped(found)
+
+
+def _stopped(found: Climbed) -> Climbed:
+    """Return a climb whose checks a person has interrupted."""
+    horizon = found.climb.fits[found.choice.index].horizon
+    found.problem.observer({"event": "stop", "horizon": horizon})
+    reason = f"The check of hold and solver was interrupted. Before it: {found.choice.reason}"
+    choice = replace(found.choice, verdict="stopped", reason=reason)
+    return replace(found, choice=choice, climb=replace(found.climb, interrupted=True))

@@ -1,0 +1,112 @@
+"""How inputs go on between samples, asked of the recordings: before a fit, and after it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from penode.arrays import FloatArray
+from penode.data.experiment import Experiment
+from penode.errors import InputError
+from penode.horizon.identifiability import Start
+from penode.horizon.ladder import HorizonFit, LadderProblem, ignore_events
+from penode.models.base import Model
+from penode.predictors.band_limited import BandLimitedHold
+from penode.predictors.base import Predictor
+from penode.predictors.holds import FirstOrderHold, Hold, ZeroOrderHold
+from penode.training.plan import Plan
+from penode.training.residuals import Objective
+from penode.training.second_order import LevenbergMarquardt
+
+#: Holds that are compared, the simplest first.
+_HOLDS: tuple[Hold, ...] = (ZeroOrderHold(), FirstOrderHold(), BandLimitedHold())
+#: A loss that is rounding, and the logarithm of one that diverged.
+_EXACT, _DIVERGED = 1e-24, 1e3
+#: Logarithm of the likelihood by which a hold is better, before a fit (a tie, the simplest is
+#: taken) and after it (worth another climb); and evaluations that training with another one takes.
+_TIE, _BETTER, _EVALUATIONS = 0.1, 1.0, 8
+
+
+def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:
+    """Return a plan whose hold predicts the recordings best.
+
+    An input that was computed stands still from one sample to the next; one that was sampled goes
+    straight, or as a band-limited signal does. A first horizon may show it best, where longer ones
+    show what else is wrong; or one in the middle, where noise hides it in the first. So that hold
+    is taken whose loss exceeds the least of any by least, at the horizon that speaks most against
+    it. Of holds that are as good the simplest.
+
+    Parameters
+    ----------
+    plan : Plan
+        With constant inputs, which stay where no other hold is better, and its penalties.
+    start : Start
+        Where training begins.
+    experiments : sequence of Experiment
+        Recordings of one time step.
+    """
+    if not start.model.inputs:
+        return plan
+    plans = [plan, *(replace(plan, hold=hold) for hold in _HOLDS[1:])]
+    middle = len(plan.stages) // 2
+    stages = tuple(plan.stages[k] for k in sorted({0, (middle + 1) // 2, middle}))
+    losses = np.array([_log_losses(replace(p, stages=stages), start, experiments) for p in plans])
+    excess = np.max(losses - losses.min(axis=0), axis=1)
+    chance = _TIE / _values(start.model, experiments)
+    return plans[int(np.argmax(excess <= excess.min() + chance))]
+
+
+def better_hold(
+    problem: LadderProblem, plan: Plan, rung: HorizonFit
+) -> tuple[Plan, FloatArray] | None:
+    """Return a plan whose hold explains a rung better, and raw parameters there; None without one.
+
+    What noise hides at short horizons may decide at the one that was chosen, by which the
+    parameters are surest. Training goes on from the rung's parameters with each other hold.
+
+    Parameters
+    ----------
+    problem : LadderProblem
+        What was climbed.
+    plan : Plan
+    rung : HorizonFit
+        The chosen one.
+    """
+    if not problem.model.inputs or plan.hold not in _HOLDS:
+        return None
+    stage = next(stage for stage in plan.stages if stage.horizon == rung.horizon)
+    before = rung.objective or problem.objective
+    losses, found = [rung.solution.terms.loss], [(plan, rung.solution.raw)]
+    for hold in _HOLDS:
+        if hold == plan.hold:
+            continue
+        predictor = Predictor(before.predictor.time_step, plan.solver, hold)
+        objective = Objective(
+            predictor, problem.model, before.scale, before.loss, before.layout.experiments
+        )
+        other = replace(problem, objective=objective, objectives={}).problem(stage, plan)
+        trained = LevenbergMarquardt(_EVALUATIONS).minimise(other, rung.solution.raw)
+        if trained.terms.finite:
+            losses.append(trained.terms.loss)
+            found.append((replace(plan, hold=hold), trained.raw))
+    best = int(np.argmin(losses))
+    gain = 0.5 * _values(problem.model, problem.experiments)
+    gain *= math.log((losses[0] + _EXACT) / (losses[best] + _EXACT))
+    return found[best] if gain > _BETTER else None
+
+
+def _values(model: Model, experiments: Sequence[Experiment]) -> int:
+    """Return how many values of states were measured."""
+    return (len(model.states) - len(model.unmeasured)) * sum(map(len, experiments))
+
+
+def _log_losses(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> list[float]:
+    """Return the logarithm of the loss at each of a plan's horizons."""
+    problem = LadderProblem.of(start.model, experiments, plan, ignore_events)
+    try:
+        fits = problem.climb(plan, problem.objective.layout.raw(start.model)).fits
+    except InputError:
+        fits = ()
+    known = [math.log(rung.solution.terms.loss + _EXACT) for rung in fits]
+    return known + [_DIVERGED] * (len(plan.stages) - len(known))
