@@ -97,9 +97,8 @@ class LearnedHysteresis(Hysteresis):
 
 
 class Friction(Positioner):
-    """A friction over the speed beside the textbook's; the speed at windows' starts is free."""
+    """A friction over the speed beside the textbook's."""
 
-    unmeasured = ("v",)
     curve: Spline
 
     def learned(self, x: JaxArray) -> JaxArray:

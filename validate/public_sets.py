@@ -100,7 +100,7 @@ SETS: dict[str, Callable[[Path], PublicSet]] = {
     "bouc_wen": _official(
         "08_bouc_wen", (1e-5,), m=2.0, c=10.0, k=5e4, alpha=5e4, beta=800.0, delta=-1100.0
     ),
-    "emps": _official("02_emps", (1e-3, 0.0), M=95.11, Fv=203.5, Fc=20.39, offset=-3.16),
+    "emps": _official("02_emps", (1e-3,), M=95.11, Fv=203.5, Fc=20.39, offset=-3.16),
     "tclab": _official("03_tclab", (1.0, 1.0)),
     "rlc": _official(
         "01_rlc", (1.0, 1.0), R=3.0, C=270e-9, L=50e-6, share=0.9, knee=5.0, steep=5.0
