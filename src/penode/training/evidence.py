@@ -73,7 +73,9 @@ class Information:
         along = (vectors[:, kept] / np.sqrt(eigenvalues[kept])).T @ (centred / size[:, None])
         ratios = np.diag(bartlett(along, series.lags))
         variance = float(np.mean(ratios))
-        return cls(matrix / variance, slope / variance, variance)
+        # Rounding may leave directions of which data know nothing below zero.
+        known = np.sqrt(np.maximum(eigenvalues, 0.0)) * vectors * size[:, None]
+        return cls(known @ known.T / variance, slope / variance, variance)
 
 
 @dataclass(frozen=True, eq=False)
