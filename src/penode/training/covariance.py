@@ -261,7 +261,8 @@ def undetermined(terms: GaussNewtonTerms, jacobian: FloatArray) -> BoolArray:
         As in `sandwich_deviation`.
     """
     flat = flat_directions(terms.normal)
-    rows = jacobian / marquardt_scale(terms.normal)
+    largest = np.maximum(np.abs(jacobian).max(axis=1, keepdims=True), 1e-300)
+    rows = (jacobian / largest) / marquardt_scale(terms.normal)
     size = np.linalg.norm(rows, axis=1, keepdims=True)
     along = rows @ flat
     seen = np.linalg.norm(along, axis=1, keepdims=True) <= _SEEN * size
