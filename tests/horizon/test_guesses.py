@@ -1,4 +1,4 @@
-"""Where the search for unmeasured starts begins: at what the rung before predicts."""
+"""Where a rung begins: at what the one before predicts, and found, unless that was lost."""
 
 from dataclasses import replace
 
@@ -20,11 +20,11 @@ def prey():
     return draw(KINDS["predator_prey"], 0)
 
 
-def errors(prey):
+def errors(prey, horizons=(7, 60, 400)):
     """Return the relative error of each parameter at the last rung."""
     run, start = prey.train.experiment, prey.start
     plan = default_plan(start, [run])
-    stages = [replace(plan.stages[0], horizon=h) for h in (7, 60, 400)]
+    stages = [replace(plan.stages[0], horizon=h) for h in horizons]
     plan = replace(plan, stages=tuple(stages))
     problem = LadderProblem.of(start, [run], plan, ignore_events)
     rungs = problem.climb(plan, problem.objective.layout.raw(start)).fits
@@ -47,3 +47,11 @@ def test_the_start_of_a_free_run_is_estimated_by_its_beginning_first(prey, monke
     found = compare(predictor, true, run).free_run_rmse
     monkeypatch.setattr(free_run, "_BEGINNING", 10**9)
     assert compare(predictor, true, run).free_run_rmse > 2 * found
+
+
+def test_a_parameter_that_ran_to_zero_begins_anew_at_the_next_rung(monkeypatch):
+    """The shortest windows of a two-mass drive want a negative damping, which it cannot have."""
+    drive = draw(KINDS["two_mass"], 6)
+    assert errors(drive, (11, 40)).max() < 0.02
+    monkeypatch.setattr(LadderProblem, "_lost", lambda self, *given: False)
+    assert errors(drive, (11, 40)).max() > 0.9

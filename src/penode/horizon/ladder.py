@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from penode.arrays import FloatArray, float64
+from penode.arrays import BoolArray, FloatArray, float64
 from penode.data.excitation import check_any_excitation
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording, fewest_windows
@@ -251,6 +251,7 @@ class LadderProblem:
                 self.guesses[plan.stages[number + 1].horizon] = self._guessed(problem, raw)
             rungs.append(self._finish(stage.horizon, problem, solution))
             self._report(rungs[-1], place)
+            raw = np.where(self._lost(problem, solution), first, raw)
 
     def problem(self, stage: Stage, plan: Plan) -> Problem:
         """Return the problem of one stage: its windows, and which parameters move."""
@@ -340,6 +341,19 @@ class LadderProblem:
         names = np.array(self.objective.layout.raw_names)[problem.moving]
         parts = undetermined(solution.terms, of_physical)
         return [list(dict.fromkeys(names[row])) for row in parts]
+
+    def _lost(self, problem: Problem, solution: Solution) -> BoolArray:
+        """Return which raw parameters (parameter,) no prediction depends on where a rung ended.
+
+        A positive one may have run to zero or beyond all bounds, from where no slope leads back to
+        what longer horizons show.
+        """
+        jacobian = problem.reported_jacobian(solution.raw)[: len(self.objective.layout.physical)]
+        blind = self._blind(problem, solution, jacobian)
+        alone = [names[0] for names in blind if len(names) == 1]
+        still = np.flatnonzero(~jacobian.any(axis=1))
+        alone += [self.objective.layout.physical[k] for k in still]
+        return np.isin(self.objective.layout.raw_names, alone)
 
     def _ordered(
         self, problem: Problem, solution: Solution, jacobian: FloatArray
