@@ -17,7 +17,7 @@ from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.base import DEFAULT_SOLVER
 from penode.predictors.holds import FirstOrderHold, ZeroOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
-from penode.predictors.input_table import Part
+from penode.predictors.input_table import Substep
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta, Substeps
 from penode.predictors.tableaus import AB3, DOPRI5, EULER, RK4, RK4_38
@@ -198,7 +198,7 @@ def test_inputs_that_have_a_rate_go_on_at_it():
     predictor = Predictor(STEP, Substeps(DEFAULT_SOLVER, 2), BandLimitedHold())
     row = predictor.prepared(inputs)[300].reshape(2, 3, 3)[1, 1]
     with float64():
-        part = Part(1, 2, jnp.asarray(inputs[300][:, None]), STEP)
+        part = Substep(1, 2, jnp.asarray(inputs[300][:, None]), STEP)
         read = part.moved_on(Inputs(jnp.asarray(row[:, None]), Turning.inputs), Turning(), 0.5)
     assert float(read["angle"][0]) == pytest.approx(inputs[300, 0] + 0.75 * 0.7, rel=1e-14)
     assert float(read["u"][0]) == pytest.approx(signal(300.75), rel=ACCURACY)

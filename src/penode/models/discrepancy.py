@@ -72,7 +72,7 @@ class Discrepant(Model):
 
     def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
         """Return the model's derivative and what it lacks, (state, batch)."""
-        own = Inputs(u.values[: len(self.model.inputs)], self.model.inputs, u.span)
+        own = Inputs(u.values[: len(self.model.inputs)], self.model.inputs, u.span, u.unit)
         rate = self.model.derivative(x, own)
         width = max(x.shape[-1], u.values.shape[-1])
         channels = jnp.concatenate(

@@ -1,6 +1,7 @@
 """Inputs: the rows of a model's input by name, at one moment or over a part of a sample."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,14 +21,17 @@ class Inputs(eqx.Module):
     names : tuple of str
         Of the rows.
     span : tuple of float, or None
-        The part of the sample that these values represent, from its beginning to its end, in s
+        The part of the sample that these values represent, from its beginning to its end, in units
         after the moment they belong to: (0, 0) for the moment alone, None where a solver's stages
         represent no part of the sample.
+    unit : float or scalar array
+        Of the span, in s.
     """
 
     values: JaxArray
     names: tuple[str, ...] = eqx.field(static=True)
-    span: tuple[float | JaxArray, float | JaxArray] | None = (0.0, 0.0)
+    span: tuple[float, float] | None = eqx.field(static=True, default=(0.0, 0.0))
+    unit: float | JaxArray = 1.0
 
     def __getitem__(self, which: str | int | tuple[str, ...]) -> JaxArray:
         """Return one row (batch,), or the rows (row, batch) of several names.
@@ -62,13 +66,13 @@ class Inputs(eqx.Module):
     def replaced(self, **rows: JaxArray) -> "Inputs":
         """Return the inputs with some rows (batch,) exchanged."""
         kept = [rows.get(name, self.values[k]) for k, name in enumerate(self.names)]
-        return Inputs(jnp.stack(kept), self.names, self.span)
+        return Inputs(jnp.stack(kept), self.names, self.span, self.unit)
 
-    def over(self, span: tuple[float | JaxArray, float | JaxArray] | None) -> "Inputs":
+    def over(self, span: tuple[float, float] | None, unit: float | JaxArray = 1.0) -> "Inputs":
         """Return the same values for another part of the sample; see `span`."""
-        return Inputs(self.values, self.names, span)
+        return Inputs(self.values, self.names, span, unit)
 
-    def part_for(self, purpose: str) -> tuple[float | JaxArray, float | JaxArray]:
+    def part_for(self, purpose: str) -> tuple[Any, Any]:
         """Return the middle of the part of the sample and half its length, in s.
 
         Parameters
@@ -88,7 +92,9 @@ class Inputs(eqx.Module):
                 "method without negative weights, such as RK4, or an implicit method."
             )
         begin, end = self.span
-        return 0.5 * (begin + end), 0.5 * (end - begin)
+        if begin == end == 0.0:
+            return 0.0, 0.0
+        return 0.5 * (begin + end) * self.unit, 0.5 * (end - begin) * self.unit
 
     def _place(self, name: str) -> int:
         try:

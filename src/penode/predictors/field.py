@@ -58,7 +58,7 @@ class Field:
             without it, a model that asks for the part is refused (`Inputs.part_for`).
         """
         u = self.input(sample, fraction)
-        return self.model.derivative(x, u.over(self._span(part, fraction)))
+        return self.model.derivative(x, self._over(u, part, fraction))
 
     def input(self, sample: int, fraction: float) -> Inputs:
         """Return the input at a place within the solver's step, 0 to 1, `sample` intervals on."""
@@ -82,9 +82,9 @@ class Field:
         start, elapsed = self._inputs(sample), place * self.time_step
         return u.replaced(**{n: start[n] + start[rate] * elapsed for n, rate in moving.items()})
 
-    def _span(self, part: Part | None, fraction: float) -> tuple[float, float] | None:
-        """Return a part of the step in s after a place within it."""
+    def _over(self, u: Inputs, part: Part | None, fraction: float) -> Inputs:
+        """Return the input at a place within the step for the part that it represents."""
         if part is None:
-            return None
+            return u.over(None)
         begin, end = ((at - fraction) * self.width for at in part)
-        return begin, end
+        return u.over((begin, end))

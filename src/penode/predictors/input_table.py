@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from penode.arrays import FloatArray, JaxArray
 from penode.models.base import Model
 from penode.models.inputs import Inputs
-from penode.predictors.field import Field
+from penode.predictors.field import Field, Part
 from penode.predictors.holds import RecordedHold, ZeroOrderHold
 from penode.predictors.one_step import Substeps
 from penode.predictors.places import places_of
@@ -63,13 +63,13 @@ class InputTable:
 
         def one(history: JaxArray, step: tuple[JaxArray, JaxArray]) -> tuple[JaxArray, None]:
             number, own = step
-            part = Part(number, self.count, start, time_step)
+            part = Substep(number, self.count, start, time_step)
             return self.substep(model, history, own, part), None
 
         ahead: JaxArray = jax.lax.scan(one, history, (jnp.arange(self.count), rows))[0]
         return ahead
 
-    def substep(self, model: Model, history: JaxArray, rows: JaxArray, part: "Part") -> JaxArray:
+    def substep(self, model: Model, history: JaxArray, rows: JaxArray, part: "Substep") -> JaxArray:
         """Return the state (1, state, batch) after a sub-step from its rows (row, batch)."""
         blocks = rows.reshape(len(self.places), -1, rows.shape[-1])
         read = {
@@ -80,7 +80,7 @@ class InputTable:
 
 
 @dataclass(frozen=True)
-class Part:
+class Substep:
     """Which sub-step of a sample.
 
     Attributes
@@ -126,3 +126,10 @@ class _Tabulated(Field):
     def input(self, sample: int, fraction: float) -> Inputs:
         """Return the input at a place within the sub-step."""
         return self.read[fraction]
+
+    def _over(self, u: Inputs, part: Part | None, fraction: float) -> Inputs:
+        """Return the input for the part of the sub-step that it represents."""
+        if part is None:
+            return u.over(None)
+        begin, end = (at - fraction for at in part)
+        return u.over((begin, end), self.width)

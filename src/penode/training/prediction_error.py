@@ -27,7 +27,7 @@ from penode.models.base import Model
 from penode.models.layout import Layout, Parts
 from penode.predictors.base import Predictor
 from penode.predictors.holds import Drive
-from penode.predictors.input_table import Part
+from penode.predictors.input_table import Substep
 from penode.training.loss import NO_FILTER, Loss, every_step, states
 
 
@@ -292,7 +292,7 @@ class PredictionError:
             return predictor.step(model, history, batch.drive(step))
         rows = batch.tabulated(step, number)
         start = batch.tabulated(step, 0)[: len(model.inputs)]
-        part = Part(number, batch.substeps, start, predictor.time_step)
+        part = Substep(number, batch.substeps, start, predictor.time_step)
         return predictor.table.substep(model, history, rows, part)
 
     def residual(
