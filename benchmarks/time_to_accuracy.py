@@ -22,6 +22,9 @@ import torch
 from benchmarks.problem import Problem, clock, paper_recording, problem_of, verdict
 from benchmarks.torch_problem import closed_form, cramer, derivative_of, leaves_of, loss_of
 from penode.arrays import FloatArray, float64
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.experiment import Experiment
 from penode.data.windows import Windows
 from penode.fit.fit import Fit
@@ -30,9 +33,6 @@ from penode.horizon.selection import Longest
 from penode.identify import identify as identify_model
 from penode.models.layout import Layout
 from penode.pmsm.balance.start import nominal_start
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.conventional.paper_recipe import PaperRecipe
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.study import identify

@@ -19,6 +19,7 @@ from scipy.optimize import least_squares
 
 from penode import Experiment, Fit, Model, Predictor, identify, ladder_plan, parameter, physical
 from penode.arrays import Leaf, float64
+from penode.bench.machines import COMSOL_300A
 from penode.cli.compilation_cache import use_compilation_cache
 from penode.data.windows import cut
 from penode.fit.fit import Estimate, HorizonChoice
@@ -26,7 +27,6 @@ from penode.models.layout import Layout
 from penode.models.networks import ConvexGradient, TanhLayers
 from penode.models.parameters import with_batch_axis
 from penode.models.transforms import Positive
-from penode.pmsm.bench.machines import COMSOL_300A
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.terms import Resistance

@@ -2,12 +2,12 @@
 
 import pytest
 
+from penode.bench.drive import Drive
+from penode.bench.inverter import DeadTime, Inverter
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.experiment import Experiment
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.inverter import DeadTime, Inverter
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 
 
 @pytest.fixture(scope="session")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from penode.bench.coenergy_table import true_flux_map
+from penode.bench.machines import TRACTION_300A
 from penode.data.experiment import Experiment
 from penode.errors import InputError
-from penode.pmsm.bench.coenergy_table import true_flux_map
-from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.conventional.coenergy_least_squares import (
     CoenergyLeastSquares,
     coenergy_equations,

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.windows import Contiguous
 from penode.pmsm.balance.start import nominal_start
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.conventional.paper_recipe import Growing, PaperRecipe
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")

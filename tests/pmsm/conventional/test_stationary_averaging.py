@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from penode.bench.coenergy_table import true_flux_map
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import stationary_grid
+from penode.bench.run import simulate
 from penode.data.experiment import Experiment
 from penode.errors import InputError
-from penode.pmsm.bench.coenergy_table import true_flux_map
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import stationary_grid
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.conventional.linear_maps import polynomial
 from penode.pmsm.conventional.operating_points import operating_points
 from penode.pmsm.conventional.stationary_averaging import StationaryAveraging

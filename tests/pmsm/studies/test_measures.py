@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from penode.bench.machines import COMSOL_300A
 from penode.fit.fit import Estimate, HorizonChoice, HorizonSummary
-from penode.pmsm.bench.machines import COMSOL_300A
 from penode.pmsm.studies.measures import Measures, measure
 from penode.pmsm.studies.panels import Series, StudyResult
 from penode.pmsm.studies.results_page import results_page

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import record
 from penode.cli.main import app, main
 from penode.cli.progress import Interrupted
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import record
 from penode.pmsm.conventional.flux_predictor import FluxPredictor
 from penode.pmsm.conventional.linear_maps import polynomial
 from penode.pmsm.studies import runs as runs_module

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import record
 from penode.errors import InputError
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import record
 from penode.pmsm.conventional.flux_predictor import FluxPredictor
 from penode.pmsm.conventional.linear_maps import polynomial
 from penode.pmsm.studies import runs as module

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.bench.run import Recording
 from penode.fit.fit import Fit
-from penode.pmsm.bench.run import Recording
 
 _GRID = 61
 

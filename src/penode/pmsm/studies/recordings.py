@@ -5,9 +5,8 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from penode.data.experiment import Experiment
-from penode.pmsm.bench.config import Simulation, load_config
-from penode.pmsm.bench.references import (
+from penode.bench.config import Simulation, load_config
+from penode.bench.references import (
     GENERATOR,
     MOTOR,
     Lissajous,
@@ -15,9 +14,10 @@ from penode.pmsm.bench.references import (
     Spiral,
     stationary_grid,
 )
-from penode.pmsm.bench.run import Recording
-from penode.pmsm.bench.shaft import Speed, SpeedRipple
-from penode.pmsm.bench.truth import plain
+from penode.bench.run import Recording
+from penode.bench.shaft import Speed, SpeedRipple
+from penode.bench.truth import plain
+from penode.data.experiment import Experiment
 from penode.pmsm.studies.extent import Extent
 
 #: Speed ripple of the bench: mechanical order, share of the speed, rad.
