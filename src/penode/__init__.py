@@ -1,8 +1,8 @@
 """penode: physical parameters and learned maps from recorded data, at the horizon that fits.
 
 These are the names for every day. `penode.engine` has those for writing one's own training,
-`penode.pmsm` those for machines, `penode.bench` those of the simulated drive. Modules below these
-four may move.
+`penode.pmsm` those for machines, `penode.bench` those of the simulated drive, and `penode.paper`,
+which is imported by itself, those of the paper. Modules below these five may move.
 """
 
 from penode import bench, engine, pmsm
