@@ -12,15 +12,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from penode.bench import rig
+from penode.bench.current_sensors import CurrentSensors, Quantisation
+from penode.bench.inverter import DeadTime, DeviceDrop, Inverter, StationaryHold
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import Drive, simulate
+from penode.bench.sensors import Resolver, SpeedSensor
+from penode.bench.winding import IronLoss, Warming, Winding
 from penode.data.experiment import Experiment
-from penode.pmsm.bench import rig
-from penode.pmsm.bench.current_sensors import CurrentSensors, Quantisation
-from penode.pmsm.bench.inverter import DeadTime, DeviceDrop, Inverter, StationaryHold
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import Drive, simulate
-from penode.pmsm.bench.sensors import Resolver, SpeedSensor
-from penode.pmsm.bench.winding import IronLoss, Warming, Winding
 
 IDEAL = Drive()
 REAL = Drive(

@@ -1,6 +1,6 @@
 """Fit the coenergies of the built-in machines to published flux maps and print them.
 
-``python -m benchmarks.fit_machines`` re-derives `penode.pmsm.bench.fitted_coenergies`. The maps are
+``python -m benchmarks.fit_machines`` re-derives `penode.bench.fitted_coenergies`. The maps are
 read from PENODE_DATA or ../shared/data and are not part of the project.
 """
 

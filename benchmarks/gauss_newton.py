@@ -13,14 +13,14 @@ import numpy as np
 
 from benchmarks.problem import Problem, median_time, paper_problem, paper_recording, problem_of
 from penode.arrays import float64
+from penode.bench.drive import Drive
+from penode.bench.inverter import DeadTime as PlantDeadTime
+from penode.bench.inverter import Inverter
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.windows import Windows
 from penode.pmsm.balance.start import weak_start
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.inverter import DeadTime as PlantDeadTime
-from penode.pmsm.bench.inverter import Inverter
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.training.loss import DEFAULT_LOSS, Loss
 from penode.training.residuals import Objective

@@ -4,11 +4,11 @@ import time
 
 import numpy as np
 
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
 

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 
 from penode.arrays import FloatArray, JaxArray, float64
-from penode.pmsm.bench.machines import TRACTION_300A
+from penode.bench.machines import TRACTION_300A
 
 TIME_STEP = 1e-4
 #: Sample from which currents are noisy by so many A.

@@ -17,8 +17,8 @@ import numpy as np
 from benchmarks.problem import paper_recording
 from penode.arrays import FloatArray
 from penode.horizon.ladder import LadderProblem
+from penode.paper.conventional.paper_recipe import PaperRecipe
 from penode.pmsm.balance.start import nominal_start
-from penode.pmsm.conventional.paper_recipe import PaperRecipe
 from penode.training.first_order import FirstOrder
 from penode.training.plan import Problem
 

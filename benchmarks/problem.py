@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.experiment import Experiment
 from penode.data.windows import Contiguous, Windows, cut
 from penode.pmsm.balance.start import weak_start
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.model import Machine
 from penode.predictors.base import DEFAULT_SOLVER, Predictor
 from penode.predictors.solver import Solver

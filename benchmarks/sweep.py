@@ -17,11 +17,11 @@ from pathlib import Path
 
 import polars as pl
 
+from penode.bench.drive import DEFAULT_DRIVE
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.save import save
-from penode.pmsm.bench.drive import DEFAULT_DRIVE
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.sweep.table import FITS, LINES, PARQUET, TIMES
 
 COUNT = 500

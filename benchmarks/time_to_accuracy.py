@@ -1,7 +1,7 @@
 """Time to an answer: penode's default against the paper's training in torchdiffeq.
 
 ``taskset -c 0 python -m benchmarks.time_to_accuracy`` where benchmarks/requirements.txt is
-installed. The paper's training (`penode.pmsm.conventional.paper_recipe`: Adam, horizon grown to
+installed. The paper's training (`penode.paper.conventional.paper_recipe`: Adam, horizon grown to
 100, 20 mini-batches) takes hours in torchdiffeq, so its time is extrapolated: penode runs the
 recipe whole; torchdiffeq runs the first epochs at each horizon from where penode stood then, must
 give the same losses, and is timed; its time is the sum over horizons of epochs times seconds an
@@ -22,6 +22,9 @@ import torch
 from benchmarks.problem import Problem, clock, paper_recording, problem_of, verdict
 from benchmarks.torch_problem import closed_form, cramer, derivative_of, leaves_of, loss_of
 from penode.arrays import FloatArray, float64
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.experiment import Experiment
 from penode.data.windows import Windows
 from penode.fit.fit import Fit
@@ -29,11 +32,8 @@ from penode.horizon.ladder import ladder_plan
 from penode.horizon.selection import Longest
 from penode.identify import identify as identify_model
 from penode.models.layout import Layout
+from penode.paper.conventional.paper_recipe import PaperRecipe
 from penode.pmsm.balance.start import nominal_start
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
-from penode.pmsm.conventional.paper_recipe import PaperRecipe
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 
 import penode
-from penode.pmsm.bench import TRACTION_300A, Lissajous, simulate
+from penode.bench import TRACTION_300A, Lissajous, simulate
 
 
 def record(speed_rpm, duration):

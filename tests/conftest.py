@@ -19,6 +19,11 @@ from scipy.optimize import least_squares
 
 from penode import Experiment, Fit, Model, Predictor, identify, ladder_plan, parameter, physical
 from penode.arrays import Leaf, float64
+from penode.bench.drive import Drive
+from penode.bench.inverter import DeadTime, Inverter
+from penode.bench.machines import COMSOL_300A, TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.cli.compilation_cache import use_compilation_cache
 from penode.data.windows import cut
 from penode.fit.fit import Estimate, HorizonChoice
@@ -26,7 +31,6 @@ from penode.models.layout import Layout
 from penode.models.networks import ConvexGradient, TanhLayers
 from penode.models.parameters import with_batch_axis
 from penode.models.transforms import Positive
-from penode.pmsm.bench.machines import COMSOL_300A
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.terms import Resistance
@@ -459,3 +463,32 @@ def machine_fit(true_map) -> Fit:
         Spectrum("run.csv", np.zeros(1), np.zeros((1, 2))),
         provenance={"pole_pairs": 5},
     )
+
+
+# --- recordings of the simulated bench, made once -------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def slow_run() -> Experiment:
+    """The paper's hard case: one speed, slow trajectory, unmodelled harmonics."""
+    return simulate(TRACTION_300A, Lissajous(240.0, 14.0, 15.0), speed_rpm=1500.0, duration=1.0)
+
+
+@pytest.fixture(scope="session")
+def fast_run() -> Experiment:
+    """The well-designed case: low speed, fast trajectory."""
+    return simulate(TRACTION_300A, Lissajous(200.0, 140.0, 150.0), speed_rpm=150.0, duration=1.0)
+
+
+@pytest.fixture(scope="session")
+def unseen_run() -> Experiment:
+    """Another speed and trajectory."""
+    return simulate(TRACTION_300A, Lissajous(200.0, 40.0, 33.0), speed_rpm=900.0, duration=0.3)
+
+
+@pytest.fixture(scope="session")
+def dead_time_run() -> Experiment:
+    """A drive with 0.6 us of dead time: 2.4 V at 400 V and 10 kHz."""
+    drive = Drive(inverter=Inverter(dead_time=DeadTime(0.6e-6)))
+    reference = Lissajous(240.0, 50.0, 43.0)
+    return simulate(TRACTION_300A, reference, speed_rpm=1000.0, duration=0.5, drive=drive)

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from penode.bench.config import load_config
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.cli.main import main
 from penode.data.load import read
 from penode.data.save import save
-from penode.pmsm.bench.config import load_config
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.recording.guess import guess_study
 from penode.pmsm.recording.study_text import study_text
 from penode.pmsm.result_files import flux_map_csv

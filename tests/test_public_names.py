@@ -1,4 +1,4 @@
-"""The public names are in four namespaces: pages, examples and notebooks use these alone."""
+"""The public names are in five namespaces: pages, examples and notebooks use these alone."""
 
 import ast
 import importlib
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-NAMESPACES = ("penode", "penode.engine", "penode.pmsm", "penode.pmsm.bench")
+NAMESPACES = ("penode", "penode.engine", "penode.pmsm", "penode.bench", "penode.paper")
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SCRIPTS = [*sorted((ROOT / "examples").glob("*.py")), *sorted((ROOT / "docs").rglob("*.py"))]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from validate.command import Ended, identify, run
 
-from penode.pmsm.bench.config import shipped_configs
-from penode.pmsm.bench.machines import MACHINES
+from penode.bench.config import shipped_configs
+from penode.bench.machines import MACHINES
 
 CONFIGS = shipped_configs()
 

@@ -8,15 +8,15 @@ multiples, trained with both placements up the same ladder, for a map without an
 
 from dataclasses import replace
 
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.windows import Contiguous, Jittered, Placement
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import ladder_plan
 from penode.horizon.selection import Longest
 from penode.identify import identify
 from penode.pmsm.balance.start import weak_start
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 
 PERIOD = 20
 HORIZONS = (12, 16, 18, 20, 22, 24, 30, 36, 38, 40, 42, 44, 50, 56, 58, 60, 62, 64)

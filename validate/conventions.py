@@ -13,15 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from penode.bench.current_sensors import CurrentSensors
+from penode.bench.drive import Drive
+from penode.bench.inverter import DeadTime, Inverter
+from penode.bench.machines import MACHINES, Machine
+from penode.bench.references import MOTOR, WHOLE_DISC, Domain, Lissajous
+from penode.bench.run import simulate
+from penode.bench.sensors import Resolver, SpeedSensor
 from penode.data.experiment import Experiment
 from penode.errors import InputError
-from penode.pmsm.bench.current_sensors import CurrentSensors
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.inverter import DeadTime, Inverter
-from penode.pmsm.bench.machines import MACHINES, Machine
-from penode.pmsm.bench.references import MOTOR, WHOLE_DISC, Domain, Lissajous
-from penode.pmsm.bench.run import simulate
-from penode.pmsm.bench.sensors import Resolver, SpeedSensor
 from penode.pmsm.conventions.check import check_conventions
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.recording.name_plate import NamePlate

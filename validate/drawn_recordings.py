@@ -4,15 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from penode.bench.coenergies import SaturatingCoenergy
+from penode.bench.current_sensors import CurrentSensors
+from penode.bench.drive import DEFAULT_DRIVE, Drive
+from penode.bench.inverter import DeadTime, Inverter
+from penode.bench.machines import TRACTION_300A, Machine
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.experiment import Experiment
 from penode.errors import InputError
-from penode.pmsm.bench.coenergies import SaturatingCoenergy
-from penode.pmsm.bench.current_sensors import CurrentSensors
-from penode.pmsm.bench.drive import DEFAULT_DRIVE, Drive
-from penode.pmsm.bench.inverter import DeadTime, Inverter
-from penode.pmsm.bench.machines import TRACTION_300A, Machine
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 
 _SCALED = (
     "leakage_d",

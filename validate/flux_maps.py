@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from penode.bench.coenergies import SaturatingCoenergy
+from penode.bench.drive import Drive
+from penode.bench.machines import TRACTION_300A, Machine
+from penode.bench.references import MOTOR, Lissajous, Reference, Steps
+from penode.bench.run import simulate
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.fit.fit import Fit
-from penode.pmsm.bench.coenergies import SaturatingCoenergy
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.machines import TRACTION_300A, Machine
-from penode.pmsm.bench.references import MOTOR, Lissajous, Reference, Steps
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
 from validate.map_errors import error_and_coverage, rectangle

@@ -18,13 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.save import save
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.horizon.checkpoint_file import read
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from validate.interruption import identify
 
 COUNT = 20

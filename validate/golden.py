@@ -15,17 +15,17 @@ from typing import Any
 
 import numpy as np
 
+from penode.bench.config import load_config
+from penode.bench.current_sensors import CurrentSensors
+from penode.bench.drive import DEFAULT_DRIVE
+from penode.bench.inverter import DeadTime, Inverter, StationaryHold
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
+from penode.bench.sensors import Resolver
+from penode.bench.winding import IronLoss
 from penode.data.experiment import Experiment
 from penode.data.save import save
-from penode.pmsm.bench.config import load_config
-from penode.pmsm.bench.current_sensors import CurrentSensors
-from penode.pmsm.bench.drive import DEFAULT_DRIVE
-from penode.pmsm.bench.inverter import DeadTime, Inverter, StationaryHold
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
-from penode.pmsm.bench.sensors import Resolver
-from penode.pmsm.bench.winding import IronLoss
 from validate.command import identify
 from validate.drawn_recordings import draw_recording
 

@@ -14,17 +14,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from penode.bench.current_sensors import CurrentSensors
+from penode.bench.drive import Drive
+from penode.bench.inverter import DeviceDrop, Inverter, RotorHold, StationaryHold
+from penode.bench.machines import Machine
+from penode.bench.references import Lissajous
+from penode.bench.run import record
+from penode.bench.sensors import Resolver
+from penode.bench.winding import IronLoss, Warming, Winding
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.fit.outcome import AVERAGED
-from penode.pmsm.bench.current_sensors import CurrentSensors
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.inverter import DeviceDrop, Inverter, RotorHold, StationaryHold
-from penode.pmsm.bench.machines import Machine
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import record
-from penode.pmsm.bench.sensors import Resolver
-from penode.pmsm.bench.winding import IronLoss, Warming, Winding
 from validate.drawn_recordings import draw_machine
 from validate.identified import Identified, identified
 from validate.ledger import Record, run_draws

@@ -14,17 +14,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from penode.bench.coenergy_table import true_flux_map
+from penode.bench.current_sensors import CurrentSensors
+from penode.bench.drive import Drive
+from penode.bench.inverter import DeadTime, DeviceDrop, Inverter, StationaryHold
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import record, simulate
+from penode.bench.sensors import Resolver
+from penode.bench.winding import IronLoss, Warming, Winding
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
-from penode.pmsm.bench.coenergy_table import true_flux_map
-from penode.pmsm.bench.current_sensors import CurrentSensors
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.inverter import DeadTime, DeviceDrop, Inverter, StationaryHold
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import record, simulate
-from penode.pmsm.bench.sensors import Resolver
-from penode.pmsm.bench.winding import IronLoss, Warming, Winding
 from penode.pmsm.result_files import GRID
 from validate.identified import Identified, identified
 

@@ -12,11 +12,11 @@ import sys
 
 import numpy as np
 
-from penode.pmsm.bench.coenergy_table import true_flux_map
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.map_import import ImportedMachine, import_machine, read_flux_table
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
+from penode.bench.coenergy_table import true_flux_map
+from penode.bench.drive import Drive
+from penode.bench.map_import import ImportedMachine, import_machine, read_flux_table
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.pmsm.study import identify
 from validate.map_errors import error_and_coverage, rectangle
 

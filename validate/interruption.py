@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.save import save
 from penode.errors import InputError
 from penode.fit.archive import read_archive
 from penode.fit.fit import Fit
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from validate.processes import ended_children, spent
 
 COUNT = 10

@@ -3,9 +3,9 @@
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.bench.coenergy_table import true_flux_map
+from penode.bench.machines import Machine
 from penode.fit.fit import Fit
-from penode.pmsm.bench.coenergy_table import true_flux_map
-from penode.pmsm.bench.machines import Machine
 from penode.pmsm.result_files import GRID
 
 

@@ -17,12 +17,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from penode.bench.drive import Drive
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.save import save
 from penode.fit.archive import sha256, to_json
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from validate.interruption import numbers
 from validate.processes import ended_children
 

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.save import save
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.sweep.table import FITS, LINES, PARQUET, TIMES
 from validate.interruption import numbers
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from penode.bench import TRACTION_300A, Lissajous, simulate
 from penode.pmsm import Study, identify
-from penode.pmsm.bench import TRACTION_300A, Lissajous, simulate
 
 INK, BLUE, RED = "#222831", "#1768ac", "#c8553d"
 

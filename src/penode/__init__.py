@@ -1,11 +1,11 @@
 """penode: physical parameters and learned maps from recorded data, at the horizon that fits.
 
 These are the names for every day. `penode.engine` has those for writing one's own training,
-`penode.pmsm` those for machines, `penode.pmsm.bench` those of the simulated drive. Modules below
-these four may move.
+`penode.pmsm` those for machines, `penode.bench` those of the simulated drive, and `penode.paper`,
+which is imported by itself, those of the paper. Modules below these five may move.
 """
 
-from penode import engine, pmsm
+from penode import bench, engine, pmsm
 from penode.data.experiment import Experiment
 from penode.data.load import load, load_stretches
 from penode.data.save import save
@@ -33,6 +33,7 @@ __all__ = [
     "Start",
     "Stopped",
     "Windows",
+    "bench",
     "engine",
     "identify",
     "ladder_plan",

@@ -10,9 +10,9 @@ Training
     `Loss` with `Prefilter`, scales and domains; penalties; the optimisers `LevenbergMarquardt`,
     `FirstOrder`, `BestOf`, `CoarseToFine`; `Objective` and `Problem` beneath them.
 Horizon
-    `LadderProblem`, the selectors `Plateau`, `Longest`, `HeldOut`, `Spectral`, `Anchor`;
-    `Checkpoint`; `loss_weighting`, which shows how each horizon weighs the residual; what joins the
-    uncertainty budget: `Imperfection`, `Contribution`.
+    `LadderProblem`, the selectors `Plateau`, `Longest`, `HeldOut`, `Anchor`; `Checkpoint`;
+    `loss_weighting`, which shows how each horizon weighs the residual; what joins the uncertainty
+    budget: `Imperfection`, `Contribution`.
 Data and validation
     `read`, `cut`, `excerpt`, `inspect`; `compare`, `find_lines`, `residual_correlations`.
 
@@ -43,7 +43,6 @@ from penode.horizon.learned_prior import LearnedPrior
 from penode.horizon.loss_weighting import LossWeighting, linearised, loss_weighting, weight_matrix
 from penode.horizon.parallel_starts import Sweep, sweep
 from penode.horizon.selection import Choice, Longest, Plateau, Selector
-from penode.horizon.spectral import BiasForecast, Spectral
 from penode.horizon.uncertainty_budget import Imperfection
 from penode.models.compositions import Gradient, LinearSkip, QuadraticSkip, Scaled
 from penode.models.inputs import Inputs
@@ -139,7 +138,6 @@ __all__ = [
     "Anchor",
     "BandLimitedHold",
     "BestOf",
-    "BiasForecast",
     "Bounded",
     "ButcherTableau",
     "Checkpoint",
@@ -204,7 +202,6 @@ __all__ = [
     "SoftReciprocity",
     "Solution",
     "Solver",
-    "Spectral",
     "Spectrum",
     "Spline",
     "Substeps",

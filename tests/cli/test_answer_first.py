@@ -11,14 +11,14 @@ from pathlib import Path
 import pytest
 
 from penode import Fit
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.cli import identify as command_line
 from penode.data.save import save
 from penode.horizon import objections
 from penode.identify import Stopped
 from penode.pmsm import identify, load_study, result_files
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 
 QUICK = ("--horizon", 3, "--no-inverter", "--angle-orders", "none")
 WHOLE = {"fit/fit.json", "fit/fit.npz", "flux_map.csv", "result.json"}

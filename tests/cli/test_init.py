@@ -9,9 +9,9 @@ from asammdf import MDF
 from asammdf import Signal as MdfSignal
 from scipy.io import savemat
 
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.pmsm.machine.frames import abc_from_dq
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")

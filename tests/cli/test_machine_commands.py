@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from penode.bench.config import load_config
 from penode.data.save import save
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
-from penode.pmsm.bench.config import load_config
 from penode.pmsm.exports.formats import FORMATS
 from penode.pmsm.result_files import flux_map_csv
 from penode.pmsm.simulation.simulated_drive import deviation

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.save import save
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 
 
 @pytest.fixture(scope="module")

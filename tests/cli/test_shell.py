@@ -89,6 +89,11 @@ def test_commands_start_without_the_plotting_library():
     assert subprocess.run([sys.executable, "-c", code], timeout=120).returncode == 0
 
 
+def test_commands_start_without_the_paper():
+    code = "import sys, penode.cli.main; sys.exit('penode.paper' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=120).returncode == 0
+
+
 @pytest.mark.parametrize(
     ("typed", "words"),
     [

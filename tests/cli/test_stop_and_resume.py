@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 import penode as library
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.cli import identify as command_line
 from penode.data.save import save
 from penode.fit.archive import write_atomically
 from penode.pmsm import study, study_settings
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 
 LADDER = [1, 5, 18, 40]  # of --horizon 40
 

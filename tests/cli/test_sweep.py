@@ -17,12 +17,12 @@ from distributed import LocalCluster
 from validate.command import run
 
 from penode import Fit
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.cli.sweep_workers import _outcomes
 from penode.data.save import save
 from penode.fit.result_folder import claimed
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.sweep.table import LINES, PARQUET, TIMES
 from penode.pmsm.sweep.task import Outcome
 

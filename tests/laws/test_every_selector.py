@@ -1,6 +1,7 @@
 """Every selector of a horizon: a valid choice from any ladder, without a warning.
 
-Selectors are found, not listed: a class of `penode.horizon` with a method ``select``.
+Selectors are found, not listed: a class of `penode.horizon` or `penode.paper` with a method
+``select``.
 """
 
 import importlib
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 import penode.horizon
+import penode.paper
 from penode import ladder_plan
 from penode.fit.outcome import AVERAGED
 from penode.horizon.ladder import LadderProblem, ignore_events
@@ -24,8 +26,12 @@ VERDICTS = {*AVERAGED, "fixed", "predicts best", "no plateau"}
 
 def selectors():
     found = {}
-    for module in pkgutil.iter_modules(penode.horizon.__path__):
-        content = importlib.import_module(f"penode.horizon.{module.name}")
+    modules = [
+        *pkgutil.iter_modules(penode.horizon.__path__, "penode.horizon."),
+        *pkgutil.iter_modules(penode.paper.__path__, "penode.paper."),
+    ]
+    for module in modules:
+        content = importlib.import_module(module.name)
         for name, kind in inspect.getmembers(content, inspect.isclass):
             local = kind.__module__ == content.__name__
             if local and hasattr(kind, "select") and not getattr(kind, "_is_protocol", False):

@@ -8,12 +8,12 @@ import pytest
 from typer.testing import CliRunner
 
 from penode import Fit
+from penode.bench.drive import Drive
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.cli.main import app
 from penode.pmsm.balance.usable import usable_stretches
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.conventions.check import judge
 from penode.pmsm.machine.standstill import stands_still
 from penode.pmsm.study_settings import Study

@@ -6,11 +6,11 @@ import jax
 import pytest
 from jax import monitoring
 
+from penode.bench.drive import DEFAULT_DRIVE
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.models.layout import Layout
-from penode.pmsm.bench.drive import DEFAULT_DRIVE
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.coenergy_map import CoenergySplines
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.model import Machine

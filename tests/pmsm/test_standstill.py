@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from penode.bench.coenergies import SaturatingCoenergy
+from penode.bench.coenergy_table import true_flux_map
+from penode.bench.drive import Drive
+from penode.bench.inverter import DeadTime, Inverter
+from penode.bench.machines import TRACTION_300A, Machine
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.errors import InputError
 from penode.pmsm import export
 from penode.pmsm.balance.voltage_balance import BalanceForm
-from penode.pmsm.bench.coenergies import SaturatingCoenergy
-from penode.pmsm.bench.coenergy_table import true_flux_map
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.inverter import DeadTime, Inverter
-from penode.pmsm.bench.machines import TRACTION_300A, Machine
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.result_files import flux_map_csv
 from penode.pmsm.study import identify

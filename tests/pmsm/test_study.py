@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import penode
+from penode.bench.machines import TRACTION_300A
 from penode.errors import InputError
 from penode.horizon.objections import CHECKS, objections, with_objections
 from penode.pmsm import result_files
 from penode.pmsm import study as study_module
-from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.result_files import GRID, flux_map_csv, write
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study

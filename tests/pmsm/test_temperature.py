@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from penode.bench.drive import Drive
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import record
+from penode.bench.winding import Warming, Winding
 from penode.cli.main import app
 from penode.data.save import save
 from penode.errors import InputError
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import record
-from penode.pmsm.bench.winding import Warming, Winding
 from penode.pmsm.machine.terms import TemperatureResistance
 from penode.pmsm.study import identify
 from penode.pmsm.study_file import load_study

@@ -15,9 +15,9 @@ from asammdf import Signal as MdfSignal
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 
 Columns = Mapping[str, np.ndarray]
 NAMES = ("t", "u_d", "u_q", "i_d", "i_q", "omega_el", "theta_el")

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from penode.bench.config import shipped_configs
 from penode.horizon.held_out import PURPOSES
-from penode.pmsm.bench.config import shipped_configs
 from penode.pmsm.exports.formats import FORMATS
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.holds import HOLDS

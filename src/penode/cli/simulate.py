@@ -7,13 +7,13 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from penode.bench.config import Simulation, load_config
+from penode.bench.run import Recording
 from penode.cli.completion import simulations
 from penode.data.experiment import Experiment
 from penode.data.save import require_suffix
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
-from penode.pmsm.bench.config import Simulation, load_config
-from penode.pmsm.bench.run import Recording
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.simulation.simulated_drive import Deviation, deviation, share_beyond, torque_of
 from penode.pmsm.simulation.simulated_files import write_recording

@@ -9,12 +9,9 @@ What the result is used for
 What the model is made of
     `Machine`: a flux map (`FLUX_MAPS`) and terms (`Resistance`, `TemperatureResistance`,
     `Rotation`, `DeadTime`, `PhaseDeadTime`; write your own as a `Term`).
-
-`penode.pmsm.bench` is the simulated drive.
 """
 
 from penode.horizon.held_out import PURPOSES
-from penode.pmsm import bench
 from penode.pmsm.balance.start import nominal_start, weak_start
 from penode.pmsm.balance.term_selection import CANDIDATES, Structure, structure_of
 from penode.pmsm.comparison.map_comparison import MapComparison, compare_maps, compare_resistances
@@ -97,7 +94,6 @@ __all__ = [
     "Term",
     "abc_from_dq",
     "base_speed",
-    "bench",
     "characteristic_current",
     "check_conventions",
     "check_recordings",

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
+from penode.bench.coenergy_table import true_flux_map
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.experiment import Experiment
 from penode.data.save import save
 from penode.fit.fit import Fit
 from penode.horizon.ladder import Observer, ignore_events
-from penode.pmsm.bench.coenergy_table import true_flux_map
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.study import identify
 
 

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, savgol_filter
 
+from penode.bench.drive import Drive
+from penode.bench.inverter import Inverter, RotorHold, StationaryHold
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
+from penode.bench.sensors import Resolver
+from penode.bench.winding import IronLoss
 from penode.models.inputs import Inputs
 from penode.pmsm import Accuracy
 from penode.pmsm.balance.calibration import Calibration, with_speed_from_angle
 from penode.pmsm.balance.calibration_fit import calibration_of
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.inverter import Inverter, RotorHold, StationaryHold
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
-from penode.pmsm.bench.sensors import Resolver
-from penode.pmsm.bench.winding import IronLoss
 from penode.pmsm.machine.holds import HOLDS, mean_over_samples, turned_voltage
 from penode.pmsm.machine.space_vectors import in_frame_ahead
 

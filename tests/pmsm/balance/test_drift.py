@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.pmsm.balance.drift import Drift, drift_of
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.terms import TemperatureResistance
 
 VOLTAGES = ("u_d", "u_q")

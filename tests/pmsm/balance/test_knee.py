@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from validate.sampled_drive.kinds import draw
 
+from penode.bench.drive import Drive
+from penode.bench.inverter import DeviceDrop, Inverter
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.load import load
 from penode.pmsm.balance.doubt import Doubt, probability
 from penode.pmsm.balance.knee import spread_over_knees, with_knee
 from penode.pmsm.balance.term_evidence import judged
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.inverter import DeviceDrop, Inverter
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime
 from penode.pmsm.machine.term_registry import physical_values
 from penode.pmsm.recording.accuracy import Accuracy

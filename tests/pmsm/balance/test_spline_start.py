@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from penode.arrays import float64
+from penode.bench.coenergy_table import true_flux_map
+from penode.bench.machines import TRACTION_300A
 from penode.models.layout import Layout
 from penode.pmsm.balance.definite import held_definite, held_in_training
 from penode.pmsm.balance.smoothing import Roughness, smoothed
 from penode.pmsm.balance.spline_start import reach
 from penode.pmsm.balance.start import weak_start
-from penode.pmsm.bench.coenergy_table import true_flux_map
-from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.machine.coenergy_map import (
     HESSIAN,
     CoenergyPart,

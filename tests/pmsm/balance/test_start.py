@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from penode.bench.coenergy_table import true_flux_map
+from penode.bench.machines import TRACTION_300A
 from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.start import weak_start
 from penode.pmsm.balance.voltage_balance import harmonic_window
-from penode.pmsm.bench.coenergy_table import true_flux_map
-from penode.pmsm.bench.machines import TRACTION_300A
 
 
 @pytest.mark.parametrize("reciprocal", [True, False])

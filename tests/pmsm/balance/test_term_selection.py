@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from penode.bench.drive import Drive
+from penode.bench.inverter import DeadTime as BenchDeadTime
+from penode.bench.inverter import Inverter
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.term_selection import order_power, structure_of
 from penode.pmsm.balance.voltage_balance import BalanceForm
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.inverter import DeadTime as BenchDeadTime
-from penode.pmsm.bench.inverter import Inverter
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.study_settings import Study

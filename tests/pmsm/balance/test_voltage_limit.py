@@ -10,15 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from penode.bench import run as bench_run
+from penode.bench.drive import Drive
+from penode.bench.inverter import Inverter
+from penode.bench.machines import TRACTION_300A
+from penode.bench.run import simulate
+from penode.bench.voltage_limits import Circle, Hexagon
 from penode.errors import InputError
 from penode.pmsm.balance.usable import usable_stretches
 from penode.pmsm.balance.voltage_limit import below_limit
-from penode.pmsm.bench import run as bench_run
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.inverter import Inverter
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.run import simulate
-from penode.pmsm.bench.voltage_limits import Circle, Hexagon
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.precheck.recording_check import check_recordings
 from penode.pmsm.study import identify

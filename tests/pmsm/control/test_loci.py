@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from penode.bench.machines import COMSOL_300A
 from penode.errors import InputError
-from penode.pmsm.bench.machines import COMSOL_300A
 from penode.pmsm.control.controlled_machine import ControlledMachine
 from penode.pmsm.control.loci import (
     base_speed,

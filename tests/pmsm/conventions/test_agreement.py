@@ -6,12 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from penode.pmsm.bench.drive import DEFAULT_DRIVE
-from penode.pmsm.bench.inverter import DeadTime, Inverter
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
-from penode.pmsm.bench.winding import IronLoss, Winding
+from penode.bench.drive import DEFAULT_DRIVE
+from penode.bench.inverter import DeadTime, Inverter
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
+from penode.bench.winding import IronLoss, Winding
 from penode.pmsm.conventions.agreement import disagreement_of
 from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.recording.channels import drive_recording

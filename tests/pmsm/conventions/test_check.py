@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from penode.bench.current_sensors import CurrentSensors
+from penode.bench.drive import Drive
+from penode.bench.inverter import DeadTime, Inverter
+from penode.bench.machines import BRUSA_250A, COMSOL_300A, TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
+from penode.bench.sensors import Resolver, SpeedSensor
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.calibration import AS_RECORDED
 from penode.pmsm.balance.trial_balance import imitated_lag
 from penode.pmsm.balance.voltage_balance import harmonic_window
-from penode.pmsm.bench.current_sensors import CurrentSensors
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.inverter import DeadTime, Inverter
-from penode.pmsm.bench.machines import BRUSA_250A, COMSOL_300A, TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
-from penode.pmsm.bench.sensors import Resolver, SpeedSensor
 from penode.pmsm.conventions.balance import judge_delay
 from penode.pmsm.conventions.check import check_conventions, judge
 from penode.pmsm.conventions.motion import find_stepped_angle

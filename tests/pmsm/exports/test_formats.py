@@ -9,8 +9,8 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 from scipy.io import loadmat
 
+from penode.bench.map_import import read_flux_table
 from penode.errors import InputError
-from penode.pmsm.bench.map_import import read_flux_table
 from penode.pmsm.exports.formats import FORMATS, export
 from penode.pmsm.machine.flux_grid import read_grid
 from penode.pmsm.machine.flux_maps import draw_flux_map

@@ -9,13 +9,13 @@ import pytest
 
 import penode
 from penode.arrays import float64
+from penode.bench.coenergy_table import true_flux_map
+from penode.bench.machines import TRACTION_300A
 from penode.errors import InputError
 from penode.models.inputs import Inputs
 from penode.models.networks import ConvexGradient
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.start import weak_start
-from penode.pmsm.bench.coenergy_table import true_flux_map
-from penode.pmsm.bench.machines import TRACTION_300A
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.holds import HOLDS

@@ -8,12 +8,12 @@ import pytest
 
 from penode import Model, Predictor
 from penode.arrays import float64
+from penode.bench.drive import Drive
+from penode.bench.inverter import Inverter, RotorHold, StationaryHold
+from penode.bench.machines import Machine as BenchMachine
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.models.networks import ConvexGradient
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.inverter import Inverter, RotorHold, StationaryHold
-from penode.pmsm.bench.machines import Machine as BenchMachine
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.model import Machine

@@ -9,11 +9,11 @@ from asammdf import MDF
 from asammdf import Signal as MdfSignal
 from scipy.io import savemat
 
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.load import read
 from penode.data.table import Table
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.recording.guess import guess_study

@@ -12,9 +12,9 @@ from asammdf import Signal as MdfSignal
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.study import identify

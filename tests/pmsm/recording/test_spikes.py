@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from penode import Experiment
+from penode.bench.drive import Drive
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
 from penode.data.stretches import reasons_of
 from penode.pmsm.balance.usable import usable_stretches
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.machines import TRACTION_300A
-from penode.pmsm.bench.references import Lissajous
-from penode.pmsm.bench.run import simulate
 from penode.pmsm.recording import spikes
 from penode.pmsm.recording.spikes import without_spikes
 from penode.pmsm.study import identify

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from penode import Experiment, InputError
-from penode.pmsm.bench.drive import Drive
-from penode.pmsm.bench.machines import TRACTION_300A, torque
-from penode.pmsm.bench.run import Recording
-from penode.pmsm.bench.truth import Trace, Truth
+from penode.bench.drive import Drive
+from penode.bench.machines import TRACTION_300A, torque
+from penode.bench.run import Recording
+from penode.bench.truth import Trace, Truth
 from penode.pmsm.simulation.simulated_drive import COMPARED, deviation, share_beyond, torque_of
 from penode.pmsm.simulation.simulated_files import GRID, write_recording
 

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from penode.bench.run import Recording
 from penode.data.experiment import Experiment
-from penode.pmsm.bench.run import Recording
 from penode.pmsm.simulation.simulated_drive import torque_of
 
 _COLOURS = {"d": "#1768ac", "q": "#c8553d"}

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from penode.arrays import FloatArray, float64, on_device
-from penode.pmsm.bench.coenergy_table import tabulate
-from penode.pmsm.bench.run import Recording
+from penode.bench.coenergy_table import tabulate
+from penode.bench.run import Recording
 
 _D, _Q = "#1768ac", "#c8553d"
 

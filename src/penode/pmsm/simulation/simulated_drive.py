@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.bench.machines import torque
+from penode.bench.run import Recording
 from penode.data.experiment import Experiment
 from penode.errors import InputError
-from penode.pmsm.bench.machines import torque
-from penode.pmsm.bench.run import Recording
 from penode.pmsm.machine.flux_grid import read_grid
 
 #: Channels that are held against a recording.

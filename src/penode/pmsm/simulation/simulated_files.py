@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from penode.bench.run import Recording
+from penode.bench.truth import truth_of
 from penode.data.save import save
 from penode.fit.archive import to_json, write_atomically
-from penode.pmsm.bench.run import Recording
-from penode.pmsm.bench.truth import truth_of
 
 #: Points a side of the grid of the true map.
 GRID = 61
