@@ -84,7 +84,8 @@ def _error_grows(problem: LadderProblem, rungs: Sequence[HorizonFit]) -> bool:
     """Return whether the error grows with the horizon by more than chance.
 
     White noise of the sensors is all that a right model leaves, as large at every horizon: of the
-    values in a window those are spent that its start takes.
+    values in a window those are spent that its start takes. Of sensors that are not alike it may
+    take the noisiest, so a short window's error may be less by that part.
     """
     error, horizons = problem.objective.error, np.array([rung.horizon for rung in rungs])
     predicted = horizons * len(error.compared)
@@ -92,8 +93,9 @@ def _error_grows(problem: LadderProblem, rungs: Sequence[HorizonFit]) -> bool:
     kept = predicted > spent
     losses = np.array([rung.solution.terms.loss for rung in rungs])
     variance = (losses * predicted)[kept] / (predicted - spent)[kept]
+    floor = variance * (1 + len(error.free) / (predicted - spent)[kept])
     values = len(rungs[0].windows.states) * len(error.compared)
-    return bool(variance.max() > (1 + _GROWS * np.sqrt(2 / values)) * variance.min())
+    return bool(variance.max() > (1 + _GROWS * np.sqrt(2 / values)) * floor.min())
 
 
 @dataclass(frozen=True, eq=False)
