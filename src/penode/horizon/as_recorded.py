@@ -17,25 +17,14 @@ from penode.training.plan import Plan
 
 @dataclass(frozen=True, eq=False)
 class Climbed:
-    """A plan, what became of it, and what speaks against its solver.
-
-    Attributes
-    ----------
-    problem : LadderProblem
-    plan : Plan
-    climb : Climb
-    choice : Choice
-    objections : tuple of Objection
-        What the check of the solver says against the result; nothing where none was made.
-    coarse : Coarseness or None
-        None where the solver is fine, or was not examined.
-    """
+    """A plan, what became of it, and what speaks against its solver."""
 
     problem: LadderProblem
     plan: Plan
     climb: Climb
     choice: Choice
     objections: tuple[Objection, ...] = ()
+    # None where the solver is fine, or was not examined.
     coarse: Coarseness | None = None
 
     def cross_checked(self, start: Start) -> CrossCheck:
@@ -53,13 +42,8 @@ def climbed_as_recorded(
 ) -> Climbed:
     """Climb, and climb anew with another hold or more sub-steps where the recordings want them.
 
+    `climbed` climbs a plan from raw parameters (parameter,), or from the start where None is given.
     What is too coarse with 16 sub-steps stays as an objection.
-
-    Parameters
-    ----------
-    plan : Plan
-    climbed : callable
-        Climbs a plan from raw parameters (parameter,), or from the start where None is given.
     """
     found = climbed(plan, None)
     try:
@@ -77,12 +61,7 @@ def climbed_as_recorded(
 
 
 def examined(found: Climbed) -> Climbed:
-    """Return a climb with what its solver's check says; one that was interrupted as it is.
-
-    Parameters
-    ----------
-    found : Climbed
-    """
+    """Return a climb with what its solver's check says; one that was interrupted as it is."""
     if found.climb.interrupted:
         return found
     try:

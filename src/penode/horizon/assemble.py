@@ -39,23 +39,7 @@ _UNFINISHED = (
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """A climbed ladder and the choice made on it, of which a `Fit` is made.
-
-    Attributes
-    ----------
-    problem : LadderProblem
-        Objective, recordings and reported quantities.
-    start : Start
-        Where training began and what the data determine, before it.
-    plan : Plan
-        What was to be climbed.
-    rungs : sequence of HorizonFit
-        Shortest horizon first.
-    choice : Choice
-        The selector's answer.
-    check : CrossCheck
-        Of the choice; one that was interrupted makes the verdict ``"stopped"``.
-    """
+    """A climbed ladder and the choice made on it, of which a `Fit` is made."""
 
     problem: LadderProblem
     start: Start
@@ -70,15 +54,7 @@ class Assembly:
         return self.problem.objective.layout.physical
 
     def fit(self, validation: Sequence[Experiment], began: float) -> Fit:
-        """Return the fit, every recording predicted by the selected model.
-
-        Parameters
-        ----------
-        validation : sequence of Experiment
-            Recordings that were not trained on.
-        began : float
-            When training began, of ``time.monotonic``.
-        """
+        """Return the fit, every recording predicted; `began` is of ``time.monotonic``, s."""
         provenance = {
             **provenance_of((*self.problem.experiments, *validation)),
             "training_time_s": time.monotonic() - began,

@@ -141,13 +141,7 @@ class _Journal:
         return rungs[number] if number < len(rungs) else None
 
     def keep(self, rung: Rung) -> None:
-        """Write the record with one more rung.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be written.
-        """
+        """Write the record with one more rung."""
         self._record = replace(self._record, rungs=(*self._record.rungs, rung))
         try:
             write_atomically(self._path, text(self._record))

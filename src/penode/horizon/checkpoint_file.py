@@ -31,22 +31,12 @@ class Rung:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Content of the file.
+    """Content of the file."""
 
-    Attributes
-    ----------
-    asked, given : mapping of str to str
-        What was asked for, and what the climb was given, in words by name.
-    start : ndarray, shape (parameter,)
-        Raw parameters at which the climb began.
-    began : mapping
-        What it began with, as `packed` gives it.
-    rungs : tuple of Rung
-        Those that are finished.
-    """
-
+    # What was asked for, and what the climb was given, in words by name.
     asked: Mapping[str, str]
     given: Mapping[str, str]
+    # Raw parameters at which the climb began, and what it began with, as `packed` gives it.
     start: FloatArray
     began: Mapping[str, Any]
     rungs: tuple[Rung, ...] = ()

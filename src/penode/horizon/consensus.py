@@ -46,21 +46,15 @@ _UNSURE = 1e100
 
 @dataclass(frozen=True, eq=False)
 class Consensus:
-    """Physical parameters as rungs give them together, or as one gives them among them.
+    """Physical parameters (SI) as rungs give them together, or as one gives them among them.
 
-    Attributes
-    ----------
-    values : ndarray, shape (physical,)
-        Means weighted by precision, SI units.
-    parts : mapping of str to ndarray, shape (physical,)
-        Deviations by what they come from; their squares add. Statistics are infinite where most of
-        the weight is on rungs that do not know their own deviation.
-    mean : bool
-        Whether they are the rungs' mean, not those of the chosen rung alone.
+    `parts` are deviations by what they come from; their squares add. Statistics are infinite where
+    most of the weight is on rungs that do not know their own deviation.
     """
 
     values: FloatArray
     parts: Mapping[str, FloatArray]
+    # Whether they are the rungs' mean, not those of the chosen rung alone.
     mean: bool = True
 
     @property
@@ -73,10 +67,9 @@ class Consensus:
         """Return what agreeing rungs say together.
 
         The variance is that of the weighted influences, in which what horizons share counts as
-        shared and what is their own averages out, and half the square of the spread: influences do
-        not show a bias, and what biases a horizon biases the mean, but part of the spread is
-        the rungs' own chance, which is counted already. What priors add to the rungs' variances is
-        one belief, shared by all.
+        shared, and half the square of the spread: influences do not show a bias, but part of the
+        spread is the rungs' own chance, which is counted already. What priors add to the variances
+        is one belief, shared by all.
         """
         values, weights = _weighed(rungs)
         middle, spread = _middle(values, weights)
@@ -123,12 +116,6 @@ class Consensus:
         """Return what is reported of a climbed ladder: the mean over a plateau, else one rung's.
 
         A mean beside a bent valley of the loss is not reported either.
-
-        Parameters
-        ----------
-        choice : Choice
-        rungs : sequence of HorizonFit
-            All of them.
         """
         chosen, agreeing = rungs[choice.index], [rungs[k] for k in choice.agreeing]
         if choice.verdict in AVERAGED:
@@ -165,19 +152,9 @@ def averaged(
 ) -> FloatArray:
     """Return raw parameters (parameter,): physical ones as given, maps as rungs give them together.
 
-    The mean map is that of the mean physical parameters. To those given it follows along the valley
-    of a rung's loss, in which its coefficients c solve A_cc dc = -A_cp dp.
-
-    Parameters
-    ----------
-    problem : Problem
-        The rung's; all that moves and is not physical is a coefficient of a linear map.
-    rung : HorizonFit
-        One of the others, at a minimum.
-    rungs : sequence of HorizonFit
-        Those that agree.
-    values : ndarray, shape (physical,)
-        Physical parameters near theirs, SI units.
+    The mean map is that of the mean physical parameters. To those given (SI units) it follows along
+    the valley of a rung's loss, in which its coefficients c solve A_cc dc = -A_cp dp. All that
+    moves and is not physical has to be a coefficient of a linear map.
     """
     layout, weights = problem.objective.layout, map_weights(rungs)
     middle = np.sum([w * one.solution.raw for w, one in zip(weights, rungs, strict=True)], axis=0)
@@ -194,16 +171,7 @@ def retrained(
 ) -> FloatArray:
     """Return raw parameters (parameter,): physical ones as given, the others where loss is least.
 
-    Parameters
-    ----------
-    problem : Problem
-        The rung's.
-    rung : HorizonFit
-        At a minimum, from which the others follow.
-    values : ndarray, shape (physical,)
-        Physical parameters near the rung's, SI units.
-    optimiser : Optimiser
-        Trains the others.
+    The others follow from the rung's minimum, near which the given values (SI units) have to be.
     """
     layout = problem.objective.layout
     start = layout.with_physical(rung.solution.raw, values)

@@ -66,24 +66,12 @@ class Anchor:
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """What the cross-checks of a choice gave.
-
-    Attributes
-    ----------
-    contradictions : tuple of str
-        Of the choice, a sentence each.
-    objections : tuple of Objection
-        Contradictions so large that the result is implausible.
-    interrupted : bool
-        Whether a person stopped them by Ctrl-C before their end.
-    better : ndarray, shape (parameter,), or None
-        Raw parameters of less loss at the chosen horizon, elsewhere, that training from the start
-        alone found.
-    """
+    """What the cross-checks of a choice gave; objections make its result implausible."""
 
     contradictions: tuple[str, ...] = ()
     objections: tuple[Objection, ...] = ()
     interrupted: bool = False
+    # Raw parameters of less loss at the chosen horizon, found by training from the start alone.
     better: FloatArray | None = None
 
     def beside(self, sentences: Sequence[str]) -> "CrossCheck":
@@ -94,20 +82,7 @@ class CrossCheck:
 def cross_check(
     problem: LadderProblem, plan: Plan, climb: Climb, choice: Choice, start: Start
 ) -> CrossCheck:
-    """Return what contradicts the choice; nothing is checked after an interrupted climb.
-
-    Parameters
-    ----------
-    problem : LadderProblem
-        What was climbed.
-    plan : Plan
-        Its `detour` trains once more from the start; nothing is checked so without one.
-    climb : Climb
-    choice : Choice
-        Its horizon fit is checked.
-    start : Start
-        Where the ladder began, with its anchor.
-    """
+    """Return what contradicts the choice; nothing is checked after an interrupted climb."""
     if climb.interrupted:
         return CrossCheck()
     chosen, layout = climb.fits[choice.index], problem.objective.layout
@@ -127,14 +102,7 @@ def check_against_anchor(
 ) -> tuple[tuple[str, ...], tuple[Objection, ...]]:
     """Return what physical parameters contradict their anchors: small ones, and objections.
 
-    Parameters
-    ----------
-    rung : HorizonFit
-        The chosen one.
-    names : sequence of str
-        Physical parameters.
-    anchor : mapping of str to (float, float)
-        Value and deviation, SI units.
+    An anchor is a value and its deviation, SI units.
     """
     small, objections = [], []
     for k, name in enumerate(names):
@@ -159,23 +127,8 @@ def check_path_dependence(
 ) -> tuple[tuple[str, ...], FloatArray | None]:
     """Train once more at the chosen horizon from the start, and return what contradicts the ladder.
 
-    Parameters
-    ----------
-    problem : LadderProblem
-        What the ladder was climbed with.
-    plan : Plan
-        Its `detour` trains; nothing is checked without one.
-    chosen : HorizonFit
-        The ladder's.
-    start : ndarray, shape (parameter,)
-        Raw parameters at which the ladder began.
-
-    Returns
-    -------
-    sentences : tuple of str
-        One for each parameter that comes out elsewhere, at less loss.
-    better : ndarray, shape (parameter,), or None
-        Raw parameters there.
+    That is a sentence for each parameter that comes out elsewhere, at less loss, and the raw
+    parameters (parameter,) there. Nothing is checked if the plan has no `detour`.
     """
     optimiser = plan.detour
     if optimiser is None:

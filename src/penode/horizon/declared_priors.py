@@ -21,25 +21,11 @@ from penode.training.plan import Plan
 def with_declared_priors(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:
     """Return a plan whose loss has the priors that the model's parameters were declared with.
 
-    The data's loss is a mean of squares. A prior weighs against it as one more measurement of the
-    parameter does if its squared standardised distance is multiplied by the variance of an
-    independent residual over the number of all. That variance is what the parameter's sandwich
-    variance is over its variance under white residuals of variance one, for then a prior as sure as
-    the data counts as much as they do. The first horizon shows it, trained without priors.
-
-    Parameters
-    ----------
-    plan : Plan
-        One with `penode.engine.Priors` in its loss says by itself how strong they are, and stays.
-    start : Start
-        Where training begins.
-    experiments : sequence of Experiment
-        Recordings of one time step.
-
-    Raises
-    ------
-    InputError
-        If the predictions diverge at the first horizon.
+    The data's loss is a mean of squares. A prior weighs against it as one more measurement does if
+    its squared standardised distance is multiplied by the variance of an independent residual over
+    the number of all. That variance is the parameter's sandwich variance over its variance under
+    white residuals of variance one: a prior as sure as the data then counts as much. The first
+    horizon, trained without priors, shows it. A plan with `penode.engine.Priors` stays as it is.
     """
     layout, loss = Layout(start.model, len(experiments)), plan.loss
     declared = any(setting.prior for setting in layout.settings)
@@ -52,12 +38,7 @@ def with_declared_priors(plan: Plan, start: Start, experiments: Sequence[Experim
 def declared_priors(layout: Layout[Model], variance: FloatArray) -> tuple[GaussianPrior, ...]:
     """Return the priors declared with a model's parameters, one for each group that has any.
 
-    Parameters
-    ----------
-    layout : Layout
-        Of the model.
-    variance : ndarray, shape (value,)
-        For each value, of an independent residual over the number of all, in units of the loss.
+    `variance` (value,) is of an independent residual over the number of all, in units of the loss.
     """
     mean, deviation = layout.priors
     priors = []

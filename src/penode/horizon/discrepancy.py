@@ -42,15 +42,8 @@ def what_is_left_out(
 ) -> FloatArray:
     """Return what a discrepancy adds to the deviations of physical parameters, (physical,).
 
-    Parameters
-    ----------
-    problem : LadderProblem
-        What was climbed.
-    plan : Plan
-        Its stages.
-    rungs : sequence of HorizonFit
-    chosen : int
-        The last up to it whose windows are enough to show how their residuals vary is looked at.
+    It is looked for at the last rung up to the chosen one whose windows are enough to show how
+    their residuals vary.
     """
     physical = len(problem.objective.layout.physical)
     if len(rungs) > 1 and not _error_grows(problem, rungs):
@@ -100,21 +93,12 @@ def _error_grows(problem: LadderProblem, rungs: Sequence[HorizonFit]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Beside:
-    """A rung's problem with something left over.
-
-    Attributes
-    ----------
-    problem : Problem
-    raw : ndarray, shape (parameter,)
-        The rung's, with nothing left over.
-    left_over : ndarray of bool, shape (moving,)
-    blocks : int
-        Splines, one for each derivative and channel.
-    """
+    """A rung's problem with something left over; `raw` is the rung's, with nothing left over."""
 
     problem: Problem
     raw: FloatArray
     left_over: BoolArray
+    # How many splines, one for each derivative and channel.
     blocks: int
 
     @classmethod

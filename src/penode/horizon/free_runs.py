@@ -8,14 +8,7 @@ from penode.validation.free_run import free_run_errors
 
 
 def with_free_runs(problem: LadderProblem, climb: Climb) -> Climb:
-    """Return a climb whose rungs know the errors of their free runs.
-
-    Parameters
-    ----------
-    problem : LadderProblem
-    climb : Climb
-        Its climb.
-    """
+    """Return a climb whose rungs know the errors of their free runs."""
     layout, experiments = problem.objective.layout, problem.experiments
     with float64():
         models = [

@@ -109,20 +109,7 @@ PURPOSES = ("parameters", *_LOOK_AHEADS)
 
 
 def selector_for(purpose: str | Selector, experiments: Sequence[Experiment]) -> Selector:
-    """Return the rule that picks the horizon for a purpose.
-
-    Parameters
-    ----------
-    purpose : str or Selector
-        One of `PURPOSES`, or the rule itself.
-    experiments : sequence of Experiment
-        What may be predicted.
-
-    Raises
-    ------
-    InputError
-        If there is no such purpose.
-    """
+    """Return the rule that picks the horizon for one of `PURPOSES`, or the rule given."""
     if not isinstance(purpose, str):
         return purpose
     if purpose not in PURPOSES:

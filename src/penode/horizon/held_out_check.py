@@ -37,14 +37,7 @@ _REPAIR = (
 
 
 def validation_fails(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
-    """Yield an objection for each recording that was not trained on and is not predicted.
-
-    Parameters
-    ----------
-    fit : Fit
-    experiments : sequence of Experiment
-        Not looked at: what was recorded lies beside the predictions.
-    """
+    """Yield an objection for each recording that was not trained on and is not predicted."""
     errors = [_Errors.of(stretches) for stretches in stretches_of(fit.comparisons)]
     trained = [one for one in errors if one.whole.role == "train"]
     for one in errors:
@@ -56,13 +49,8 @@ def validation_fails(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Ob
 class _Errors:
     """The errors of a recording, its stretches together.
 
-    Attributes
-    ----------
-    whole : Comparison
-    states, residual, steps : ndarray, shape (step, state)
-        Measured states, one-step residuals, and what the states moved in the step.
-    moves, free, noise : ndarray, shape (state,)
-        Deviation of the states, free-run error, deviation of their noise.
+    (step, state): measured states, one-step residuals, and what the states moved in the step;
+    (state,): deviation of the states, free-run error, deviation of their noise.
     """
 
     whole: Comparison

@@ -29,22 +29,10 @@ _TIE, _BETTER, _EVALUATIONS = 0.1, 1.0, 8
 
 
 def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:
-    """Return a plan whose hold predicts the recordings best.
+    """Return a plan whose hold predicts the recordings best; of those as good the simplest.
 
-    An input that was computed stands still from one sample to the next; one that was sampled goes
-    straight, or as a band-limited signal does. A first horizon may show it best, where longer ones
-    show what else is wrong; or one in the middle, where noise hides it in the first. So that hold
-    is taken whose loss exceeds the least of any by least, at the horizon that speaks most against
-    it. Of holds that are as good the simplest.
-
-    Parameters
-    ----------
-    plan : Plan
-        With constant inputs, which stay where no other hold is better, and its penalties.
-    start : Start
-        Where training begins.
-    experiments : sequence of Experiment
-        Recordings of one time step.
+    It is the one whose loss exceeds the least of any by least, at the horizon that speaks most
+    against it: the first may show it best, or one in the middle, where noise hides it in the first.
     """
     if not start.model.inputs:
         return plan
@@ -62,16 +50,8 @@ def better_hold(
 ) -> tuple[Plan, FloatArray] | None:
     """Return a plan whose hold explains a rung better, and raw parameters there; None without one.
 
-    What noise hides at short horizons may decide at the one that was chosen, by which the
-    parameters are surest. Training goes on from the rung's parameters with each other hold.
-
-    Parameters
-    ----------
-    problem : LadderProblem
-        What was climbed.
-    plan : Plan
-    rung : HorizonFit
-        The chosen one.
+    What noise hides at short horizons may decide at the chosen one, by which the parameters are
+    surest. Training goes on from the rung's parameters with each other hold.
     """
     if not problem.model.inputs or plan.hold not in _HOLDS:
         return None

@@ -113,12 +113,8 @@ class LearnedPrior:
 def with_priors(plan: Plan, start: Start) -> Plan:
     """Return a plan that gives a learned part and what the model leaves out priors.
 
-    Parameters
-    ----------
-    plan : Plan
-        One with penalties says already what is believed of the learned part.
-    start : Start
-        One with checks of its own looks itself for what its model leaves out.
+    A plan with penalties says already what is believed of the learned part; a start with checks of
+    its own looks itself for what its model leaves out.
     """
     learned = _members(Layout(start.model)).any() and not plan.loss.penalties
     prior = plan.learned_prior or (LearnedPrior() if learned else None)
@@ -129,24 +125,17 @@ def with_priors(plan: Plan, start: Start) -> Plan:
 class _Belief:
     """What is believed of the learned part but for its amplitude and length.
 
-    Attributes
-    ----------
-    values : ndarray, shape (learned,)
-        About which the map is linear.
-    points : ndarray, shape (point, channel)
-        In ranges of what was visited.
-    effect : ndarray, shape (output, point)
-    slopes : ndarray, shape (output, point, learned)
-    unseen, fixed : Rows
-        Parameters that no point shows, believed to be as small as the amplitude says; and what is
-        believed whatever the amplitude.
+    About `values` (learned,) the map is linear: `effect` (output, point) and `slopes` (output,
+    point, learned) at `points` (point, channel), in ranges of what was visited.
     """
 
     values: FloatArray
     points: FloatArray
     effect: FloatArray
     slopes: FloatArray
+    # Parameters that no point shows, believed to be as small as the amplitude says.
     unseen: Rows
+    # What is believed whatever the amplitude.
     fixed: Rows
 
     @classmethod

@@ -213,16 +213,8 @@ def _of_starts(
 ) -> tuple[FloatArray, FloatArray]:
     """Return C_m of B = sum_m C_m q^m, (step, sample, free, state), and M, (sample, free, free).
 
-    C_m = (A')^(m+1) sum_(n < H - m) A^n' A^n, rows of the states whose starts are free.
-
-    Parameters
-    ----------
-    impulse : ndarray, shape (step, sample, state, state)
-        A^0 to A^(H-1).
-    last : ndarray, shape (sample, state, state)
-        A^H.
-    cost : ndarray, shape (free,)
-    free : ndarray of bool, shape (state,)
+    C_m = (A')^(m+1) sum_(n < H - m) A^n' A^n, rows of the states whose starts are free. `impulse`
+    is A^0 to A^(H-1), (step, sample, state, state), and `last` A^H.
     """
     horizon = len(impulse)
     squares = np.cumsum(np.einsum("isba,isbc->isac", impulse, impulse), axis=0)

@@ -45,27 +45,12 @@ _SAMPLES = 50
 def objections(
     fit: Fit, experiments: Sequence[Experiment], checks: Sequence[Check]
 ) -> tuple[Objection, ...]:
-    """Return what all checks find.
-
-    Parameters
-    ----------
-    fit : Fit
-    experiments : sequence of Experiment
-        What it was trained on, in the order of its training comparisons.
-    checks : sequence of Check
-    """
+    """Return what all checks find; recordings in the order of the fit's training comparisons."""
     return tuple(objection for check in checks for objection in check(fit, experiments))
 
 
 def guarded(check: Check, missed: list[str]) -> Check:
-    """Return a check that is left out by name where it fails: what was trained stands without it.
-
-    Parameters
-    ----------
-    check : Check
-    missed : list of str
-        Gets the sentence that names a check which fails.
-    """
+    """Return a check that is left out by name where it fails; `missed` gets the sentence."""
 
     def examine(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
         try:
@@ -80,11 +65,7 @@ def guarded(check: Check, missed: list[str]) -> Check:
 def with_objections(fit: Fit, raised: Sequence[Objection]) -> Fit:
     """Return the fit with objections, which turn a verdict that it is right.
 
-    Parameters
-    ----------
-    fit : Fit
-    raised : sequence of Objection
-        The first gives the reason, the others are warnings.
+    The first gives the reason, the others are warnings.
     """
     if not raised:
         return fit

@@ -43,15 +43,7 @@ class Choice:
 
 
 def choose(selector: "Selector", climb: Climb, plan: Plan) -> Choice:
-    """Return a selector's choice, marked as preliminary where the climb was interrupted.
-
-    Parameters
-    ----------
-    selector : Selector
-    climb : Climb
-    plan : Plan
-        What was to be climbed.
-    """
+    """Return a selector's choice, marked as preliminary where the climb was interrupted."""
     choice = selector.select(climb.fits)
     if not climb.interrupted:
         return choice
@@ -64,13 +56,8 @@ def choose(selector: "Selector", climb: Climb, plan: Plan) -> Choice:
 def believable(climb: Climb) -> Climb:
     """Return a climb whose rungs do not know what one of them claims to know beyond belief.
 
-    A deviation can collapse where a few windows cancel by chance, or where training ended at the
-    edge of numbers; and where predictions are unstable, all that they depend on seems sure. It
-    would outweigh all other rungs.
-
-    Parameters
-    ----------
-    climb : Climb
+    A deviation can collapse where a few windows cancel by chance, where training ended at the edge
+    of numbers, or where predictions are unstable; the rung would outweigh all others.
     """
     physical = len(climb.fits[0].influence)
     working = np.stack([rung.working[:physical] for rung in climb.fits])
@@ -219,14 +206,8 @@ def paired_deviation(a: HorizonFit, b: HorizonFit) -> FloatArray:
 def weighted_deviation(rungs: Sequence[HorizonFit], weights: FloatArray) -> FloatArray:
     """Return the deviation of a weighted sum of rungs' physical parameters, (physical,), SI units.
 
-    The influences are summed over bins of time by their place, and their weighted
-    sum is treated as one autocorrelated series: what the rungs share is counted as shared.
-
-    Parameters
-    ----------
-    rungs : sequence of HorizonFit
-        Of the same recordings.
-    weights : ndarray, shape (rung, physical) or (rung, 1)
+    Influences are summed over bins of time by their place, and their weighted sum, by weights
+    (rung, physical or 1), is one autocorrelated series: what the rungs share counts as shared.
     """
     width = max(rungs[0].series.samples // 1000, 16)
     longest = max(rung.series.bandwidth for rung in rungs)

@@ -22,13 +22,7 @@ _NEGLIGIBLE, _MUCH = 1.01, 1.5
 
 
 def best_in_free_run(rungs: Sequence[HorizonFit]) -> int:
-    """Return the index of the shortest rung whose free run errs as little as any, within 1 %.
-
-    Parameters
-    ----------
-    rungs : sequence of HorizonFit
-        With errors of their free runs (`penode.horizon.free_runs.with_free_runs`).
-    """
+    """Return the index of the shortest rung whose free run errs as little as any, within 1 %."""
     errors = _free_run_errors(rungs)
     return int(np.argmax(errors <= _NEGLIGIBLE * errors.min()))
 
@@ -36,12 +30,7 @@ def best_in_free_run(rungs: Sequence[HorizonFit]) -> int:
 def confirmed(choice: Choice, rungs: Sequence[HorizonFit]) -> Choice:
     """Return a choice, refused where another horizon simulates much better with other parameters.
 
-    Parameters
-    ----------
-    choice : Choice
-        Of a plateau; any other is returned as it is.
-    rungs : sequence of HorizonFit
-        With errors of their free runs.
+    Only the choice of a plateau is examined; any other is returned as it is.
     """
     found = _better(choice, rungs)
     if found is None or found[1] < _MUCH:
@@ -63,14 +52,7 @@ def confirmed(choice: Choice, rungs: Sequence[HorizonFit]) -> Choice:
 
 
 def parting(choice: Choice, rungs: Sequence[HorizonFit]) -> tuple[str, ...]:
-    """Return a sentence where the best simulation has other parameters than the plateau.
-
-    Parameters
-    ----------
-    choice : Choice
-    rungs : sequence of HorizonFit
-        With errors of their free runs.
-    """
+    """Return a sentence where the best simulation has other parameters than the plateau."""
     found = _better(choice, rungs)
     if found is None:
         return ()

@@ -44,28 +44,15 @@ _SAMPLES, _STEP, _SETS = 200, 1e-3, 0.1
 
 @dataclass(frozen=True)
 class Coarseness:
-    """A solver that is too coarse for what was trained with it.
-
-    Attributes
-    ----------
-    solver : Solver
-        The solver in question.
-    count : int
-        Sub-steps that suffice by the solver's order, a power of two times those it takes; above
-        `MOST` where that is out of reach.
-    reason : str
-        What shows it, as a sentence.
-    stiffness : float
-        Fastest rate of the model along the recordings times the length of a sub-step.
-    near : ndarray, shape (parameter,), or None
-        Raw parameters where training with a finer solver will end, to first order; None where the
-        error is so large that they may be an alias, and training has to begin at its start.
-    """
+    """A solver that is too coarse for what was trained with it."""
 
     solver: Solver
+    # Sub-steps that suffice by the solver's order; above `MOST` where that is out of reach.
     count: int
     reason: str
+    # Fastest rate of the model along the recordings times the length of a sub-step.
     stiffness: float
+    # Raw parameters where a finer solver ends, to first order; None where these may be an alias.
     near: FloatArray | None = None
 
     @property
@@ -104,23 +91,9 @@ def too_coarse(
     """Return what twice as many sub-steps show of the solver at the chosen rung, if too coarse.
 
     To first order the minimum moves by A^-1 times the change of the descent S'r: one evaluation
-    takes the place of another training. It is too coarse if a physical parameter moves by more
-    than a tenth of its deviation, or the error by what a person would see. At an alias deviations
-    may be unknown; then the model's fastest rate may not be fast beside a step either.
-
-    Parameters
-    ----------
-    problem : LadderProblem
-        What was climbed.
-    plan : Plan
-    climb : Climb
-    choice : Choice
-        Of one of its rungs.
-
-    Returns
-    -------
-    Coarseness or None
-        None where the solver is fine, or starts from several samples and takes no sub-steps.
+    takes the place of another training. It is too coarse if a physical parameter moves by more than
+    a tenth of its deviation, or the error by what a person would see. At an alias deviations may be
+    unknown; then the model's fastest rate may not be fast beside a step either.
     """
     if problem.objective.predictor.past > 1:
         return None
@@ -162,13 +135,7 @@ def too_coarse(
 def too_fast(
     problem: LadderProblem, plan: Plan, climb: Climb, choice: Choice
 ) -> tuple[Objection, ...]:
-    """Return the objection to parameters of a rate that is gone before the next sample.
-
-    Parameters
-    ----------
-    problem, plan, climb, choice
-        As `too_coarse` takes them.
-    """
+    """Return the objection to parameters of a rate that is gone before the next sample."""
     rung = climb.fits[choice.index]
     unsure = _unsure_rates(problem, rung, Consensus.reported(choice, climb.fits))
     rate = _fastest(rung, rung.model) * substeps(plan.solver) if unsure else 0.0
@@ -191,16 +158,9 @@ def _share(moved: FloatArray, limits: FloatArray) -> FloatArray:
 def _doubled(
     problem: LadderProblem, plan: Plan, index: int, rung: HorizonFit
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return what doubling changes.
+    """Return what doubling moves raw and physical parameters (SI) by, and the error's change.
 
-    Returns
-    -------
-    step : ndarray, shape (parameter,)
-        Of the raw parameters.
-    moved : ndarray, shape (physical,)
-        What it moves the physical parameters by, SI units.
-    seen : float
-        How the error changes, over what is visible.
+    The error's is over what is visible.
     """
     before, stage = rung.objective or problem.objective, plan.stages[index]
     solver = with_substeps(plan.solver, 2 * substeps(plan.solver))

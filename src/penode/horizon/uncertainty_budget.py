@@ -64,16 +64,6 @@ def raw_shifts(
     """Return what each imperfection moves the estimate by, shape (imperfection, parameter), raw.
 
     To first order the minimum moves by A^-1 times the change of S'r, the descent.
-
-    Parameters
-    ----------
-    problem : LadderProblem
-    plan : Plan
-    stage : Stage
-        Of the plan.
-    rung : HorizonFit
-        At the stage's minimum.
-    imperfections : sequence of Imperfection
     """
     raw, terms = rung.solution.raw, rung.solution.terms
     shifts = np.zeros((len(imperfections), len(raw)))
@@ -89,16 +79,7 @@ def raw_shifts(
 def budget(
     shown: Mapping[str, float], imperfections: Sequence[Imperfection], shifts: FloatArray
 ) -> tuple[Contribution, ...]:
-    """Return the uncertainty budget of one quantity, the largest contribution first.
-
-    Parameters
-    ----------
-    shown : mapping of str to float
-        Standard deviations that the data show, by what they come from, in the quantity's unit.
-    imperfections : sequence of Imperfection
-    shifts : ndarray, shape (imperfection,)
-        What each of them moves the quantity by, in its unit.
-    """
+    """Return a quantity's uncertainty budget, largest first, from parts and shifts in its unit."""
     rows = {
         source: Contribution(source, std, remedy=_REMEDIES.get(source, ""))
         for source, std in shown.items()
