@@ -30,26 +30,10 @@ _PARTS = 10
 def summed(
     error: PredictionError, raw: FloatArray, windows: Windows, normal: bool = True
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return sums over windows, by the parameters' values.
+    """Return sums over windows: r'r, S'S (value, value), and S'r of each window, (value, window).
 
-    Parameters
-    ----------
-    error : PredictionError
-    raw : ndarray, shape (parameter,)
-        Raw parameters.
-    windows : Windows
-        One program serves every horizon and number of windows cut from the same recordings.
-    normal : bool
-        Whether the normal matrix is wanted; what is returned in its place means nothing.
-
-    Returns
-    -------
-    squares : ndarray, shape ()
-        Sum of r'r.
-    normal : ndarray, shape (value, value)
-        Sum of S'S.
-    scores : ndarray, shape (value, window)
-        S'r of each window.
+    One program serves every horizon and number of windows cut from the same recordings. Where
+    `normal` is not wanted, what is returned in its place means nothing.
     """
     width, order = _width(error), _neighbours(windows)
     least = STRANDS * width

@@ -42,18 +42,8 @@ _MANY_WINDOWS = 20
 def bartlett(series: FloatArray, bandwidth: int) -> FloatArray:
     """Return sum over lags |l| < bandwidth of (1 - |l| / bandwidth) sum_t s_t s_(t+l)'.
 
-    Parameters
-    ----------
-    series : ndarray, shape (parameter, time)
-        Scores or influences, ordered in time.
-    bandwidth : int
-        Lags beyond it are taken as uncorrelated.
-
-    Returns
-    -------
-    ndarray, shape (parameter, parameter)
-        Positive semidefinite (Newey and West 1987, doi:10.2307/1913610), computed as the sum of
-        squared overlapping block sums.
+    The series is (parameter, time). Positive semidefinite (Newey and West 1987,
+    doi:10.2307/1913610), computed as the sum of squared overlapping block sums.
     """
     blocks = _block_sums(series, bandwidth)
     with np.errstate(over="ignore", invalid="ignore"):  # overflow is reported as unknown
@@ -75,19 +65,11 @@ def _block_sums(series: FloatArray, bandwidth: int) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ScoreSeries:
-    """How the columns of scores or influences lie in time, and over what they are correlated.
+    """How the columns of scores or influences lie in time, and over what they are correlated."""
 
-    Attributes
-    ----------
-    places : ndarray of int, shape (column,)
-        The sample that a column belongs to: the middle of its window, or itself.
-    samples : int
-        Of all recordings.
-    bandwidth : int
-        HAC bandwidth in samples.
-    """
-
+    # The sample that a column belongs to: the middle of its window, or itself.
     places: IntArray
+    # Samples of all recordings, and of the HAC bandwidth.
     samples: int
     bandwidth: int
 
@@ -197,13 +179,8 @@ def dominated_by_few_windows(terms: GaussNewtonTerms, jacobian: FloatArray) -> B
 def sandwich(terms: GaussNewtonTerms, series: ScoreSeries) -> FloatArray:
     """Return A^-1 B A^-1, shape (parameter, parameter), however short the recordings are.
 
-    Parameters
-    ----------
-    terms : GaussNewtonTerms
-        At the minimum; A is the sum of S'S, B the HAC covariance of the scores plus the
-        variance of Gaussian priors.
-    series : ScoreSeries
-        Of the terms' scores.
+    A is the sum of S'S at the minimum, B the HAC covariance of the scores plus the variance of
+    Gaussian priors.
     """
     inverse = terms.inverse
     meat = bartlett(terms.scores, series.lags) + terms.prior
@@ -216,15 +193,8 @@ def sandwich_deviation(
 ) -> FloatArray:
     """Return the deviations of reported quantities from A^-1 B A^-1, shape (reported,), SI units.
 
-    Parameters
-    ----------
-    terms : GaussNewtonTerms
-        As in `sandwich`.
-    jacobian : ndarray, shape (reported, parameter)
-        Derivative of the reported quantities.
-    series : ScoreSeries
-        Of the terms' scores. One that is not long enough cannot show how residuals vary; its
-        deviations are good enough to stop an optimiser by, or to compare horizons.
+    The Jacobian is (reported, parameter). A series that is not long enough cannot show how
+    residuals vary; its deviations are good enough to stop an optimiser by, or to compare horizons.
     """
     along = jacobian @ terms.inverse
     variance = bartlett_variance(along @ terms.scores, series.lags)
@@ -233,13 +203,7 @@ def sandwich_deviation(
 
 
 def prior_deviation(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:
-    """Return what Gaussian priors add to the deviations, shape (reported,); no window shows it.
-
-    Parameters
-    ----------
-    terms, jacobian
-        As in `sandwich_deviation`.
-    """
+    """Return what Gaussian priors add to the deviations, shape (reported,); no window shows it."""
     return np.sqrt(_prior_variance(terms, jacobian @ terms.inverse))
 
 
@@ -254,11 +218,6 @@ def undetermined(terms: GaussNewtonTerms, jacobian: FloatArray) -> BoolArray:
 
     A direction in which the normal matrix is flat has no variance in a pseudo-inverse, but none
     that is known. A row without any is of a quantity that the data determine.
-
-    Parameters
-    ----------
-    terms, jacobian
-        As in `sandwich_deviation`.
     """
     flat = flat_directions(terms.normal)
     largest = np.maximum(np.abs(jacobian).max(axis=1, keepdims=True), 1e-300)
@@ -271,11 +230,5 @@ def undetermined(terms: GaussNewtonTerms, jacobian: FloatArray) -> BoolArray:
 
 
 def influence(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:
-    """Return what each window contributed to each reported quantity, shape (reported, window).
-
-    Parameters
-    ----------
-    terms, jacobian
-        As in `sandwich_deviation`.
-    """
+    """Return what each window contributed to each reported quantity, shape (reported, window)."""
     return np.asarray(jacobian @ terms.inverse @ terms.scores)

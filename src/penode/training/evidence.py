@@ -27,20 +27,13 @@ _WHOLE, _NUGGET = 1.0, 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What data say of the learned parameters, a Gaussian about where training ended.
+    """What data say of the learned parameters, a Gaussian about where training ended."""
 
-    Attributes
-    ----------
-    matrix : ndarray, shape (learned, learned)
-        Inverse covariance, everything else estimated too.
-    slope : ndarray, shape (learned,)
-        Of the log likelihood.
-    variance : float
-        Of one independent residual: by it sums of squared residuals are divided.
-    """
-
+    # Inverse covariance (learned, learned), everything else estimated too.
     matrix: FloatArray
+    # Of the log likelihood, (learned,).
     slope: FloatArray
+    # Of one independent residual: by it sums of squared residuals are divided.
     variance: float
 
     @classmethod
@@ -48,17 +41,9 @@ class Information:
         """Return the information of data without penalties.
 
         Residuals within a window, of windows that overlap, and of a model that misfits, are not
-        independent. The likelihood is taken to the power at which its curvature agrees with the
-        HAC covariance of the scores, on average over the learned directions (M. Ribatet, D. Cooley
-        and A. C. Davison, Stat. Sinica 22 (2012) 813, doi:10.5705/ss.2009.248).
-
-        Parameters
-        ----------
-        terms : GaussNewtonTerms
-            Of the data alone.
-        learned : ndarray of bool, shape (moving,)
-        series : ScoreSeries
-            Of the terms' scores.
+        independent. The likelihood is taken to the power at which its curvature agrees with the HAC
+        covariance of the scores, on average over the learned directions (M. Ribatet, D. Cooley and
+        A. C. Davison, Stat. Sinica 22 (2012) 813, doi:10.5705/ss.2009.248).
         """
         normal, scores = terms.normal, terms.scores
         others = ~learned
@@ -82,11 +67,7 @@ class Information:
 class Rows:
     """Linear combinations of the learned parameters believed to be of mean 0 and deviation 1.
 
-    Attributes
-    ----------
-    slopes : ndarray, shape (row, learned)
-    here : ndarray, shape (row,)
-        Their values where training ended.
+    `slopes` is (row, learned), and `here` (row,) their values where training ended.
     """
 
     slopes: FloatArray
@@ -117,21 +98,12 @@ def _solved(matrix: FloatArray, right: FloatArray) -> tuple[float, float]:
 
 
 def process_rows(points: FloatArray, length: float, values: FloatArray) -> FloatArray:
-    """Return values at points, whitened by a Gaussian process of deviation 1.
+    """Return values (output, point, ...) at points, whitened by a Gaussian process of deviation 1.
 
-    It is the sum of two of equal variance and of Matérn's covariance of order 3/2, of which cubic
-    splines are the sample mean: one of the given length, and one as long as the region. What goes
-    on over the whole region, which physical terms can often do too, is so believed to be as large
-    as what the data show of the rest.
-
-    Parameters
-    ----------
-    points : ndarray, shape (point, channel)
-        In ranges of the region.
-    length : float
-        In ranges.
-    values : ndarray, shape (output, point, ...)
-        Each output is a process of its own.
+    Each output is a process of its own; points (point, channel) and the length are in ranges of the
+    region. It is the sum of two of equal variance and of Matérn's covariance of order 3/2, of which
+    cubic splines are the sample mean: one of the given length, and one as long as the region, so
+    that what goes on over all of it, as physical terms can, is believed to be as large as the rest.
     """
     distance = np.sqrt(3.0) * cdist(points, points)
     both = [(1 + distance / one) * np.exp(-distance / one) for one in (length, _WHOLE)]

@@ -57,15 +57,7 @@ def sums_without_starts(
 
     The pass that sums them shows as well what is left of each start's way to its minimum, and takes
     it off. Mostly one step before it is enough; where it is not, the starts are looked for first.
-
-    Parameters
-    ----------
-    error : PredictionError
-    values : array, shape (value, 1)
-    horizon : scalar array
-    batch : Batch
-    normal : NormalMatrix
-        What S'S is added to.
+    Values are (value, 1); S'S is added to `normal`.
     """
     width = len(batch.starts)
     each = jnp.broadcast_to(values, (len(values), width))
@@ -122,16 +114,7 @@ def at_their_minimum(
 ) -> tuple[JaxArray, JaxArray]:
     """Return corrections (free, batch) at their minimum, SI units, and minus how they follow.
 
-    Parameters
-    ----------
-    error, values, horizon, batch, normal
-        As in `sums_without_starts`.
-
-    Returns
-    -------
-    correction : array, shape (free, batch)
-    follow : array, shape (free, value, batch)
-        What a start's correction shrinks by as a parameter grows.
+    The latter is what each shrinks by as a parameter grows, (free, value, batch).
     """
     width = len(batch.starts)
     each = jnp.broadcast_to(values, (len(values), width))

@@ -25,29 +25,14 @@ _MATTERS = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Visits:
-    """States and inputs at the starts of windows, the estimated starts in them.
-
-    Attributes
-    ----------
-    states : ndarray, shape (visit, state)
-        SI units.
-    inputs : ndarray, shape (visit, input)
-    """
+    """States (visit, state) and inputs (visit, input), SI, at windows' starts as estimated."""
 
     states: FloatArray
     inputs: FloatArray
 
     @classmethod
     def of(cls, error: PredictionError, raw: FloatArray, windows: Windows) -> "Visits":
-        """Return some hundred visits evenly over the recordings.
-
-        Parameters
-        ----------
-        error : PredictionError
-        raw : ndarray, shape (parameter,)
-            At which free starts are estimated.
-        windows : Windows
-        """
+        """Return some hundred visits evenly over the recordings, free starts estimated at `raw`."""
         few = _evenly(windows, min(windows.horizon, _STEPS * windows.states.shape[1]))
         states = start_states(error, raw, few)
         return cls(states, few.inputs[few.starts, : len(error.model.inputs)])
@@ -84,17 +69,11 @@ class LearnedEffect:
     """The learned part of a model in its derivative, about given values.
 
     All is in units of the derivative's deviation over the visits, state by state.
-
-    Attributes
-    ----------
-    layout : Layout
-    values : ndarray, shape (value,)
-    scale : ndarray, shape (state,)
-        Deviations of the derivatives, SI units per second.
     """
 
     layout: Layout[Model]
     values: FloatArray
+    # Deviations of the derivatives, (state,), SI units per second.
     scale: FloatArray
 
     @classmethod

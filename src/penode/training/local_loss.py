@@ -25,14 +25,6 @@ class LocalLoss:
 
     Rollouts are dear and penalties are cheap. A penalty that begins at a limit is another beyond
     it, and a step that sees only its slopes on this side goes far across, or to and fro.
-
-    Attributes
-    ----------
-    problem : Problem
-    raw : ndarray, shape (parameter,)
-        The point.
-    terms : GaussNewtonTerms
-        Of the moving parameters there.
     """
 
     problem: Problem
@@ -40,13 +32,7 @@ class LocalLoss:
     terms: GaussNewtonTerms
 
     def step(self, damping: float) -> FloatArray:
-        """Return the damped step of the moving parameters, shape (moving,).
-
-        Parameters
-        ----------
-        damping : float
-            Relative to the scaled diagonal of the normal matrix.
-        """
+        """Return the step (moving,), damped relative to the normal matrix's scaled diagonal."""
         scale = marquardt_scale(self.terms.normal)
         held = damping * scale**2
         step, decrease, here = np.zeros(len(scale)), 0.0, self._penalties

@@ -135,14 +135,7 @@ class PriorRule(Protocol):
     def joined(self, problem: Problem, raw: FloatArray, cold: bool) -> tuple[Problem, FloatArray]:
         """Return the problem with a prior in its loss, and where training begins.
 
-        Parameters
-        ----------
-        problem : Problem
-            Of one horizon.
-        raw : ndarray, shape (parameter,)
-            Where training would begin.
-        cold : bool
-            Whether nothing was trained before.
+        `raw` (parameter,) is where it would begin, `cold` whether nothing was trained before.
         """
         ...
 

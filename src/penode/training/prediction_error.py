@@ -32,28 +32,18 @@ from penode.training.loss import NO_FILTER, Loss, every_step, states
 
 
 class Batch(eqx.Module):
-    """Windows inside compiled code.
+    """Windows inside compiled code."""
 
-    Attributes
-    ----------
-    states : array, shape (state, time)
-        Measured states of all recordings.
-    inputs : array, shape (input, time)
-        Or (place * input, time * sub-step) of a predictor with an `InputTable`.
-    starts : array of int, shape (batch,)
-    recording : array of int, shape (batch,)
-        Which recording each window is cut from.
-    used : array, shape (batch,)
-        1 for windows that count and 0 for padding.
-    substeps : array of int, shape ()
-        Of each sample, of a predictor with an `InputTable`; 1 of others.
-    """
-
+    # Measured states (state, time) of all recordings.
     states: JaxArray
+    # (input, time), or (place * input, time * sub-step) of a predictor with an `InputTable`.
     inputs: JaxArray
     starts: JaxArray
+    # Which recording each window is cut from, (batch,).
     recording: JaxArray
+    # 1 for windows that count and 0 for padding, (batch,).
     used: JaxArray
+    # Of each sample, of a predictor with an `InputTable`; 1 of others.
     substeps: JaxArray
 
     def drive(self, step: JaxArray) -> Drive:
@@ -104,17 +94,8 @@ def compiled_windows(
     """Return the windows for compiled code, padded to a length: one program for a whole ladder.
 
     The last window pads: a rollout from elsewhere could overflow, and zero times that is nan.
-    Recordings are padded too, so that others of about the same length share the program.
-
-    Parameters
-    ----------
-    error : PredictionError
-    windows : Windows
-        Their inputs prepared by its predictor.
-    capacity : int
-        Windows there is room for.
-    order : ndarray of int, shape (window,), optional
-        Which window comes first, second, and so on; as they are by default.
+    Recordings are padded too, so that others of about the same length share the program. The
+    windows' inputs are those that the predictor prepared.
     """
     order = np.arange(len(windows.starts)) if order is None else order
     order = np.pad(order, (0, capacity - len(order)), mode="edge")
@@ -145,25 +126,9 @@ def _compiled_inputs(predictor: Predictor, inputs: FloatArray) -> JaxArray:
 class PredictionError:
     """Scaled k-step-ahead error of a model.
 
-    Two are equal if one compiled program serves both that takes the scale as an argument and
-    leaves out the penalties.
-
-    Attributes
-    ----------
-    predictor : Predictor
-        Solver and time step.
-    layout : Layout
-        Of the model.
-    scale : array, shape (quantity,)
-        Errors are divided by it; in the units of the loss's domain.
-    loss : Loss
-
-    Raises
-    ------
-    InputError
-        If the loss frees a state the model does not have, a start is to be estimated with a
-        predictor that needs more than one past sample, or errors are measured in another domain
-        than the states of a model with unmeasured ones.
+    Errors are divided by `scale` (quantity,), in the units of the loss's domain. Two are equal if
+    one compiled program serves both that takes the scale as an argument and leaves out the
+    penalties.
     """
 
     predictor: Predictor
@@ -230,20 +195,9 @@ class PredictionError:
         return np.array([k for k, n in enumerate(self.model.states) if n not in unmeasured])
 
     def start(self, parts: Parts, correction: JaxArray, batch: Batch) -> JaxArray:
-        """Return where predictions start: what the sensors read, corrected, and its past.
+        """Return where predictions start, (past, state, batch), present first: what sensors read.
 
-        Parameters
-        ----------
-        parts : tuple of arrays, shape (part, batch or 1)
-            Values of each parameter (`penode.models.layout.Layout.split`).
-        correction : array, shape (free, batch)
-            Added to the free states, SI units.
-        batch : Batch
-
-        Returns
-        -------
-        array, shape (past, state, batch)
-            Present state first.
+        The correction (free, batch), SI units, is added to the free states.
         """
         model = self._model(parts, batch)
         past = [

@@ -20,22 +20,9 @@ from penode.training.sensitivities import Columns, Recursion, along
 
 
 def sample_scores(error: PredictionError, raw: FloatArray, windows: Windows) -> FloatArray:
-    """Return S'r by the sample that is predicted, the windows' starts eliminated.
+    """Return S'r by the sample predicted, (value, sample), the windows' starts eliminated.
 
-    Their sum over samples is that of the windows' scores.
-
-    Parameters
-    ----------
-    error : PredictionError
-    raw : ndarray, shape (parameter,)
-        Raw parameters.
-    windows : Windows
-        A few of them: all go through at once.
-
-    Returns
-    -------
-    ndarray, shape (value, sample)
-        By the parameters' values.
+    Their sum over samples is that of the windows' scores. Windows go through all at once: only few.
     """
     with float64():
         batch = compiled_windows(error, windows, shared_length(len(windows.starts)))

@@ -119,9 +119,9 @@ def _reach(reach: float, gain: float) -> float:
     """Return the fraction of a step at which the loss was least, a parabola through what is known.
 
     The quadratic model fell by 2 t - t^2 along a fraction t of the step, the loss by a parabola of
-    the same slope and another curvature: where a kink of the model is passed, such as a current's
-    change of sign, that is larger than what Gauss and Newton see, and full steps would go to and
-    fro. It grows by doubling: beyond a step that was taken there may be what no parabola shows.
+    the same slope and another curvature: larger where a kink of the model is passed, such as a
+    current's change of sign, and full steps would go to and fro. It grows by doubling: beyond a
+    step that was taken there may be what no parabola shows.
     """
     curvature = max(2 - max(gain, -1e3) * (2 - reach), 1e-3)
     return float(np.clip(reach / curvature, _SHORTEST, min(2 * reach, 1.0)))

@@ -22,13 +22,7 @@ Carry = TypeVar("Carry")
 
 
 class Columns(NamedTuple):
-    """Slopes by the parameters' values and by the corrections of free starts, kept apart.
-
-    Attributes
-    ----------
-    shared : array, shape (..., value, batch)
-    own : array, shape (..., free, batch)
-    """
+    """Slopes (..., column, batch) by the parameters' values and by corrections of free starts."""
 
     shared: JaxArray
     own: JaxArray
@@ -39,23 +33,15 @@ class Columns(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Sums over the steps of each window; r is the residual, S = -dr/d(column).
+    """Sums over the steps of each window; r is the residual, S = -dr/d(column)."""
 
-    Attributes
-    ----------
-    squares : array, shape (batch,)
-        r'r.
-    scores : Columns of shape (column, batch)
-        S'r.
-    mixed : Columns of shape (free, column, batch)
-        Rows of S'S that belong to the window's own columns, those of its start.
-    normal : NormalMatrix
-        S'S of the shared columns, summed over windows too.
-    """
-
+    # r'r, (batch,).
     squares: JaxArray
+    # S'r, (column, batch).
     scores: Columns
+    # Rows of S'S of the window's own columns, those of its start, (free, column, batch).
     mixed: Columns
+    # S'S of the shared columns, summed over windows too.
     normal: NormalMatrix
 
 
@@ -69,19 +55,9 @@ def window_sums(
 ) -> Sums:
     """Predict a batch of windows and sum what Gauss and Newton need.
 
-    Parameters
-    ----------
-    error : PredictionError
-    values : array, shape (value, batch or 1)
-        Parameters, one column a window; a single column where none of them is a column of S.
-    correction : array, shape (free, batch)
-        Of the windows' starts, SI units.
-    horizon : scalar array
-        Steps, known at run time only.
-    batch : Batch
-    normal : NormalMatrix
-        What S'S of the parameters is added to; of size 0 where only the windows' own starts are
-        columns.
+    Values are (value, batch), or (value, 1) where no parameter is a column of S; the correction of
+    starts is (free, batch), SI units. S'S is added to `normal`, of size 0 where only the starts are
+    columns.
     """
     free, width = len(error.free), len(batch.starts)
     lead = len(normal.lower)
@@ -99,23 +75,13 @@ def window_sums(
 
 @dataclass(frozen=True, eq=False)
 class Recursion:
-    """The sensitivity S = dx/d(column) of a batch of windows, from its start to each step.
-
-    Attributes
-    ----------
-    error : PredictionError
-    parts : tuple of arrays
-        Values of each parameter.
-    horizon : scalar array
-    batch : Batch
-    shared : int
-        Columns that are parameters; none where only the free starts are columns.
-    """
+    """The sensitivity S = dx/d(column) of a batch of windows, from its start to each step."""
 
     error: PredictionError
     parts: Parts
     horizon: JaxArray
     batch: Batch
+    # Columns that are parameters; none where only the free starts are columns.
     shared: int
 
     def over_steps(
@@ -124,17 +90,10 @@ class Recursion:
         add: Callable[[JaxArray, JaxArray, Columns, Carry], Carry],
         carry: Carry,
     ) -> Carry:
-        """Visit each step's filtered residual and slopes.
+        """Visit each step's filtered residual and slopes; corrections (free, batch) in SI units.
 
-        Parameters
-        ----------
-        correction : array, shape (free, batch)
-            Of the windows' starts, SI units.
-        add : callable
-            ``add(k, residual, slopes, carry) -> carry`` at step k of a window: residual (output,
-            batch) and slopes of shape (output, column, batch), of sample k + 1.
-        carry : pytree
-            What is accumulated.
+        ``add(k, residual, slopes, carry) -> carry`` gets the residual (output, batch) and slopes
+        (output, column, batch) of sample k + 1.
         """
         start, first = self.start(correction)
         prefilter, batch = self.error.loss.prefilter, self.batch

@@ -144,12 +144,7 @@ def weak_regression(
 class HannWindow:
     """The test function w of the weak form, moved along a recording by quarters of its length.
 
-    Attributes
-    ----------
-    time_step : float
-        s.
-    length : int
-        Samples from one end to the other.
+    The length is in samples from one end to the other, the time step in s.
     """
 
     time_step: float
@@ -170,18 +165,9 @@ class HannWindow:
         return self._sums(values[:-1], np.diff(area) * self.length * self.time_step)
 
     def of_transformed(self, values: FloatArray, matrices: FloatArray) -> FloatArray:
-        """Return the integral of w M s + w' s for a matrix M of each sample.
+        """Return the integral of w M s + w' s, shape (window, state, coefficient).
 
-        Parameters
-        ----------
-        values : ndarray, shape (time, state, coefficient)
-            s.
-        matrices : ndarray, shape (time, state, state)
-            M.
-
-        Returns
-        -------
-        ndarray, shape (window, state, coefficient)
+        s is (time, state, coefficient), M a matrix of each sample, (time, state, state).
         """
         states, coefficients = values.shape[1:]
         along = self._windows(matrices, self.length + 1, self._stride)
