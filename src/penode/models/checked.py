@@ -64,19 +64,7 @@ _FOLDED: dict[str, Callable[..., Any]] = {
 
 
 def require_sound(model: Any) -> None:
-    """Refuse a model with a mistake that shapes alone show; nothing is compiled.
-
-    Parameters
-    ----------
-    model : Model
-        An instance, with start values.
-
-    Raises
-    ------
-    InputError
-        If names, units or fields are wrong, a method fails or returns another shape than it
-        should, or a physical parameter acts nowhere.
-    """
+    """Refuse a model with a mistake that shapes alone show; nothing is compiled."""
     require_declared(model)
     kind, rows = type(model), len(model.states)
     acting: set[int] = set()

@@ -13,18 +13,7 @@ from penode.models.layout import Layout
 
 
 def require_declared(model: Any) -> None:
-    """Refuse what is no model, or one whose names, units or fields say nothing.
-
-    Parameters
-    ----------
-    model : Model
-        An instance.
-
-    Raises
-    ------
-    InputError
-        If this is not so; the message names the field and what to write.
-    """
+    """Refuse what is no model, or one whose names, units or fields say nothing."""
     if isinstance(model, type) and issubclass(model, Model):
         fields = ", ".join(f"{f.name}=..." for f in dataclasses.fields(model))
         raise InputError(

@@ -21,20 +21,10 @@ class Discrepant(Model):
     """A model whose derivative lacks a sum of cubic splines, each of one channel.
 
     Channels are the states, the inputs, and what the inputs changed by in a sample, as further
-    inputs: a mode that was neglected because it is fast answers to these.
-
-    Attributes
-    ----------
-    model : Model
-        What was fitted.
-    coefficients : array, shape (rate, channel, cells + 3)
-        In units of `scale`; zero where nothing is left over.
-    rates : tuple of int
-        Places of the states in whose derivative something may be left over.
-    scale : array, shape (rate,)
-        One unit of each of these derivatives, SI units per second.
-    low, high : array, shape (channel,)
-        Between which each channel was recorded, SI units.
+    inputs: a mode that was neglected because it is fast answers to these. Between `low` and `high`
+    (channel,) each was recorded, SI units. The coefficients (rate, channel, cells + 3), zero where
+    nothing is left over, are in units of `scale` (rate,), SI units per second, of the derivatives
+    of the states at the places `rates`.
     """
 
     model: Model

@@ -40,27 +40,17 @@ def _sum_of_products(weights: JaxArray, x: JaxArray) -> JaxArray:
 
 
 class FeatureNetwork(eqx.Module):
-    """A learned map that features, such as the harmonics of an angle, can change.
+    """A learned map that features, such as the harmonics of an angle, can change."""
 
-    Class attributes
-    ----------------
-    linear_in_features : bool
-        Whether the mean over features of mean zero is the map without features.
-    """
-
+    # Whether the mean over features of mean zero is the map without features.
     linear_in_features: ClassVar[bool] = False
 
     def value_and_jacobian(
         self, x: JaxArray, features: JaxArray | None = None
     ) -> tuple[JaxArray, JaxArray]:
-        """Return the value (m, batch) and its Jacobian (m, n, batch).
+        """Return the value (m, batch) and its Jacobian (m, n, batch) at x (n, batch).
 
-        Parameters
-        ----------
-        x : array, shape (n, batch)
-            Dimensionless.
-        features : array, shape (feature, batch or 1), optional
-            Dimensionless; all zero where not given.
+        That and features, (feature, batch or 1), zero if not given, are dimensionless.
         """
         raise NotImplementedError
 

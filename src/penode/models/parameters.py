@@ -33,39 +33,22 @@ _UNCONSTRAINED: Transform = Identity()
 
 @dataclass(frozen=True)
 class Setting:
-    """What is known of one parameter beside its value.
+    """What is known of one parameter beside its value."""
 
-    Attributes
-    ----------
-    unit : str
-        SI unit; empty for network weights.
-    group : str
-        Name by which a plan moves or freezes it.
-    physical : bool
-        Whether it is reported with an interval.
-    transform : Transform
-        From the optimiser's raw vector to admissible values.
-    prior : Normal or None
-        Belief about every entry; it acts as strongly as the recordings' noise makes it, or as
-        `penode.training.penalties.Priors` in the loss says.
-    per_experiment : bool
-        Whether every recording has a value of its own.
-    meaning : str
-        What it is, in a few words for a report.
-    lowest : float
-        A value that is not above it is impossible. Training may pass it, so that it shows.
-    linear : bool
-        Whether a learned map is linear in it: mean coefficients then give the mean map.
-    """
-
+    # SI; empty for network weights.
     unit: str = ""
+    # Name by which a plan moves or freezes it.
     group: str = "learned"
     physical: bool = False
+    # From the optimiser's raw vector to admissible values.
     transform: Transform = _UNCONSTRAINED
+    # It acts as strongly as the recordings' noise makes it, or as `Priors` in the loss says.
     prior: Normal | None = None
     per_experiment: bool = False
     meaning: str = ""
+    # A value that is not above it is impossible. Training may pass it, so that it shows.
     lowest: float = -np.inf
+    # Whether a learned map is linear in it: mean coefficients then give the mean map.
     linear: bool = False
 
 
@@ -122,13 +105,7 @@ def parameter(
 
 
 def coefficients() -> Any:
-    """Declare the field of a learned map that holds what the map is linear in.
-
-    Returns
-    -------
-    dataclass field
-        Converts its value to a float64 array at construction.
-    """
+    """Declare the field of a learned map that holds what the map is linear in, as float64."""
     return _declare(Setting(linear=True))
 
 

@@ -15,15 +15,7 @@ from penode.models.parameters import coefficients
 def exponents(inputs: int, degree: int) -> tuple[tuple[int, ...], ...]:
     """Return the exponents of all monomials up to a total degree, the constant first.
 
-    Parameters
-    ----------
-    inputs, degree : int
-        Number of variables n, and the largest total degree.
-
-    Returns
-    -------
-    tuple of tuples of n int, ``comb(n + degree, degree)`` of them
-        By rising total degree, ``(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), ...``
+    By rising total degree, ``(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), ...``
     """
     chosen = (c for d in range(degree + 1) for c in combinations_with_replacement(range(inputs), d))
     return tuple(tuple(c.count(i) for i in range(inputs)) for c in chosen)

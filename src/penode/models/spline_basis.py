@@ -20,20 +20,9 @@ DEGREE = 4
 class SplineBasis:
     """Quartic B-splines on -1 .. 1, continued beyond by the parabola that touches at the end.
 
-    The knots are warped by a hyperbolic sine: saturation bends a flux map most near zero current.
-    C. de Boor, A Practical Guide to Splines, Springer 2001, chapter X.
-
-    Attributes
-    ----------
-    count : int
-        Number of functions; there are count - 4 cells.
-    sharpness : float
-        Knots lie evenly over asinh(x / sharpness): the smaller, the denser around zero.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than 5 functions, or the sharpness is not above 0.
+    Knots lie evenly over asinh(x / sharpness), the denser around zero the smaller it is: saturation
+    bends a flux map most near zero current. `count` functions have count - 4 cells (C. de Boor, A
+    Practical Guide to Splines, Springer 2001, chapter X).
     """
 
     count: int
@@ -76,12 +65,7 @@ class SplineBasis:
         return (middle + half * x).ravel(), (half * w).ravel()
 
     def derivatives(self, x: FloatArray) -> FloatArray:
-        """Return the splines and their first three derivatives, shape (4, count, point), by NumPy.
-
-        Parameters
-        ----------
-        x : ndarray, shape (point,)
-        """
+        """Return the splines and their first three derivatives, (4, count, point), by NumPy."""
         inside = np.clip(x, -1.0, 1.0)
         cell = np.searchsorted(self.breaks[1:-1], inside, side="right")
         t, beyond = inside - self.breaks[cell], x - inside
@@ -116,13 +100,8 @@ class SplineBasis:
 def splines_of_each(bases: Sequence[SplineBasis], x: JaxArray, count: int = 3) -> JaxArray:
     """Return splines and derivatives along several axes, shape (derivative, axis, spline, batch).
 
-    Parameters
-    ----------
-    bases : sequence of SplineBasis
-        One an axis, with equally many functions.
-    x : array, shape (axis, batch)
-    count : int
-        How many: the splines, their slopes, and so on; at most 4.
+    There is one basis an axis, with equally many functions, and x is (axis, batch). `count` is how
+    many: the splines, their slopes, and so on; at most 4.
     """
     knots = np.stack([basis.knots for basis in bases])[..., None]
     weights = np.stack([basis.weights for basis in bases])

@@ -33,20 +33,12 @@ _LANES = 8
 
 @dataclass(frozen=True)
 class TensorBasis:
-    """Splines of x_d times splines of x_q, those along q folded by their symmetry.
-
-    Attributes
-    ----------
-    count : int
-        Splines along each axis.
-    sharpness : tuple of float
-        Of the knots along d and along q.
-    parities : tuple of bool
-        Columns of a table: first those even in x_q, say, then those odd.
-    """
+    """Splines of x_d times splines of x_q, those along q folded by their symmetry."""
 
     count: int
+    # Of the knots along d and along q.
     sharpness: tuple[float, float]
+    # Columns of a table: first those even in x_q (True), say, then those odd.
     parities: tuple[bool, ...]
 
     @property
@@ -85,20 +77,10 @@ def folded(splines: Array, even: bool) -> Array:
 
 
 def jets(basis: TensorBasis, orders: Orders, table: JaxArray, x: JaxArray) -> JaxArray:
-    """Return derivatives of the sum over all splines.
+    """Return derivatives (order, batch) of the sum over all splines at x (2, batch).
 
-    Parameters
-    ----------
-    basis : TensorBasis
-    orders : tuple of pairs of int
-        How often to differentiate along d and along q.
-    table : array, shape (d, q, batch or 1)
-        Coefficients.
-    x : array, shape (2, batch)
-
-    Returns
-    -------
-    array, shape (order, batch)
+    An order is how often to differentiate along d and along q; the table (d, q, batch or 1) holds
+    coefficients.
     """
     return cast(JaxArray, _jets_p.bind(table, x, basis=basis, orders=orders))
 

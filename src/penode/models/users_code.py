@@ -14,15 +14,7 @@ _LIBRARIES = frozenset((*sys.stdlib_module_names, "equinox", "jax", "jaxlib", "n
 def failing_line(trace: TracebackType | None) -> str:
     """Return the innermost line of a traceback that is the user's, penode's where none is.
 
-    Parameters
-    ----------
-    trace : traceback
-        From the call of the user's code on.
-
-    Returns
-    -------
-    str
-        Such as ``line 12 of pendulum.py, "if x[0] > 0:"``; empty if all lines are libraries'.
+    Such as ``line 12 of pendulum.py, "if x[0] > 0:"``; empty if all lines are libraries'.
     """
     return _last(traceback.walk_tb(trace))
 
