@@ -87,16 +87,7 @@ def _interpolated(samples: bytes, shape: tuple[int, ...], places: tuple[float, .
 
 
 def extended(inputs: FloatArray) -> FloatArray:
-    """Return inputs (time, input) with 64 more samples at each end.
-
-    Parameters
-    ----------
-    inputs : ndarray, shape (time, input)
-
-    Returns
-    -------
-    ndarray, shape (time + 128, input)
-    """
+    """Return inputs (time, input) with 64 more samples at each end."""
     if len(inputs) < 2 * _ORDER:
         return np.pad(inputs, [(_SIDE, _SIDE), (0, 0)], mode="reflect", reflect_type="odd")
     columns = [np.concatenate([_beyond(c[::-1])[::-1], c, _beyond(c)]) for c in inputs.T]

@@ -13,26 +13,15 @@ Part = tuple[float, float]
 
 @dataclass(frozen=True)
 class Field:
-    """The derivative around sample k, over the whole interval to k + 1 or a part of it.
-
-    Attributes
-    ----------
-    model : Model
-        Parameters carry a trailing batch axis.
-    drive : callable
-        Input (input, batch) by offset from sample k.
-    hold : Hold
-        The input between samples.
-    time_step : float
-        Sampling interval in s.
-    first, length : float
-        Where the solver's step begins, and its length, as fractions of the interval.
-    """
+    """The derivative around sample k, over the whole interval to k + 1 or a part of it."""
 
     model: Model
+    # Input (input, batch) by offset from sample k.
     drive: Drive
     hold: Hold
+    # Sampling interval in s.
     time_step: float
+    # Where the solver's step begins, and its length, as fractions of the interval.
     first: float = 0.0
     length: float = 1.0
 
@@ -46,16 +35,9 @@ class Field:
     ) -> JaxArray:
         """Return the derivative (state, batch) of x (state, batch).
 
-        Parameters
-        ----------
-        x : array, shape (state, batch)
-        sample : int
-            Offset of the interval from k.
-        fraction : float
-            Place within the solver's step, 0 to 1.
-        part : tuple of float, optional
-            Part of the solver's step that this derivative represents, in fractions of the step;
-            without it, a model that asks for the part is refused (`Inputs.part_for`).
+        `sample` is the interval's offset from k, `fraction` the place within the solver's step, 0
+        to 1, and `part` the part of the step that this derivative represents; without it, a model
+        that asks for the part is refused (`Inputs.part_for`).
         """
         u = self.input(sample, fraction)
         return self.model.derivative(x, self._over(u, part, fraction))

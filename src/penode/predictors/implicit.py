@@ -71,22 +71,11 @@ class Trapezoidal:
 def solve_implicit(
     defect: Callable[[Any, JaxArray], JaxArray], arguments: Any, guess: JaxArray
 ) -> JaxArray:
-    """Find z with defect(arguments, z) = 0 by Newton's method, each column by itself.
+    """Find z (state, batch) with defect(arguments, z) = 0 by Newton's method, column by column.
 
-    The iterations are hidden from differentiation. One more Newton step with a frozen Jacobian
-    then carries exactly the derivative of the implicit function theorem, forward and reverse.
-
-    Parameters
-    ----------
-    defect : callable
-        Maps a pytree and z (state, batch) to (state, batch); columns are independent.
-    arguments : pytree
-        Everything the solution is to be differentiated by.
-    guess : array, shape (state, batch)
-
-    Returns
-    -------
-    array, shape (state, batch)
+    The iterations are hidden from differentiation. One more Newton step with a frozen Jacobian then
+    carries exactly the derivative of the implicit function theorem by all of `arguments`, forward
+    and reverse.
     """
     frozen = jax.lax.stop_gradient(arguments)
 

@@ -24,21 +24,12 @@ class InputTable:
 
     Compiled code looks rows up, and is told at run time how many sub-steps there are: one program
     serves every hold and every number of them.
-
-    Attributes
-    ----------
-    solver : Solver
-        Of a sub-step.
-    places : tuple of float
-        Fractions of a sub-step that it reads, the sub-step's begin first.
-    count : int
-        Sub-steps a sample.
-    hold : RecordedHold
-        The input between samples.
     """
 
     solver: Solver
+    # Fractions of a sub-step that the solver reads, the sub-step's begin first.
     places: tuple[float, ...]
+    # Sub-steps a sample.
     count: int
     hold: RecordedHold
 
@@ -81,21 +72,14 @@ class InputTable:
 
 @dataclass(frozen=True)
 class Substep:
-    """Which sub-step of a sample.
+    """Which sub-step of a sample."""
 
-    Attributes
-    ----------
-    number, count : int or scalar array
-        The sub-step, from 0, and how many there are.
-    start : array, shape (input, batch)
-        Inputs at the sample.
-    time_step : float
-        Sampling interval in s.
-    """
-
+    # The sub-step, from 0, and how many there are.
     number: int | JaxArray
     count: int | JaxArray
+    # Inputs (input, batch) at the sample.
     start: JaxArray
+    # Sampling interval in s.
     time_step: float
 
     @property

@@ -45,10 +45,7 @@ class _Asked:
 def places_of(solver: Solver) -> tuple[float, ...]:
     """Return the fractions of an interval at which a solver reads the input, ascending.
 
-    Parameters
-    ----------
-    solver : Solver
-        It is followed through one step of a model at rest.
+    The solver is followed through one step of a model at rest.
     """
     asked = _Asked(set())
     field = Field(_Still(), lambda offset: jnp.zeros((1, 1)), asked, 1.0)

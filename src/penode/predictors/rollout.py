@@ -19,27 +19,10 @@ def rollout(
 ) -> Carry:
     """Feed a predictor its own output for `horizon` steps (paper, k-step-ahead prediction).
 
-    Parameters
-    ----------
-    step : callable
-        ``step(k, history) -> (history, extra)``: one prediction from sample k of the window, put in
-        front of the history, and anything the visitor wants to know of it, such as its
-        linearisation.
-    start : array, shape (past, state, batch), or pytree
-        Measured states at the windows' starts and before, and what goes on beside them.
-    horizon : int or scalar array
-        Number of steps H. A Python int gives a loop that reverse mode can differentiate; an array
-        gives one program for every H (forward sensitivities need no reverse pass).
-    visit : callable
-        ``visit(k, history, extra, carry) -> carry``: receives each prediction, history[0], for
-        k = 0 .. H - 1.
-    carry : pytree
-        What the visitor accumulates.
-
-    Returns
-    -------
-    pytree
-        The last carry.
+    ``step(k, history) -> (history, extra)`` puts one prediction from sample k of the window in
+    front of the history (past, state, batch); ``visit(k, history, extra, carry) -> carry`` receives
+    each. An int for the horizon gives a loop that reverse mode can differentiate; an array gives
+    one program for every horizon.
     """
 
     def body(k: JaxArray, state: tuple[Any, Carry]) -> tuple[Any, Carry]:
