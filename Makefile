@@ -48,6 +48,7 @@ validate: $(STAMP)
 	$(BIN)/python -m validate.imperfect_drives
 	$(BIN)/python -m validate.aliasing
 	$(BIN)/python -m validate.through_command 80
+	$(BIN)/python -m validate.drawn_physics 3
 	$(BIN)/python -m fuzz.readers --seconds 300
 	$(BIN)/python -m validate.interruption
 	$(BIN)/python -m validate.sweep_interruption 10
