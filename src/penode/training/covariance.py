@@ -171,9 +171,12 @@ def dominated_by_few_windows(terms: GaussNewtonTerms, jacobian: FloatArray) -> B
     A rollout that comes near a singularity is so sensitive to the parameters that it outweighs all
     others, and makes what it decides look certain.
     """
-    squares = influence(terms, jacobian) ** 2
-    effective = squares.sum(axis=1) ** 2 / np.maximum((squares**2).sum(axis=1), 1e-300)
-    return np.asarray((effective < _FEW_WINDOWS) & (terms.scores.shape[1] >= _MANY_WINDOWS))
+    size = np.abs(influence(terms, jacobian))
+    with np.errstate(invalid="ignore"):  # of a parameter that ran away no influence is known
+        squares = (size / np.maximum(size.max(axis=1, keepdims=True), 1e-300)) ** 2
+        effective = squares.sum(axis=1) ** 2 / np.maximum((squares**2).sum(axis=1), 1e-300)
+    few = ~(effective >= _FEW_WINDOWS)
+    return np.asarray(few & (terms.scores.shape[1] >= _MANY_WINDOWS))
 
 
 def sandwich(terms: GaussNewtonTerms, series: ScoreSeries) -> FloatArray:

@@ -143,7 +143,8 @@ def _free_run_squares(
         for row, model in zip(squares, models, strict=True):
             run = compare(predictor, model, experiment)
             gap = (run.measured - run.free_run)[predictor.past :]
-            row[_measured_rows(model)] = np.sum(gap**2, axis=0)
+            with np.errstate(over="ignore"):
+                row[_measured_rows(model)] = np.sum(gap**2, axis=0)
         return squares
     with float64():
         names = (models[0].states, models[0].inputs)
