@@ -277,7 +277,7 @@ def test_value_not_finite() -> None:
 
 def test_thinning_keeps_every_nth_window_with_its_recording() -> None:
     windows = cut_all([60, 50], 4, 2, Jittered(3))
-    thin = windows.thinned(3)
+    thin = windows.among(slice(None, None, 3))
     np.testing.assert_array_equal(thin.starts, windows.starts[::3])
     np.testing.assert_array_equal(thin.recording, windows.recording[::3])
     assert (thin.horizon, thin.past, len(thin.states)) == (4, 2, 110)
