@@ -10,6 +10,7 @@ import pytest
 from penode import Experiment, Model, identify, ladder_plan, physical
 from penode.arrays import Leaf
 from penode.engine import LadderProblem, Loss, Positive
+from penode.horizon import discrepancy
 from penode.horizon.consensus import LEFT_OUT
 from penode.horizon.discrepancy import what_is_left_out
 from penode.horizon.ladder import ignore_events
@@ -93,6 +94,22 @@ def test_it_is_looked_for_where_the_error_grows_with_the_horizon(friction, looke
     monkeypatch.setattr("penode.horizon.discrepancy._Beside.of", lambda *given: asked.append(given))
     assert not what_is_left_out(problem, plan, fits, 1).any()
     assert bool(asked) == looked_at
+
+
+def test_it_is_not_looked_for_where_starts_may_take_of_the_noisiest_sensor():
+    """A start of two states spends two of eight values, and of unlike sensors the larger errors."""
+    problem, (rung,) = climbed(recorded(friction=0.0))
+
+    def grows(short, long):
+        rungs = []
+        for horizon, loss in ((4, short), (80, long)):
+            terms = replace(rung.solution.terms, loss=loss)
+            solution = replace(rung.solution, terms=terms)
+            rungs.append(replace(rung, horizon=horizon, solution=solution))
+        return discrepancy._error_grows(problem, rungs)
+
+    assert not grows(1.0 - 0.9 * 2 / 8, 1.0)
+    assert grows(1.0 - 0.9 * 2 / 8, 1.2)
 
 
 def test_a_fit_has_a_row_for_it_in_the_budget_only_where_the_plan_asks():

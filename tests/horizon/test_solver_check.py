@@ -19,6 +19,7 @@ from penode.horizon.solver_check import (
     substeps,
     too_coarse,
 )
+from penode.predictors.holds import FirstOrderHold, ZeroOrderHold
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta, Substeps
 from penode.predictors.tableaus import AB2, EULER, RK4
@@ -139,7 +140,7 @@ def coarse():
 def test_a_shift_is_what_training_with_a_finer_solver_gives(coarse):
     plan, climbed = coarse
     found = climbed(plan)
-    step, moved, _ = solver_check._doubled(found.problem, plan, 2, found.climb.fits[2])
+    step, moved, _ = solver_check._doubled(found.problem, plan, found.climb.fits[2])
     again = climbed(replace(plan, solver=Substeps(RungeKutta(EULER), 2)))
     change = again.climb.fits[2].values[:2] - found.climb.fits[2].values[:2]
     np.testing.assert_allclose(moved, change, rtol=0.1)
@@ -180,11 +181,31 @@ def test_a_stiff_model_is_told_of_implicit_solvers():
     assert "ImplicitMidpoint or Trapezoidal" in told.objection.repair
 
 
-def test_an_interrupted_check_leaves_a_stopped_fit(coarse, monkeypatch):
+def test_a_rung_whose_learned_part_has_a_prior_is_predicted_by_the_finer_solver_too(coarse):
+    plan, climbed = coarse
+    found = climbed(plan)
+    problem, rung = found.problem, found.climb.fits[1]
+    problem = replace(problem, objectives={rung.horizon: problem.objective})
+    finer = replace(plan, solver=Substeps(RungeKutta(EULER), 2))
+    again = problem.with_predictor(finer, rung)
+    assert again.objective.predictor.solver == finer.solver
+    assert again.windows.inputs.shape[1] == 2  # what each sub-step reads
+    assert again.gauss_newton(rung.solution.raw).loss != rung.solution.terms.loss
+
+
+def test_a_wrong_hold_is_exchanged_and_the_ladder_climbed_again(coarse):
+    plan, climbed = ladder_plan((1, 4, 16)), coarse[1]
+    found = climbed_as_recorded(replace(plan, hold=FirstOrderHold()), climbed)
+    assert found.plan.hold == ZeroOrderHold()
+    np.testing.assert_allclose(found.climb.fits[2].values[:2], [2.0, 3.0], rtol=0.02)
+
+
+@pytest.mark.parametrize("check", ["better_hold", "too_coarse"])
+def test_an_interrupted_check_leaves_a_stopped_fit(coarse, monkeypatch, check):
     def interrupted(*given):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(as_recorded, "too_coarse", interrupted)
+    monkeypatch.setattr(as_recorded, check, interrupted)
     found = climbed_as_recorded(ladder_plan((1, 4, 16)), coarse[1])
     assert found.climb.interrupted
     assert found.choice.verdict == "stopped"

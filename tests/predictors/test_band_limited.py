@@ -21,6 +21,7 @@ from penode.predictors.input_table import Substep
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta, Substeps
 from penode.predictors.tableaus import AB3, DOPRI5, EULER, RK4, RK4_38
+from penode.training.chunks import _sum_over_chunks
 from penode.training.residuals import Objective
 from penode.validation.free_run import compare, free_run_errors
 
@@ -108,6 +109,30 @@ def test_one_program_serves_every_recorded_hold_and_every_number_of_sub_steps():
     assert Predictor(0.2, one.solver, one.hold).program != one.program
     assert Predictor(0.1, Substeps(RungeKutta(EULER), 1), one.hold).program != one.program
     assert Predictor(0.1, one.solver, HOLDS["stationary"]).program != one.program
+
+
+@pytest.mark.usefixtures("quickly_compiled")
+def test_what_differs_in_hold_and_sub_steps_is_not_compiled_again(runs):
+    """And a step of each is what the predictor alone predicts."""
+    (run, _), losses, compiled = runs[0], [], []
+    for count in (1, 2, 5):
+        for hold in (ZeroOrderHold(), FirstOrderHold(), BandLimitedHold()):
+            predictor = Predictor(STEP, Substeps(RungeKutta(EULER), count), hold)
+            objective = Objective(predictor, MODEL, np.ones(1))
+            windows = cut(
+                [run],
+                MODEL.states,
+                MODEL.inputs,
+                1,
+                placement=Contiguous(),
+                prepared=predictor.prepared,
+            )
+            losses.append(objective.gauss_newton(objective.layout.raw(MODEL), windows).loss)
+            compiled.append(_sum_over_chunks._cache_size())
+            gap = run.channels["x"][1:] - compare(predictor, MODEL, run).one_step[1:, 0]
+            assert losses[-1] == pytest.approx(np.mean(gap**2), rel=1e-9)
+    assert len(set(compiled)) == 1
+    assert len(set(losses)) == 1 + 6  # one Euler step reads the sample alone, whatever the hold
 
 
 def test_a_place_between_samples_is_refused_without_the_recording():

@@ -1,5 +1,7 @@
 """HAC sums against the double sum they stand for, and deviations against known cases."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -14,9 +16,11 @@ from penode.training.covariance import (
     Reported,
     ScoreSeries,
     bartlett,
+    dominated_by_few_windows,
     influence,
     prior_deviation,
     sandwich_deviation,
+    undetermined,
 )
 from penode.training.gauss_newton_terms import (
     GaussNewtonTerms,
@@ -193,6 +197,20 @@ def test_deviation_is_the_matrix_formula(rng):
     variance = np.diag(jacobian @ inverse @ meat @ inverse @ jacobian.T)
     found = sandwich_deviation(terms, jacobian, series)
     np.testing.assert_allclose(found, np.sqrt(variance), rtol=1e-10)
+
+
+def test_a_parameter_that_ran_away_spoils_no_other(rng):
+    """Its slope is huge or has no number; nothing overflows, and the others stay known."""
+    scores, root = (rng.normal(size=size) for size in ((2, 200), (40, 2)))
+    jacobian = np.eye(2) * [[1e290], [1.0]]
+    terms = GaussNewtonTerms(1.0, 200, root.T @ root, scores.sum(axis=1), scores)
+    flat = replace(terms, normal=np.diag([1e-300, 1.0]))
+    with np.errstate(all="raise"):
+        assert not dominated_by_few_windows(terms, jacobian).any()
+        assert undetermined(flat, jacobian).tolist() == [[True, False], [False, False]]
+    jacobian[0, 0] = np.inf
+    with np.errstate(invalid="ignore"):
+        assert dominated_by_few_windows(terms, jacobian)[0]
 
 
 def test_a_prior_varies_what_the_data_do_not_determine(rng):

@@ -13,26 +13,24 @@ from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HorizonFit, LadderProblem, ignore_events
 from penode.models.base import Model
 from penode.predictors.band_limited import BandLimitedHold
-from penode.predictors.base import Predictor
 from penode.predictors.holds import FirstOrderHold, Hold, ZeroOrderHold
 from penode.training.plan import Plan
-from penode.training.residuals import Objective
 from penode.training.second_order import LevenbergMarquardt
 
 #: Holds that are compared, the simplest first.
 _HOLDS: tuple[Hold, ...] = (ZeroOrderHold(), FirstOrderHold(), BandLimitedHold())
 #: A loss that is rounding, and the logarithm of one that diverged.
 _EXACT, _DIVERGED = 1e-24, 1e3
-#: Logarithm of the likelihood by which a hold is better, before a fit (a tie, the simplest is
-#: taken) and after it (worth another climb); and evaluations that training with another one takes.
+#: Log likelihood below which two holds are as good before a fit, and above which one is worth
+#: another climb after it; and evaluations of training with another one.
 _TIE, _BETTER, _EVALUATIONS = 0.1, 1.0, 8
 
 
 def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:
     """Return a plan whose hold predicts the recordings best; of those as good the simplest.
 
-    It is the one whose loss exceeds the least of any by least, at the horizon that speaks most
-    against it: the first may show it best, or one in the middle, where noise hides it in the first.
+    By minimax regret: of each hold counts the horizon at which its loss exceeds the least of all
+    holds most. That may be the first, or one in the middle, where noise hides it in the first.
     """
     if not start.model.inputs:
         return plan
@@ -40,9 +38,9 @@ def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Pl
     middle = len(plan.stages) // 2
     stages = tuple(plan.stages[k] for k in sorted({0, (middle + 1) // 2, middle}))
     losses = np.array([_log_losses(replace(p, stages=stages), start, experiments) for p in plans])
-    excess = np.max(losses - losses.min(axis=0), axis=1)
+    regret = np.max(losses - losses.min(axis=0), axis=1)
     chance = _TIE / _values(start.model, experiments)
-    return plans[int(np.argmax(excess <= excess.min() + chance))]
+    return plans[int(np.argmax(regret <= regret.min() + chance))]
 
 
 def better_hold(
@@ -55,21 +53,16 @@ def better_hold(
     """
     if not problem.model.inputs or plan.hold not in _HOLDS:
         return None
-    stage = next(stage for stage in plan.stages if stage.horizon == rung.horizon)
-    before = rung.objective or problem.objective
     losses, found = [rung.solution.terms.loss], [(plan, rung.solution.raw)]
     for hold in _HOLDS:
         if hold == plan.hold:
             continue
-        predictor = Predictor(before.predictor.time_step, plan.solver, hold)
-        objective = Objective(
-            predictor, problem.model, before.scale, before.loss, before.layout.experiments
-        )
-        other = replace(problem, objective=objective, objectives={}).problem(stage, plan)
+        changed = replace(plan, hold=hold)
+        other = problem.with_predictor(changed, rung)
         trained = LevenbergMarquardt(_EVALUATIONS).minimise(other, rung.solution.raw)
         if trained.terms.finite:
             losses.append(trained.terms.loss)
-            found.append((replace(plan, hold=hold), trained.raw))
+            found.append((changed, trained.raw))
     best = int(np.argmin(losses))
     gain = 0.5 * _values(problem.model, problem.experiments)
     gain *= math.log((losses[0] + _EXACT) / (losses[best] + _EXACT))

@@ -274,6 +274,16 @@ class LadderProblem:
         objective = self.objectives.get(stage.horizon, self.objective)
         return Problem(objective, self.reported, windows, moving)
 
+    def with_predictor(self, plan: Plan, rung: HorizonFit) -> Problem:
+        """Return a rung's problem, predicted with the solver and hold of another plan."""
+        before = rung.objective or self.objective
+        predictor = Predictor(before.predictor.time_step, plan.solver, plan.hold)
+        objective = Objective(
+            predictor, self.model, before.scale, before.loss, before.layout.experiments
+        )
+        stage = next(stage for stage in plan.stages if stage.horizon == rung.horizon)
+        return replace(self, objective=objective, objectives={}).problem(stage, plan)
+
     def _guessed(self, problem: Problem, raw: FloatArray) -> list[dict[str, FloatArray]]:
         """Return the unmeasured states of each recording as a rung's windows have them.
 

@@ -18,14 +18,12 @@ from penode.horizon.selection import Choice
 from penode.models.base import Model
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
-from penode.predictors.base import Predictor
 from penode.predictors.implicit import jacobian_of
 from penode.predictors.one_step import Substeps
 from penode.predictors.solver import Solver
 from penode.training.gauss_newton_terms import residual_scale
 from penode.training.loss import channel_deviation
 from penode.training.plan import Plan
-from penode.training.residuals import Objective
 
 #: Part of a parameter's deviation, and of its value where that is more, that a solver may move it
 #: by; part of the squared error, and of what the states move, that it may change the error by.
@@ -100,7 +98,7 @@ def too_coarse(
     rung, names = climb.fits[choice.index], problem.objective.layout.physical
     said = Consensus.reported(choice, climb.fits)
     limits = np.maximum(_PART * said.deviation, _FINEST * np.abs(said.values))
-    step, moved, seen = _doubled(problem, plan, choice.index, rung)
+    step, moved, seen = _doubled(problem, plan, rung)
     shares = dict(zip(names, _share(moved, limits), strict=True))
 
     now = substeps(plan.solver)
@@ -156,19 +154,15 @@ def _share(moved: FloatArray, limits: FloatArray) -> FloatArray:
 
 
 def _doubled(
-    problem: LadderProblem, plan: Plan, index: int, rung: HorizonFit
+    problem: LadderProblem, plan: Plan, rung: HorizonFit
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return what doubling moves raw and physical parameters (SI) by, and the error's change.
 
     The error's is over what is visible.
     """
-    before, stage = rung.objective or problem.objective, plan.stages[index]
+    before = rung.objective or problem.objective
     solver = with_substeps(plan.solver, 2 * substeps(plan.solver))
-    predictor = Predictor(before.predictor.time_step, solver, plan.hold)
-    finer = Objective(
-        predictor, problem.model, before.scale, before.loss, before.layout.experiments
-    )
-    again = replace(problem, objective=finer, objectives={}).problem(stage, plan)
+    again = problem.with_predictor(replace(plan, solver=solver), rung)
     raw, terms = rung.solution.raw, rung.solution.terms
     physical = len(before.layout.physical)
     after = again.gauss_newton(raw)

@@ -1,6 +1,7 @@
 """Field: a model's derivative with its input filled in, as a solver sees it."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from penode.arrays import JaxArray
 from penode.models.base import Model
@@ -58,11 +59,9 @@ class Field:
 
     def _moved_on(self, u: Inputs, sample: int, place: float) -> Inputs:
         """Return the inputs with those that have a rate moved on from the interval's start."""
-        moving = {n: r for n, r in self.model.input_rates.items() if n in u.names}
-        if not moving or place == 0.0:
+        if place == 0.0 or not self.model.input_rates:
             return u
-        start, elapsed = self._inputs(sample), place * self.time_step
-        return u.replaced(**{n: start[n] + start[rate] * elapsed for n, rate in moving.items()})
+        return moved_on(u, self._inputs(sample), place * self.time_step, self.model)
 
     def _over(self, u: Inputs, part: Part | None, fraction: float) -> Inputs:
         """Return the input at a place within the step for the part that it represents."""
@@ -70,3 +69,10 @@ class Field:
             return u.over(None)
         begin, end = ((at - fraction) * self.width for at in part)
         return u.over((begin, end))
+
+
+def moved_on(u: Inputs, start: Inputs, elapsed: Any, model: Model) -> Inputs:
+    """Return inputs, those with a rate as they are some time, in s, after a sample's start."""
+    moving = {n: r for n, r in model.input_rates.items() if n in u.names}
+    rows = {name: start[name] + start[rate] * elapsed for name, rate in moving.items()}
+    return u.replaced(**rows) if rows else u

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from penode.arrays import FloatArray, JaxArray
 from penode.models.base import Model
 from penode.models.inputs import Inputs
-from penode.predictors.field import Field, Part
+from penode.predictors.field import Field, Part, moved_on
 from penode.predictors.holds import RecordedHold, ZeroOrderHold
 from penode.predictors.one_step import Substeps
 from penode.predictors.places import places_of
@@ -89,11 +89,8 @@ class Substep:
 
     def moved_on(self, u: Inputs, model: Model, place: float) -> Inputs:
         """Return inputs at a place of the sub-step, those with a rate as they are by then."""
-        moving = {n: r for n, r in model.input_rates.items() if n in u.names}
-        if not moving:
-            return u
-        start, elapsed = Inputs(self.start, u.names), (self.number + place) * self.width
-        return u.replaced(**{n: start[n] + start[rate] * elapsed for n, rate in moving.items()})
+        elapsed = (self.number + place) * self.width
+        return moved_on(u, Inputs(self.start, u.names), elapsed, model)
 
 
 @dataclass(frozen=True)
