@@ -11,6 +11,7 @@ from penode import Model
 from penode.arrays import float64
 from penode.errors import InputError
 from penode.models.inputs import Inputs
+from penode.predictors.base import Predictor
 from penode.predictors.field import Field
 from penode.predictors.holds import ZeroOrderHold
 from penode.predictors.implicit import ImplicitMidpoint, Trapezoidal
@@ -21,9 +22,8 @@ from penode.predictors.tableaus import AB3, DOPRI5, EULER, RK4
 T = 0.1
 
 
-def spans(solver):
-    """Return place and span of every stage of a step of a model that stands still."""
-    seen = []
+def watching(see):
+    """Return a model that stands still and shows its inputs at every stage."""
 
     class Watching(Model):
         states: ClassVar[tuple[str, ...]] = ("x",)
@@ -32,13 +32,23 @@ def spans(solver):
         input_rates: ClassVar[dict[str, str]] = {"angle": "rate"}
 
         def derivative(self, x, u):
-            angle = u["angle"]
-            seen.append((None if isinstance(angle, jax.core.Tracer) else float(angle[0]), u.span))
+            see(u)
             return 0.0 * x
+
+    return Watching()
+
+
+def spans(solver):
+    """Return place and span of every stage of a step of a model that stands still."""
+    seen = []
+
+    def see(u):
+        angle = u["angle"]
+        seen.append((None if isinstance(angle, jax.core.Tracer) else float(angle[0]), u.span))
 
     with float64():
         rows = jnp.asarray([[0.0], [1.0 / T]])
-        field = Field(Watching(), lambda k: rows, ZeroOrderHold(), T)
+        field = Field(watching(see), lambda k: rows, ZeroOrderHold(), T)
         solver.advance(field, jnp.zeros((solver.past, 1, 1)))
     return seen
 
@@ -62,6 +72,21 @@ def test_stages_of_sub_steps_stand_for_parts_of_theirs():
         place, span = spans(Substeps(RungeKutta(RK4), 2))[4]
     assert place == pytest.approx(0.5)
     assert span == pytest.approx((0.0, T / 12), abs=1e-15)
+
+
+def test_so_do_those_of_sub_steps_whose_inputs_are_tabulated():
+    """Their length is known at run time alone."""
+    seen = []
+
+    def see(u):
+        seen.append((float(u["angle"][0]), *map(float, u.part_for("this"))))
+
+    predictor = Predictor(T, Substeps(RungeKutta(RK4), 2))
+    with float64(), jax.disable_jit():
+        rows = jnp.asarray(predictor.prepared(np.array([[0.0, 1.0 / T]])).T)
+        predictor.step(watching(see), jnp.zeros((1, 1, 1)), lambda k: rows)
+    assert len(seen) == 8
+    assert seen[4] == pytest.approx((0.5, T / 24, T / 24), abs=1e-15)
 
 
 def test_eulers_stage_stands_for_its_moment():
