@@ -110,9 +110,10 @@ def identify(
     found = climbed(plan) if given else climbed_as_recorded(plan, climbed)
     check = found.cross_checked(start)
     if given is None and check.better is not None:
+        rung, raw = check.better
         try:
-            again = climbed(found.plan, check.better)
-            if again.loss_at(found.choice) < found.loss_at(found.choice):
+            again = climbed(found.plan, raw)
+            if again.loss_at(rung) < found.loss_at(rung):
                 found, check = examined(again), again.cross_checked(start)
         except KeyboardInterrupt:
             check = replace(check, interrupted=True)

@@ -15,7 +15,8 @@ from penode.horizon.cross_checks import (
 from penode.horizon.ladder import Climb, HorizonFit, LadderProblem, ladder_plan
 from penode.horizon.selection import Choice, Longest
 from penode.identify import Stopped, identify
-from penode.training.plan import ignore_progress
+from penode.training.loss import Loss
+from penode.training.plan import CONVERGED, Solution, ignore_progress
 from penode.training.second_order import LevenbergMarquardt
 
 
@@ -75,6 +76,35 @@ def test_another_minimum_reached_directly_is_told(systems):
     assert any(sentence.startswith("R depends on the path") for sentence in told)
     np.testing.assert_allclose(better, at_the_minimum.solution.raw, rtol=1e-3)
     assert check_path_dependence(problem, replace(plan, detour=None), poor, start) == ((), None)
+
+
+def test_a_path_that_strayed_is_checked_at_the_longest_horizon_whatever_was_chosen(systems):
+    """A ladder whose last rung was left at three times the resistance."""
+    system = systems["linear machine"]
+    free = Loss(free_starts={"i_d": 1.0, "i_q": 1.0})
+    plan = replace(ladder_plan((4, 16)), loss=free)
+    problem = LadderProblem.of(system.model, system.recorded_again(0.05), plan, lambda event: None)
+    raw = problem.objective.layout.raw(system.model)
+    right = problem.climb(plan, raw)
+    start = SimpleNamespace(anchor={}, model=system.model)
+    chosen = Choice(0, "fixed", "", (0,))
+    assert cross_check(problem, plan, right, chosen, start).better is None
+    wrong = problem.objective.layout.raw(replace(system.model, R=np.array(3 * system.model.R)))
+    stuck = (plan.stages[0], replace(plan.stages[1], optimiser=Stays(wrong)))
+    poor = problem.climb(replace(plan, stages=stuck), raw)
+    index, better = cross_check(problem, plan, poor, chosen, start).better
+    assert index == 1
+    np.testing.assert_allclose(better, right.fits[1].solution.raw, rtol=1e-3)
+
+
+@dataclass(frozen=True, eq=False)
+class Stays:
+    """An optimiser that ends at given raw parameters."""
+
+    raw: np.ndarray
+
+    def minimise(self, problem, raw, progress=ignore_progress):
+        return Solution(self.raw, problem.gauss_newton(self.raw), 1, CONVERGED)
 
 
 @dataclass(frozen=True)

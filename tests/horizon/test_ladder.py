@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from penode import Contiguous, InputError, Jittered, Plan, Stage, ladder_plan
-from penode.horizon.ladder import HORIZONS, LadderProblem, fitting_plan
+from penode.horizon.ladder import HORIZONS, LadderProblem, fitting_plan, strayed
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
 from penode.training.coarse_to_fine import CoarseToFine
-from penode.training.covariance import Reported
+from penode.training.covariance import Reported, ScoreSeries
 from penode.training.loss import Loss
 from penode.training.plan import CONVERGED, DIVERGED, Solution
 from penode.training.residuals import Objective
@@ -116,7 +116,8 @@ def test_after_a_rung_that_did_not_converge_the_better_start_is_taken(
 
 def test_a_rung_carries_its_values_deviations_and_influences(systems, problem):
     system = systems["linear machine"]
-    (rung,) = problem.climb(Plan((Stage(7, Scripted([0.0])),)), system.raw).fits
+    enough = replace(problem, experiments=system.experiments * 5)
+    (rung,) = enough.climb(Plan((Stage(7, Scripted([0.0])),)), system.raw).fits
     np.testing.assert_allclose(rung.values, [2e-3, 3e-3, 0.2, 0.05], rtol=1e-12)
     residual, slope = system.sensitivities("rk4", system.raw, rung.windows)
     rows = np.moveaxis(slope, 2, -1).reshape(-1, 4)
@@ -126,6 +127,39 @@ def test_a_rung_carries_its_values_deviations_and_influences(systems, problem):
     size = np.abs(expected).max(axis=1, keepdims=True)
     np.testing.assert_allclose(rung.influence / size, expected / size, rtol=0, atol=1e-9)
     assert rung.deviation.shape == (4,)
+    assert rung.series.ample
+
+
+def test_in_a_short_recording_influences_are_those_of_samples(systems, problem):
+    """380 samples are 11 bandwidths of windows: too few for intervals by a normal distribution."""
+    system = systems["linear machine"]
+    plan = Plan((Stage(7, Scripted([0.0])),), Contiguous())
+    (short,) = problem.climb(plan, system.raw).fits
+    assert not ScoreSeries.of_windows(short.windows).ample
+    assert short.influence.shape == (4, 380)
+    assert short.series.bandwidth < 35
+
+
+@pytest.mark.parametrize(("times", "lost"), [(2.9, False), (3.1, True)])
+def test_a_path_may_have_strayed_where_free_starts_leave_three_times_the_loss(
+    systems, problem, times, lost
+):
+    system, old = systems["linear machine"], problem.objective
+    free = Objective(old.predictor, system.model, old.scale, Loss(free_starts={"i_d": 1.0}))
+    fits = (
+        replace(problem, objective=free)
+        .climb(Plan((Stage(3, Scripted([0.01])), Stage(7, Scripted([0.01])))), system.raw)
+        .fits
+    )
+    short, long = (
+        replace(
+            rung, solution=replace(rung.solution, terms=replace(rung.solution.terms, loss=loss))
+        )
+        for rung, loss in zip(fits, (1e-4, times * 1e-4), strict=True)
+    )
+    assert strayed([short, long]) == lost
+    assert not strayed([long, short])
+    assert not strayed([replace(one, objective=old) for one in (short, long)])
 
 
 @pytest.mark.parametrize(("deviation", "known"), [(1.0, True), (np.inf, False)])

@@ -31,10 +31,10 @@ class Climbed:
         """Return what contradicts the choice."""
         return cross_check(self.problem, self.plan, self.climb, self.choice, start)
 
-    def loss_at(self, choice: Choice) -> float:
-        """Return the loss at a rung that was chosen, infinite where it was not reached."""
+    def loss_at(self, index: int) -> float:
+        """Return the loss at a rung, infinite where it was not reached."""
         fits = self.climb.fits
-        return fits[choice.index].solution.terms.loss if choice.index < len(fits) else math.inf
+        return fits[index].solution.terms.loss if index < len(fits) else math.inf
 
 
 def climbed_as_recorded(

@@ -8,7 +8,7 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.fit.outcome import Objection
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import Climb, HorizonFit, LadderProblem
+from penode.horizon.ladder import Climb, HorizonFit, LadderProblem, strayed
 from penode.horizon.selection import Choice
 from penode.training.plan import DIVERGED, Plan, Stage
 
@@ -71,8 +71,8 @@ class CrossCheck:
     contradictions: tuple[str, ...] = ()
     objections: tuple[Objection, ...] = ()
     interrupted: bool = False
-    # Raw parameters of less loss at the chosen horizon, found by training from the start alone.
-    better: FloatArray | None = None
+    # A rung, and raw parameters of less loss there, found by training from the start alone.
+    better: tuple[int, FloatArray] | None = None
 
     def beside(self, sentences: Sequence[str]) -> "CrossCheck":
         """Return the same with further contradictions."""
@@ -87,14 +87,19 @@ def cross_check(
         return CrossCheck()
     chosen, layout = climb.fits[choice.index], problem.objective.layout
     small, objections = check_against_anchor(chosen, layout.physical, start.anchor)
-    if not choice.index:
-        return CrossCheck(small, objections)
+    checked = [(problem, choice.index)] if choice.index else []
+    if strayed(climb.fits):  # and so may have the states that the path left for its windows
+        checked.insert(0, (replace(problem, guesses={}), len(climb.fits) - 1))
     try:
-        far, better = check_path_dependence(problem, plan, chosen, layout.raw(start.model))
+        for cold, index in checked:
+            rung = climb.fits[index]
+            far, raw = check_path_dependence(cold, plan, rung, layout.raw(start.model))
+            if raw is not None:
+                return CrossCheck((*small, *far), objections, better=(index, raw))
     except KeyboardInterrupt:
         problem.observer({"event": "stop", "horizon": chosen.horizon})
         return CrossCheck(small, objections, interrupted=True)
-    return CrossCheck((*small, *far), objections, better=better)
+    return CrossCheck(small, objections)
 
 
 def check_against_anchor(
@@ -125,7 +130,7 @@ def check_against_anchor(
 def check_path_dependence(
     problem: LadderProblem, plan: Plan, chosen: HorizonFit, start: FloatArray
 ) -> tuple[tuple[str, ...], FloatArray | None]:
-    """Train once more at the chosen horizon from the start, and return what contradicts the ladder.
+    """Train once more at a rung's horizon from the start, and return what contradicts the ladder.
 
     That is a sentence for each parameter that comes out elsewhere, at less loss, and the raw
     parameters (parameter,) there. Nothing is checked if the plan has no `detour`.

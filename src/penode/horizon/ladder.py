@@ -84,6 +84,9 @@ _FEW = "one or two windows decide it; record longer, or excite more evenly"
 #: Error of a horizon over that of the first from which predictions have exploded.
 _EXPLODED = 1e6
 
+#: Loss of the longest rung, over the least, from which the path may have led to another minimum.
+_STRAYED = 3.0
+
 
 @dataclass(frozen=True, eq=False)
 class HorizonFit:
@@ -238,7 +241,7 @@ class LadderProblem:
         for number, stage in enumerate(plan.stages):
             problem = self.problem(stage, plan)
             place = (number + 1, len(plan.stages))
-            if rungs and not rungs[-1].solution.converged:  # what follows would be lost too
+            if rungs and (not rungs[-1].solution.converged or strayed(rungs)):
                 raw = problem.better(raw, first)
             if plan.learned_prior:
                 problem, raw = plan.learned_prior.joined(problem, raw, cold=not rungs)
@@ -370,7 +373,7 @@ class LadderProblem:
     ) -> tuple[Solution, ScoreSeries]:
         """Return a solution whose scores show how residuals vary: by window, else by sample."""
         series = ScoreSeries.of_windows(problem.windows)
-        if series.long_enough:
+        if series.ample:
             return solution, series
         scores = self.objective.sample_scores(solution.raw, problem.windows)[problem.moving]
         terms = replace(solution.terms, scores=scores)
@@ -427,6 +430,18 @@ def _together(names: Sequence[str]) -> str:
         f"{' and '.join(names)} act only together, and one makes up for the other; fix one, give "
         "it a prior, or measure what tells them apart"
     )
+
+
+def strayed(rungs: Sequence[HorizonFit]) -> bool:
+    """Return whether windows whose starts are estimated err much more the longer they are.
+
+    A right model in its right minimum leaves the noise at every horizon.
+    """
+    last = rungs[-1].objective
+    if last is None or not len(last.error.free):
+        return False
+    losses = [rung.solution.terms.loss for rung in rungs]
+    return losses[-1] > _STRAYED * min(losses)
 
 
 def _explodes(solution: Solution, first: HorizonFit) -> bool:

@@ -25,8 +25,10 @@ from penode.training.gauss_newton_terms import (
     marquardt_scale,
 )
 
-#: Length of the recordings, in HAC bandwidths, below which no deviation is given.
-LEAST_BANDWIDTHS = 5
+#: Length of the recordings, in HAC bandwidths, below which no deviation is given, and up to which
+#: the quantiles of a normal distribution leave out too much (N. M. Kiefer and T. J. Vogelsang,
+#: Econom. Theory 21 (2005) 1130, doi:10.1017/S0266466605050565: 2.1 in place of 1.96 at 20).
+LEAST_BANDWIDTHS, _MANY_BANDWIDTHS = 5, 20
 
 #: Most correlation from a sample to the next that a bandwidth is made for.
 _MOST_ALIKE = 0.97
@@ -101,6 +103,11 @@ class ScoreSeries:
     def long_enough(self) -> bool:
         """Whether recordings show how their residuals vary: five bandwidths at least."""
         return self.samples >= LEAST_BANDWIDTHS * self.bandwidth
+
+    @property
+    def ample(self) -> bool:
+        """Whether their variance is so well known that estimates over it are normal."""
+        return self.samples >= _MANY_BANDWIDTHS * self.bandwidth
 
     @property
     def lags(self) -> int:
