@@ -7,10 +7,10 @@ end at an alias, a value at which a wrong solution goes through the samples.
 import math
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
+import equinox as eqx
 import numpy as np
 
-from penode.arrays import FloatArray, float64
+from penode.arrays import FloatArray, JaxArray, float64, on_device
 from penode.fit.outcome import Objection
 from penode.horizon.consensus import Consensus
 from penode.horizon.ladder import Climb, HorizonFit, LadderProblem
@@ -201,10 +201,16 @@ def _fastest(rung: HorizonFit, model: Model) -> float:
     at = np.unique(np.linspace(0, len(windows.states) - 1, _SAMPLES).astype(int))
     inputs = windows.inputs[at, : len(model.inputs)].T
     with float64():
-        batched, u = with_batch_axis(model), Inputs(jnp.asarray(inputs), model.inputs)
-        x = batched.corrected(jnp.asarray(windows.states[at].T))
-        slopes = np.asarray(jacobian_of(lambda x: batched.derivative(x, u), x))
+        given = on_device(inputs), on_device(windows.states[at].T)
+        slopes = np.asarray(_slopes(with_batch_axis(model), *given))
     finite = slopes[np.isfinite(slopes).all(axis=(1, 2))]
     rates = np.abs(np.linalg.eigvals(finite))
     solver = rung.predictor.solver
     return float(rates.max(initial=0.0) * rung.predictor.time_step / substeps(solver))
+
+
+@eqx.filter_jit
+def _slopes(model: Model, inputs: JaxArray, states: JaxArray) -> JaxArray:
+    """Return d(derivative)/d(state), (batch, state, state), of batched values."""
+    u = Inputs(inputs, model.inputs)
+    return jacobian_of(lambda x: model.derivative(x, u), model.corrected(states))

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
@@ -20,6 +20,8 @@ from penode.training.prediction_error import Batch, PredictionError, compiled_wi
 
 #: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
 CHUNK, _NEAR = 64, 131_072
+#: Windows that go through together where each has results of its own.
+_BLOCK = 128
 #: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
 #: not depend on the number of cores.
 STRANDS = 4
@@ -29,11 +31,12 @@ _PARTS = 10
 
 def summed(
     error: PredictionError, raw: FloatArray, windows: Windows, normal: bool = True
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return sums over windows: r'r, S'S (value, value), and S'r of each window, (value, window).
 
-    One program serves every horizon and number of windows cut from the same recordings. Where
-    `normal` is not wanted, what is returned in its place means nothing.
+    Behind them are the corrections of the windows' starts (free, window), SI units. One program
+    serves every horizon and number of windows cut from the same recordings. Where `normal` is not
+    wanted, what is returned in its place means nothing.
     """
     width, order = _width(error), _neighbours(windows)
     least = STRANDS * width
@@ -54,11 +57,12 @@ def summed(
     add_up(0, 0)  # compiles, where that is still to be done, once
     strands = list(_workers().map(add_up, firsts, counts))
     squares, products = (np.sum([part[k] for part in strands], axis=0) for k in (0, 1))
-    parts = [part[2][:, :used] for part, used in zip(strands, counts, strict=True)]
-    scores = np.concatenate(parts, axis=1)
+    parts = [[part[k][:, :n] for part, n in zip(strands, counts, strict=True)] for k in (2, 3)]
+    scores, corrections = (np.concatenate(part, axis=1) for part in parts)
     if windows.horizon > 1:
-        scores = scores[:, np.argsort(order)]
-    return squares, products, scores
+        back = np.argsort(order)
+        scores, corrections = scores[:, back], corrections[:, back]
+    return squares, products, scores, corrections
 
 
 def _neighbours(windows: Windows) -> IntArray:
@@ -80,7 +84,21 @@ def _width(error: PredictionError) -> int:
     return next((n for n in (CHUNK, CHUNK // 2) if n * each <= _NEAR), CHUNK // 4)
 
 
-_Totals: TypeAlias = tuple[JaxArray, NormalMatrix, JaxArray]
+def blocks(
+    error: PredictionError, windows: Windows, corrections: FloatArray
+) -> Iterator[tuple[Windows, FloatArray, Batch]]:
+    """Yield windows, corrections of their starts (free, batch) and their batch, block by block.
+
+    Blocks are of one size: one program serves any number of windows.
+    """
+    for first in range(0, len(windows), _BLOCK):
+        few, own = windows.among(slice(first, first + _BLOCK)), corrections[:, first:][:, :_BLOCK]
+        own = np.pad(own, ((0, 0), (0, _BLOCK - own.shape[1])), mode="edge")
+        with float64():
+            yield few, own, compiled_windows(error, few, _BLOCK)
+
+
+_Totals: TypeAlias = tuple[JaxArray, NormalMatrix, JaxArray, JaxArray]
 
 
 @partial(jax.jit, static_argnums=0)
@@ -101,21 +119,23 @@ def _sum_over_chunks(
 
     def chunk(number: JaxArray, sums: _Totals) -> _Totals:
         batch = windows.part(first + number * width, width)
-        squares, scores, normal = sums_without_starts(
+        squares, scores, normal, corrections = sums_without_starts(
             error, values[:, None], horizon, batch, sums[1]
         )
         here = (jnp.zeros_like(number), number * width)
         scores = jax.lax.dynamic_update_slice(sums[2], scores, here)
-        return sums[0] + jnp.sum(squares), normal, scores
+        corrections = jax.lax.dynamic_update_slice(sums[3], corrections, here)
+        return sums[0] + jnp.sum(squares), normal, scores, corrections
 
     nothing = (
         jnp.zeros((), values.dtype),
         NormalMatrix.zero(size, values, wanted),
         jnp.zeros((size, capacity), values.dtype),
+        jnp.zeros((len(error.free), capacity), values.dtype),
     )
     chunks = (count + width - 1) // width
-    squares, normal, scores = jax.lax.fori_loop(0, chunks, chunk, nothing)
-    return squares, normal.whole, scores
+    squares, normal, scores, corrections = jax.lax.fori_loop(0, chunks, chunk, nothing)
+    return squares, normal.whole, scores, corrections
 
 
 @cache

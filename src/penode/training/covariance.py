@@ -27,8 +27,8 @@ from penode.training.gauss_newton_terms import (
 
 #: Length of the recordings, in HAC bandwidths, below which no deviation is given, and up to which
 #: the quantiles of a normal distribution leave out too much (N. M. Kiefer and T. J. Vogelsang,
-#: Econom. Theory 21 (2005) 1130, doi:10.1017/S0266466605050565: 2.1 in place of 1.96 at 20).
-LEAST_BANDWIDTHS, _MANY_BANDWIDTHS = 5, 20
+#: Econom. Theory 21 (2005) 1130, doi:10.1017/S0266466605050565: 2.3 in place of 1.96 at 10).
+LEAST_BANDWIDTHS, _MANY_BANDWIDTHS = 5, 10
 
 #: Most correlation from a sample to the next that a bandwidth is made for.
 _MOST_ALIKE = 0.97

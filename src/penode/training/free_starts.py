@@ -44,6 +44,7 @@ class _Terms(NamedTuple):
     squares: JaxArray
     scores: JaxArray
     normal: NormalMatrix
+    correction: JaxArray
 
 
 def sums_without_starts(
@@ -52,12 +53,13 @@ def sums_without_starts(
     horizon: JaxArray,
     batch: Batch,
     normal: NormalMatrix,
-) -> tuple[JaxArray, JaxArray, NormalMatrix]:
+) -> tuple[JaxArray, JaxArray, NormalMatrix, JaxArray]:
     """Return squares (batch,), scores (value, batch) and normal matrix, the starts eliminated.
 
-    The pass that sums them shows as well what is left of each start's way to its minimum, and takes
-    it off. Mostly one step before it is enough; where it is not, the starts are looked for first.
-    Values are (value, 1); S'S is added to `normal`.
+    Behind them are the starts' corrections (free, batch), SI units. The pass that sums them shows
+    as well what is left of each start's way to its minimum, and takes it off. Mostly one step
+    before it is enough; where it is not, the starts are looked for first. Values are (value, 1);
+    S'S is added to `normal`.
     """
     width = len(batch.starts)
     each = jnp.broadcast_to(values, (len(values), width))
@@ -65,7 +67,7 @@ def sums_without_starts(
     if not free:
         nothing = jnp.zeros((0, width), values.dtype)
         sums = window_sums(error, each, nothing, horizon, batch, normal)
-        return sums.squares, sums.scores.shared, sums.normal
+        return sums.squares, sums.scores.shared, sums.normal, nothing
 
     def attempt(before: _Terms) -> _Terms:
         most = jnp.where(before.attempts == 0, 1, _MOST_PASSES)
@@ -81,15 +83,17 @@ def sums_without_starts(
             squares - left,
             sums.scores.shared - along(own, shared),
             sums.normal.minus(shared),
+            correction + _backward(factor, own[:, None])[:, 0],
         )
 
     def unsettled(at: _Terms) -> JaxArray:
         return (at.attempts == 0) | ((at.attempts == 1) & ~at.settled)
 
     zero = jnp.zeros(width, values.dtype)
-    start = _Terms(jnp.zeros((), int), jnp.zeros((), bool), zero, 0.0 * each, normal)
+    nowhere = jnp.zeros((free, width), values.dtype)
+    start = _Terms(jnp.zeros((), int), jnp.zeros((), bool), zero, 0.0 * each, normal, nowhere)
     found = jax.lax.while_loop(unsettled, attempt, start)
-    return found.squares, found.scores, found.normal
+    return found.squares, found.scores, found.normal, found.correction
 
 
 def estimated_starts(
@@ -105,26 +109,26 @@ def estimated_starts(
     return _searched(error, values, horizon, batch, jnp.asarray(_MOST_PASSES))[0]
 
 
-def at_their_minimum(
+def followed_by(
     error: PredictionError,
     values: JaxArray,
+    correction: JaxArray,
     horizon: JaxArray,
     batch: Batch,
     normal: NormalMatrix,
-) -> tuple[JaxArray, JaxArray]:
-    """Return corrections (free, batch) at their minimum, SI units, and minus how they follow.
+) -> JaxArray:
+    """Return what each start at its minimum shrinks by as a value grows, (free, value, batch).
 
-    The latter is what each shrinks by as a parameter grows, (free, value, batch).
+    Corrections are (free, batch), SI units; values are (value, 1).
     """
     width = len(batch.starts)
     each = jnp.broadcast_to(values, (len(values), width))
-    correction = estimated_starts(error, values, horizon, batch)
     if not len(error.free):
-        return correction, jnp.zeros((0, len(values), width), values.dtype)
+        return jnp.zeros((0, len(values), width), values.dtype)
     sums = window_sums(error, each, correction, horizon, batch, normal)
     _, _, curvature = _with_stiffness(error, sums, correction, batch.used)
     factor = _factor(curvature, jnp.zeros(width, values.dtype))
-    return correction, _backward(factor, _forward(factor, sums.mixed.shared))
+    return _backward(factor, _forward(factor, sums.mixed.shared))
 
 
 def _searched(

@@ -169,7 +169,7 @@ class Objective:
         self, raw: FloatArray, windows: Windows, normal: bool = True
     ) -> tuple[FloatArray, ...]:
         """Return summed squares, normal matrix (if wanted) and the windows' scores, of raw."""
-        squares, products, scores = summed(self.error, raw, windows, normal)
+        squares, products, scores, _ = summed(self.error, raw, windows, normal)
         transposed = self._transposed(raw)
         return squares, transposed @ (transposed @ products).T, transposed @ scores
 

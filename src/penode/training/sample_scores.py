@@ -11,37 +11,45 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, float64, on_device, shared_length
+from penode.arrays import FloatArray, JaxArray, float64, on_device
 from penode.data.windows import Windows
 from penode.native.normal_matrix import NormalMatrix
-from penode.training.free_starts import at_their_minimum
-from penode.training.prediction_error import Batch, PredictionError, compiled_windows
+from penode.training.chunks import blocks, summed
+from penode.training.free_starts import followed_by
+from penode.training.prediction_error import Batch, PredictionError
 from penode.training.sensitivities import Columns, Recursion, along
 
 
 def sample_scores(error: PredictionError, raw: FloatArray, windows: Windows) -> FloatArray:
     """Return S'r by the sample predicted, (value, sample), the windows' starts eliminated.
 
-    Their sum over samples is that of the windows' scores. Windows go through all at once: only few.
+    Their sum over samples is that of the windows' scores.
     """
-    with float64():
-        batch = compiled_windows(error, windows, shared_length(len(windows.starts)))
-        given = on_device(raw), on_device(error.scale), batch, windows.horizon
-        return np.asarray(_by_sample(error, *given))[:, : len(windows.states)]
+    corrections, total = summed(error, raw, windows, normal=False)[3], np.zeros(())
+    for few, own, batch in blocks(error, windows, corrections):
+        with float64():
+            given = on_device(raw), on_device(error.scale), on_device(own), batch
+            total = total + np.asarray(_by_sample(error, *given, few.horizon))
+    return np.asarray(total)[:, : len(windows.states)]
 
 
 @partial(jax.jit, static_argnums=0)
 def _by_sample(
-    error: PredictionError, raw: JaxArray, scale: JaxArray, batch: Batch, horizon: JaxArray
+    error: PredictionError,
+    raw: JaxArray,
+    scale: JaxArray,
+    correction: JaxArray,
+    batch: Batch,
+    horizon: JaxArray,
 ) -> JaxArray:
-    """Return the scores (value, sample) of a batch of windows."""
+    """Return the scores (value, sample) of a batch of windows, whose starts are corrected."""
     error = replace(error, scale=scale)
     values = error.layout.values(raw)
     size, width = len(values), len(batch.starts)
     each = jnp.broadcast_to(values[:, None], (size, width))
     sums = jnp.zeros((size, batch.states.shape[1]), values.dtype)
     normal = NormalMatrix.zero(size, values)
-    correction, follow = at_their_minimum(error, values[:, None], horizon, batch, normal)
+    follow = followed_by(error, values[:, None], correction, horizon, batch, normal)
 
     def add(k: JaxArray, residual: JaxArray, slopes: Columns, sums: JaxArray) -> JaxArray:
         pairs = zip(slopes.shared, slopes.own, strict=True)

@@ -1,6 +1,5 @@
 """States of windows as the model has them: their estimated starts, and what follows from these."""
 
-from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
@@ -11,13 +10,11 @@ import numpy as np
 from penode.arrays import FloatArray, JaxArray, float64, on_device
 from penode.data.windows import Windows
 from penode.predictors.rollout import rollout
-from penode.training.free_starts import estimated_starts
-from penode.training.prediction_error import Batch, PredictionError, compiled_windows
+from penode.training.chunks import blocks, summed
+from penode.training.prediction_error import Batch, PredictionError
 
 #: By sample, the sum of states (state, time) and of how many windows (time,).
 _Sums: TypeAlias = tuple[JaxArray, JaxArray]
-#: Windows that go through together: one program serves any number of them.
-_BLOCK = 256
 
 
 def start_states(error: PredictionError, raw: FloatArray, windows: Windows) -> FloatArray:
@@ -42,12 +39,10 @@ def _blocks(
     error: PredictionError, raw: FloatArray, windows: Windows
 ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Return starts, summed states and how many were summed, of blocks of windows."""
-    found = []
-    for first in range(0, len(windows), _BLOCK):
-        few = windows.among(slice(first, first + _BLOCK))
+    corrections, found = summed(error, raw, windows, normal=False)[3], []
+    for few, own, batch in blocks(error, windows, corrections):
         with float64():
-            batch = compiled_windows(error, few, _BLOCK)
-            given = on_device(raw), on_device(error.scale), batch, on_device(few.horizon)
+            given = on_device(raw), on_device(own), batch, on_device(few.horizon)
             starts, total, count = _followed(error, *given)
             found.append((np.asarray(starts), np.asarray(total), np.asarray(count)))
     return found
@@ -55,12 +50,10 @@ def _blocks(
 
 @partial(jax.jit, static_argnums=0)
 def _followed(
-    error: PredictionError, raw: JaxArray, scale: JaxArray, batch: Batch, horizon: JaxArray
+    error: PredictionError, raw: JaxArray, correction: JaxArray, batch: Batch, horizon: JaxArray
 ) -> tuple[JaxArray, JaxArray, JaxArray]:
     """Return the starts (state, batch), and by sample the sum of predicted states and windows."""
-    values = error.layout.values(raw)[:, None]
-    correction = estimated_starts(replace(error, scale=scale), values, horizon, batch)
-    parts = error.layout.split(values)
+    parts = error.layout.split(error.layout.values(raw)[:, None])
     start = error.start(parts, correction, batch)
 
     def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
