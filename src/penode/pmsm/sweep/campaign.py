@@ -5,40 +5,30 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from penode.data.toml_file import COUNT, TABLE, TEXT, Kind, is_number, is_whole, require_kinds
+from msgspec import Meta, Struct
+
+from penode.data.toml_file import COUNT, FINITE, held_against
 from penode.errors import InputError
 from penode.pmsm.study_file import StudyFile, load_study
 from penode.pmsm.sweep.recordings import Recorded, digests_of, recorded_in
 from penode.pmsm.sweep.task import Task, code_version
 
-_MOST_SEEDS = 10_000
-_AUTO = "auto"
 
+class _Sweep(Struct, forbid_unknown_fields=True, frozen=True):
+    """The table ``[sweep]`` of a study file."""
 
-def _is_group(value: object) -> bool:
-    names = value if isinstance(value, list) else [value]
-    return bool(names) and all(isinstance(one, str) for one in names)
+    recordings: list[str | Annotated[list[str], Meta(min_length=1)]] = []
+    name: str | None = None
+    horizons: list[COUNT | Literal["auto"]] = []
+    seeds: Annotated[int, Meta(ge=1, le=10_000)] | None = None
+    current: tuple[FINITE, FINITE] = (0.0, 0.0)
+    variants: dict[str, dict[str, Any]] = {}
 
-
-_ENTRIES = {
-    "recordings": Kind(
-        "file names in brackets, those identified together in brackets of their own",
-        lambda v: isinstance(v, list) and bool(v) and all(map(_is_group, v)),
-    ),
-    "name": TEXT,
-    "horizons": Kind(
-        'whole numbers from 1 or "auto" in brackets',
-        lambda v: isinstance(v, list) and all(one == _AUTO or is_whole(one) for one in v),
-    ),
-    "seeds": COUNT,
-    "current": Kind(
-        "i_d and i_q in A, in brackets",
-        lambda v: isinstance(v, list) and len(v) == 2 and all(map(is_number, v)),
-    ),
-    "variants": TABLE,
-}
+    def __post_init__(self) -> None:
+        if len(set(self.horizons)) < len(self.horizons):
+            raise ValueError(f"horizons must differ, got {self.horizons}; remove one of two.")
 
 
 @dataclass(frozen=True)
@@ -108,49 +98,27 @@ def load_campaign(
     entries of the study, ``asked`` those of ``[sweep]``.
     """
     base = load_study(path, given)
-    entries = {**base.sweep, **asked}
-    where = "sweep:" if path is None else f"{path}: sweep:"
-    require_kinds(where, entries, _ENTRIES)
-    i_d, i_q = entries.get("current", (0.0, 0.0))
+    where = "" if path is None else f"{path}: "
+    entries = held_against(_Sweep, {**base.sweep, **asked}, f"{where}sweep.")
+    seeds = () if entries.seeds is None else tuple(range(entries.seeds))
     return Campaign(
-        recorded_in(path, runs, entries, where),
+        recorded_in(path, runs, entries.recordings, entries.name),
         _variants(path, given, entries, where) or {"": base},
-        _horizons(entries, where),
-        _seeds(entries, where),
-        (float(i_d), float(i_q)),
+        tuple(None if one == "auto" else one for one in entries.horizons),
+        seeds,
+        entries.current,
     )
 
 
-def _horizons(entries: Mapping[str, Any], where: str) -> tuple[int | None, ...]:
-    horizons = entries.get("horizons", ())
-    numbers = [one for one in horizons if one != _AUTO]
-    if min(numbers, default=1) < 1 or len(set(horizons)) < len(horizons):
-        raise InputError(
-            f"{where} horizons {list(horizons)} came; give distinct whole numbers from 1, or auto."
-        )
-    return tuple(None if one == _AUTO else one for one in horizons)
-
-
-def _seeds(entries: Mapping[str, Any], where: str) -> tuple[int, ...]:
-    if "seeds" not in entries:
-        return ()
-    count = entries["seeds"]
-    if not 1 <= count <= _MOST_SEEDS:
-        raise InputError(f"{where} {count} seeds came; give 1 to {_MOST_SEEDS}.")
-    return tuple(range(count))
-
-
 def _variants(
-    path: Path | None, given: Mapping[str, Any] | None, entries: Mapping[str, Any], where: str
+    path: Path | None, given: Mapping[str, Any] | None, entries: _Sweep, where: str
 ) -> dict[str, StudyFile]:
-    taken = {"sweep", *(one for one in ("horizon", "seed") if f"{one}s" in entries)}
+    taken = {"sweep": True, "horizon": bool(entries.horizons), "seed": entries.seeds is not None}
     variants = {}
-    for name, changes in entries.get("variants", {}).items():
-        if not isinstance(changes, dict):
-            raise InputError(f"{where} variant {name} = {changes!r} came; give a table.")
-        if twice := sorted(taken & set(changes)):
+    for name, changes in entries.variants.items():
+        if twice := [one for one in changes if taken.get(one)]:
             raise InputError(
-                f"{where} variant {name} has {twice[0]}, which the table [sweep] decides; "
+                f"{where}sweep.variants.{name} has {twice[0]}, which the table [sweep] decides; "
                 "say it in one of them."
             )
         try:

@@ -1,11 +1,10 @@
 """Which files a sweep takes, and what their names say of machine and date."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Any
 
 from penode.data.content import Content
 from penode.errors import InputError
@@ -42,27 +41,26 @@ def digests_of(recorded: Recorded) -> tuple[tuple[str, ...], str]:
 
 
 def recorded_in(
-    path: Path | None, runs: Sequence[Path], entries: Mapping[str, Any], where: str
+    path: Path | None, runs: Sequence[Path], entries: Sequence[str | list[str]], name: str | None
 ) -> tuple[Recorded, ...]:
     """Return the recordings of a campaign; refuse a pattern that cannot be, and none at all.
 
     Names begin in the folder of the study file; ``runs`` stand in place of the file's recordings,
-    each by itself; ``entries`` are ``recordings`` and ``name`` of the table ``[sweep]``.
+    each by itself; ``entries`` and ``name`` are those of the table ``[sweep]``.
     """
-    pattern = _pattern(entries.get("name"), where)
+    where = "sweep" if path is None else f"{path}: sweep"
+    pattern = _pattern(name, where)
     if runs:
         return tuple(_recorded((run,), Path(), pattern) for run in runs)
     folder = Path() if path is None else path.parent
     groups: list[tuple[Path, ...]] = []
-    for entry in entries.get("recordings", ()):
-        matches = [
-            _matching(folder, one, where) for one in ([entry] if isinstance(entry, str) else entry)
-        ]
-        every = tuple(file for some in matches for file in some)
+    for entry in entries:
+        several = [entry] if isinstance(entry, str) else entry
+        every = tuple(file for one in several for file in _matching(folder, one, where))
         groups += [(file,) for file in every] if isinstance(entry, str) else [every]
     if not groups:
         raise InputError(
-            f'{where} no recordings; name some, or give recordings = ["logs/*.csv"] in the table '
+            f'{where}: no recordings; name some, or give recordings = ["logs/*.csv"] in the table '
             "[sweep] of a study file."
         )
     return tuple(_recorded(files, folder, pattern) for files in dict.fromkeys(groups))
@@ -76,11 +74,13 @@ def _matching(folder: Path, pattern: str, where: str) -> list[Path]:
         found = sorted(file for file in folder.glob(pattern) if file.is_file())
     except (ValueError, NotImplementedError, IndexError) as error:
         raise InputError(
-            f"{where} recordings {pattern!r} came ({error}); give a pattern within the folder of "
-            "the study file."
+            f"{where}.recordings must hold patterns within the folder of the study file, got "
+            f"{pattern!r} ({error})."
         ) from error
     if not found:
-        raise InputError(f"{where} no file matches {pattern!r} in {folder}; check the pattern.")
+        raise InputError(
+            f"{where}.recordings: no file matches {pattern!r} in {folder}; check the pattern."
+        )
     return found
 
 
@@ -91,11 +91,11 @@ def _pattern(text: str | None, where: str) -> re.Pattern[str] | None:
         pattern = re.compile(text)
     except (re.error, OverflowError, RecursionError) as error:
         raise InputError(
-            f"{where} name = {text!r} came ({error}); give a regular expression."
+            f"{where}.name must be a regular expression, got {text!r} ({error})."
         ) from error
     if not pattern.groupindex.keys() or not set(pattern.groupindex) <= {"machine", "date"}:
         raise InputError(
-            f"{where} name = {text!r} came; name its groups machine and date: "
+            f"{where}.name must have groups named machine or date, got {text!r}; fix: "
             r"'(?P<machine>\w+)_(?P<date>\d{4}-\d\d-\d\d)'."
         )
     return pattern
@@ -119,6 +119,6 @@ def _date(text: str | None, name: str) -> str | None:
         return date.fromisoformat(re.sub(r"[_.]", "-", text)).isoformat()
     except ValueError as error:
         raise InputError(
-            f"{name}: the date {text!r} came of its name; give a pattern that finds a date such as "
-            "2026-03-31 or 20260331."
+            f"{name}: the date in a name must be like 2026-03-31 or 20260331, got {text!r}; "
+            "correct sweep.name."
         ) from error
