@@ -8,24 +8,21 @@ import sys
 from typing import Any
 
 import typer
-from rich.console import Console
 from typer.core import TyperGroup
 
 from penode.cli.check import check_command
 from penode.cli.compare import compare_command
 from penode.cli.compilation_cache import use_compilation_cache
+from penode.cli.console import Interrupted, Notes, say, why_and_status
 from penode.cli.demo import demo_command
 from penode.cli.export import export_command
 from penode.cli.identify import identify_command
 from penode.cli.init import init_command
-from penode.cli.last_resort import FAILED, Notes, of_memory, of_penode, of_the_system
 from penode.cli.loci import loci_command
-from penode.cli.lost_interrupt import raise_lost_interrupts
-from penode.cli.progress import Interrupted
+from penode.cli.process import flush_output, raise_lost_interrupts, use_tolerant_streams
 from penode.cli.report import report_command
 from penode.cli.reproduce import reproduce_command
 from penode.cli.simulate import simulate_command
-from penode.cli.streams import flush_output, use_tolerant_streams
 from penode.cli.sweep import sweep_command
 from penode.errors import InputError
 from penode.fit.left_out import LOG
@@ -59,17 +56,20 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 # In the order in which a person needs them, which is that of --help.
-app.command("demo")(demo_command)
-app.command("init")(init_command)
-app.command("check")(check_command)
-app.command("identify")(identify_command)
-app.command("report")(report_command)
-app.command("export")(export_command)
-app.command("loci")(loci_command)
-app.command("compare")(compare_command)
-app.command("simulate")(simulate_command)
-app.command("sweep")(sweep_command)
-app.command("reproduce")(reproduce_command)
+for _command in (
+    demo_command,
+    init_command,
+    check_command,
+    identify_command,
+    report_command,
+    export_command,
+    loci_command,
+    compare_command,
+    simulate_command,
+    sweep_command,
+    reproduce_command,
+):
+    app.command(_command.__name__.removesuffix("_command"))(_command)
 
 
 def _usage(error: Any) -> BaseException:
@@ -102,22 +102,10 @@ def main() -> None:
             app(prog_name="penode")
         finally:
             flush_output()
-    except InputError as error:
-        _say(f"error: {error}")
-        sys.exit(2)
     except Interrupted as stop:
-        _say(str(stop))
+        say(str(stop))
         sys.exit(130)
-    except OSError as error:
-        _say(f"error: {of_the_system(error)}")
-        sys.exit(2)
-    except MemoryError as error:
-        _say(f"error: {of_memory(error)}")
-        sys.exit(2)
     except Exception as error:
-        _say(f"error: {of_penode(error)}")
-        sys.exit(FAILED)
-
-
-def _say(text: str) -> None:
-    Console(stderr=True).print(text, soft_wrap=True, highlight=False, markup=False)
+        sentence, status = why_and_status(error)
+        say(f"error: {sentence}")
+        sys.exit(status)
