@@ -1,7 +1,6 @@
 """Figures of a fleet: a quantity over dates or recordings, a colour a machine; R over horizons."""
 
 from collections.abc import Sequence
-from datetime import date
 
 import numpy as np
 import plotly.graph_objects as go
@@ -133,8 +132,3 @@ def over_horizons(rows: pl.DataFrame) -> go.Figure:
         hovermode="closest",
     )
     return figure
-
-
-def dates_of(rows: pl.DataFrame) -> list[date]:
-    """Return the dates of rows that all have one."""
-    return [date.fromisoformat(text) for text in rows["date"].to_list()]
