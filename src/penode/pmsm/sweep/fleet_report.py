@@ -7,9 +7,9 @@ import numpy as np
 import polars as pl
 
 from penode.arrays import FloatArray
-from penode.pmsm.sweep.drift import Drift, drift_of
 from penode.pmsm.sweep.fleet_figures import SINGLED, over_dates, over_horizons
 from penode.pmsm.sweep.task import ANSWERED
+from penode.pmsm.sweep.trend import Trend, trend_of
 from penode.report.document import (
     Block,
     Cell,
@@ -39,7 +39,7 @@ def fleet_report(table: pl.DataFrame) -> str:
     table = table.with_columns(pl.col("machine").fill_null(_UNNAMED)).with_row_index("place")
     main = _main(table)
     sound = main.filter(pl.col("answered"))
-    by_machine = main.sort("machine", maintain_order=True).group_by("machine", maintain_order=True)
+    by_machine = main.group_by("machine", maintain_order=True)
     machines = [_Machine(str(name), group) for (name,), group in by_machine]
     drifting = [one.name for one in machines if one.drifting]
     sections = [
@@ -126,10 +126,10 @@ class _Machine:
         self.sound = rows.filter(pl.col("answered"))
         self.drifts = {quantity: self._drift(quantity) for quantity in ("R", "psi_d")}
 
-    def _drift(self, quantity: str) -> Drift | None:
+    def _drift(self, quantity: str) -> Trend | None:
         rows = self.sound.filter(pl.col(quantity).is_finite() & pl.col("date").is_not_null())
         dates = [date.fromisoformat(text) for text in rows["date"].to_list()]
-        return drift_of(dates, rows[quantity].to_numpy())
+        return trend_of(dates, rows[quantity].to_numpy())
 
     @property
     def drifting(self) -> bool:
@@ -162,7 +162,7 @@ def _resistance(sound: pl.DataFrame, machines: Sequence[_Machine]) -> Section:
     """Return the section on R of the rows that give an answer."""
     rows = [
         m.row("R", "ohm", (Cell(m.span), _count(len(m.rows)), _count(len(m.sound))), ())
-        for m in machines[:_MOST]
+        for m in _listed_machines(machines)
     ]
     figure = Figure(
         _drift_title(machines, "R"),
@@ -195,7 +195,7 @@ def _flux_linkage_map(sound: pl.DataFrame, machines: Sequence[_Machine]) -> Sect
     others = {"psi_q": "Vs", "l_dd": "H", "l_qq": "H"}
     rows = [
         m.row("psi_d", "Vs", (), [_quantity(_mean(m.sound, q), u) for q, u in others.items()])
-        for m in machines[:_MOST]
+        for m in _listed_machines(machines)
     ]
     figure = Figure(
         _drift_title(machines, "psi_d"),
@@ -206,6 +206,10 @@ def _flux_linkage_map(sound: pl.DataFrame, machines: Sequence[_Machine]) -> Sect
     columns = ("machine", "psi_d", "spread", "psi_q", "L_dd", "L_qq", "change of psi_d a year")
     table = Table("Machines: map", columns, tuple(rows), f"Means.{_cut(len(machines))}")
     return Section("Flux-linkage map", lead, [figure, table])
+
+
+def _listed_machines(machines: Sequence[_Machine]) -> list[_Machine]:
+    return sorted(machines, key=lambda one: one.name)[:_MOST]
 
 
 def _singled(machines: Sequence[_Machine]) -> list[str]:
@@ -229,7 +233,9 @@ def _trust(table: pl.DataFrame) -> Section:
     outcomes = table.with_columns(outcome.alias("outcome"))
     share = {name: count / len(table) for name, count in outcomes["outcome"].value_counts().rows()}
     verdicts = _ranked(
-        outcomes, "outcome", lambda name: (Cell(f"{100 * share[name]:.0f}{_SPACE}%", share[name], "bar"),)
+        outcomes,
+        "outcome",
+        lambda name: (Cell(f"{100 * share[name]:.0f}{_SPACE}%", share[name], "bar"),),
     )
     blocks: list[Block] = [
         Table(
@@ -247,7 +253,9 @@ def _trust(table: pl.DataFrame) -> Section:
     bad = table.filter(~pl.col("answered").fill_null(False))
     if len(bad):
         why = pl.coalesce("error", "reason", pl.lit(""))
-        told = bad.head(_MOST).select("recording", pl.coalesce("verdict", "status"), why.alias("why"))
+        told = bad.head(_MOST).select(
+            "recording", pl.coalesce("verdict", "status"), why.alias("why")
+        )
         rows = tuple(Row(tuple(map(Cell, row))) for row in told.rows())
         columns = ("recording", "verdict", "why")
         blocks.append(Table("Not answered", columns, rows, _cut(len(bad)).strip()))
@@ -258,7 +266,9 @@ def _ranked(
     rows: pl.DataFrame, name: str, more: Callable[[str], tuple[Cell, ...]] = lambda _: ()
 ) -> tuple[Row, ...]:
     """Return a row a value of a column, the most frequent first: how many, of which machines."""
-    groups = rows.group_by(name, maintain_order=True).agg(pl.len(), pl.col("machine").unique().sort())
+    groups = rows.group_by(name, maintain_order=True).agg(
+        pl.len(), pl.col("machine").unique().sort()
+    )
     return tuple(
         Row((Cell(one), _count(count), *more(one), Cell(_listed(machines))))
         for one, count, machines in groups.sort("len", descending=True, maintain_order=True).rows()

@@ -86,9 +86,9 @@ def run(task: Task) -> Outcome:
         outcome = Outcome({"status": REFUSED, "error": _sentence(error)})
     except MemoryError as error:
         what = f" ({error})" if str(error) else ""
-        outcome = failed(f"The memory does not suffice{what}; ask for fewer processes.")
+        outcome = failed(f"Not enough memory{what}; ask for fewer processes.")
     except Exception as error:
-        outcome = failed(f"penode failed where it should not ({type(error).__name__}: {error}).")
+        outcome = failed(f"Internal error of penode ({type(error).__name__}: {error}).")
     times = {
         "seconds": round(time.monotonic() - began, 3),
         "processor_seconds": round(time.process_time() - spent, 3),
