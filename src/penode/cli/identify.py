@@ -6,19 +6,9 @@ from typing import Annotated
 
 import typer
 
+from penode.cli import options
 from penode.cli.console import ERRORS, say
 from penode.cli.fits import print_fit, report_beside, signed
-from penode.cli.options import (
-    AngleOrders,
-    Config,
-    FluxMapOption,
-    HoldOption,
-    Inverter,
-    OutFolder,
-    Recordings,
-    Terms,
-    given,
-)
 from penode.cli.progress import watched
 from penode.errors import InputError
 from penode.horizon.checkpoint import Checkpoint
@@ -30,20 +20,20 @@ from penode.pmsm.study_file import load_study
 
 
 def identify_command(  # noqa: PLR0913 (an argument an option)
-    runs: Recordings,
-    out: OutFolder,
+    runs: options.Recordings,
+    out: options.OutFolder,
     validate: Annotated[
         list[Path] | None, typer.Option(help="Recording to predict, not to train on. Repeatable.")
     ] = None,
-    config: Config = None,
+    config: options.Config = None,
     horizon: Annotated[
         str | None, typer.Option(help="auto, or the number of steps.", show_default="auto")
     ] = None,
-    flux_map: FluxMapOption = None,
-    inverter: Inverter = None,
-    terms: Terms = None,
-    angle_orders: AngleOrders = None,
-    hold: HoldOption = None,
+    flux_map: options.FluxMapOption = None,
+    inverter: options.Inverter = None,
+    terms: options.Terms = None,
+    angle_orders: options.AngleOrders = None,
+    hold: options.HoldOption = None,
     purpose: Annotated[
         str | None,
         typer.Option(
@@ -84,7 +74,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     Example: penode identify run.csv --validate other.csv --out result
     """
     began = time.monotonic()
-    options = given(
+    settings = options.given(
         flux_map=flux_map,
         seed=seed,
         inverter=inverter,
@@ -95,7 +85,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         train_anyway=train_anyway or None,
     )
     asked = load_study(
-        config, options if horizon is None else {**options, "horizon": _steps(horizon)}
+        config, settings if horizon is None else {**settings, "horizon": _steps(horizon)}
     )
     recordings = [stretch for run in runs for stretch in asked.load_stretches(run)]
     unseen = [stretch for run in validate or [] for stretch in asked.load_stretches(run)]

@@ -5,25 +5,15 @@ Exit status 0 done, 1 the data cannot answer, 2 bad input, 70 a failure of penod
 
 import gc
 import sys
+from importlib import import_module
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
-from penode.cli.check import check_command
-from penode.cli.compare import compare_command
 from penode.cli.compilation_cache import use_compilation_cache
 from penode.cli.console import Interrupted, Notes, say, why_and_status
-from penode.cli.demo import demo_command
-from penode.cli.export import export_command
-from penode.cli.identify import identify_command
-from penode.cli.init import init_command
-from penode.cli.loci import loci_command
 from penode.cli.process import flush_output, raise_lost_interrupts, use_tolerant_streams
-from penode.cli.report import report_command
-from penode.cli.reproduce import reproduce_command
-from penode.cli.simulate import simulate_command
-from penode.cli.sweep import sweep_command
 from penode.errors import InputError
 from penode.fit.left_out import LOG
 
@@ -56,20 +46,9 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 # In the order in which a person needs them, which is that of --help.
-for _command in (
-    demo_command,
-    init_command,
-    check_command,
-    identify_command,
-    report_command,
-    export_command,
-    loci_command,
-    compare_command,
-    simulate_command,
-    sweep_command,
-    reproduce_command,
-):
-    app.command(_command.__name__.removesuffix("_command"))(_command)
+_NAMES = "demo init check identify report export loci compare simulate sweep reproduce"
+for _name in _NAMES.split():
+    app.command(_name)(getattr(import_module(f"penode.cli.{_name}"), f"{_name}_command"))
 
 
 def _usage(error: Any) -> BaseException:

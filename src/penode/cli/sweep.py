@@ -8,18 +8,8 @@ import polars as pl
 import typer
 from rich.table import Table
 
+from penode.cli import options
 from penode.cli.console import OUTPUT, Interrupted, print_rows, say
-from penode.cli.options import (
-    AngleOrders,
-    Config,
-    FluxMapOption,
-    HoldOption,
-    Inverter,
-    OutFolder,
-    Terms,
-    given,
-    whole_numbers,
-)
 from penode.cli.sweep_workers import cluster, processes
 from penode.fit.archive import write_atomically
 from penode.fit.result_folder import REPORT, claimed
@@ -31,7 +21,7 @@ from penode.report.quantities import number, with_unit
 
 
 def sweep_command(  # noqa: PLR0913 (an argument an option)
-    out: OutFolder,
+    out: options.OutFolder,
     runs: Annotated[
         list[Path] | None,
         typer.Argument(help="Recordings, each by itself, in place of the study file's."),
@@ -45,12 +35,12 @@ def sweep_command(  # noqa: PLR0913 (an argument an option)
     seeds: Annotated[
         int | None, typer.Option(help="Seeds at each horizon, from 0.", show_default="one")
     ] = None,
-    config: Config = None,
-    flux_map: FluxMapOption = None,
-    inverter: Inverter = None,
-    terms: Terms = None,
-    angle_orders: AngleOrders = None,
-    hold: HoldOption = None,
+    config: options.Config = None,
+    flux_map: options.FluxMapOption = None,
+    inverter: options.Inverter = None,
+    terms: options.Terms = None,
+    angle_orders: options.AngleOrders = None,
+    hold: options.HoldOption = None,
     jobs: Annotated[
         int | None, typer.Option(help="Processes side by side.", show_default="one a core")
     ] = None,
@@ -71,11 +61,11 @@ def sweep_command(  # noqa: PLR0913 (an argument an option)
 
     Example: penode sweep --config fleet.toml --out fleet --jobs 8
     """
-    options = given(
+    settings = options.given(
         flux_map=flux_map, inverter=inverter, terms=terms, angle_orders=angle_orders, hold=hold
     )
-    asked = given(horizons=None if horizons is None else _horizons(horizons), seeds=seeds)
-    campaign = load_campaign(config, runs or (), options, asked)
+    asked = options.given(horizons=None if horizons is None else _horizons(horizons), seeds=seeds)
+    campaign = load_campaign(config, runs or (), settings, asked)
     workers = processes(_cores() if jobs is None else jobs) if dask is None else cluster(dask)
     try:
         with claimed(out):
@@ -103,7 +93,9 @@ def _cores() -> int:
 
 def _horizons(text: str) -> list[Any]:
     parts = [part.strip() for part in text.split(",")]
-    return [part if part == "auto" else whole_numbers("horizons", part)[0] for part in parts]
+    return [
+        part if part == "auto" else options.whole_numbers("horizons", part)[0] for part in parts
+    ]
 
 
 def _told(row: dict[str, Any]) -> str:

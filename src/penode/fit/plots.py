@@ -36,7 +36,7 @@ def draw_ladder(fit: "Fit") -> Figure:
     for axes, name in zip(panels, names, strict=True):
         estimate = fit.parameters[name]
         values = [rung.parameters[name] for rung in ladder]
-        bars = [NORMAL_95 * _drawable(rung.std[name]) for rung in ladder]
+        bars = NORMAL_95 * _finite(np.array([rung.std[name] for rung in ladder]))
         axes.axhspan(*estimate.interval_95, color=_BLUE, alpha=0.15, lw=0, label="reported, 95 %")
         colours = [_GREEN if h in fit.horizon.plateau else _GREY for h in horizons]
         axes.errorbar(horizons, values, bars, fmt="none", ecolor=_MUTED, capsize=2)
@@ -186,11 +186,6 @@ def _titled(figure: Figure, title: str) -> Figure:
 
 def _finite(values: FloatArray) -> FloatArray:
     return np.where(np.isfinite(values), values, np.nan)
-
-
-def _drawable(deviation: float) -> float:
-    """Return a deviation as an error bar can show it: none where it is not known."""
-    return deviation if np.isfinite(deviation) else np.nan
 
 
 def _limit(axes: Axes, values: Any) -> None:

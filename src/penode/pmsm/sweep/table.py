@@ -14,7 +14,7 @@ import polars as pl
 
 from penode.errors import InputError
 from penode.fit.archive import name_file, write_atomically
-from penode.pmsm.sweep.task import FAILED, Outcome
+from penode.pmsm.sweep.task import FAILED, MAP_COLUMNS, Outcome
 
 LINES, PARQUET, FITS = "table.jsonl", "table.parquet", "fits"
 #: What a row is called, whatever came of it.
@@ -25,27 +25,15 @@ _BATCH = 5000
 TIMES = ("seconds", "processor_seconds")
 
 _TYPES: dict[str, Any] = {
-    "key": pl.String,
-    "recording": pl.String,
-    "machine": pl.String,
-    "date": pl.String,
-    "variant": pl.String,
-    "horizon": pl.Int64,
-    "seed": pl.Int64,
+    **dict.fromkeys(("key", "recording", "machine", "date", "variant"), pl.String),
+    **dict.fromkeys(("horizon", "seed"), pl.Int64),
     "status": pl.String,
-    "R": pl.Float64,
-    "R_std": pl.Float64,
-    "R_low": pl.Float64,
-    "R_high": pl.Float64,
+    **dict.fromkeys(("R", "R_std", "R_low", "R_high"), pl.Float64),
     "verdict": pl.String,
     "answered": pl.Boolean,
     "selected": pl.Int64,
-    **dict.fromkeys(("psi_d", "psi_q", "psi_d_std", "psi_q_std"), pl.Float64),
-    **dict.fromkeys(("l_dd", "l_dq", "l_qq"), pl.Float64),
-    "rmse": pl.Float64,
-    "free_run_rmse": pl.Float64,
-    "objections": pl.String,
-    "reason": pl.String,
+    **dict.fromkeys((*MAP_COLUMNS, "rmse", "free_run_rmse"), pl.Float64),
+    **dict.fromkeys(("objections", "reason"), pl.String),
     "warnings": pl.Int64,
     **dict.fromkeys(TIMES, pl.Float64),
     "error": pl.String,
