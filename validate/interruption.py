@@ -67,7 +67,7 @@ def numbers(out: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
     """Return the document and the arrays of a saved fit, without what is a run's own."""
     document, arrays = read_archive(out / "fit")
     for name in _OWN:
-        document["provenance"].pop(name, None)
+        document["provenance"]["mapping"].pop(name, None)
     return document, {name: values.tobytes() for name, values in arrays.items()}
 
 

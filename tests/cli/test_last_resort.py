@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from penode.cli import last_resort
+from penode.cli.console import why_and_status
 from penode.fit.result_folder import claimed
 
 GIVE = "give another place.\n"
@@ -50,7 +50,7 @@ def test_details_that_cannot_be_written_are_told(penode, run, monkeypatch):
     monkeypatch.setattr("tempfile.mkstemp", failing(OSError(28, "No space left on device")))
     done = penode("check", run)
     assert done.returncode == 70
-    assert "could not be written" in done.stderr
+    assert "no details could be written" in done.stderr
 
 
 def test_a_file_that_cannot_be_written_is_the_users_to_mend(penode, run, monkeypatch):
@@ -66,7 +66,7 @@ def test_what_does_not_fit_into_the_memory_is_the_users_to_mend(penode, run, mon
     monkeypatch.setattr("penode.cli.check.load_study", failing(big))
     done = penode("check", run)
     assert done.returncode == 2
-    assert done.stderr.startswith("error: the memory does not suffice (Unable to allocate 7 TiB); ")
+    assert done.stderr.startswith("error: not enough memory (Unable to allocate 7 TiB); ")
 
 
 def test_an_output_folder_that_is_a_file(penode, run, tmp_path):
@@ -99,4 +99,6 @@ def test_a_folder_in_which_another_process_writes(penode, run, tmp_path, command
 
 
 def test_the_sentence_without_a_name_still_says_why():
-    assert last_resort.of_the_system(OSError("the disk is gone")).startswith("the disk is gone; ")
+    sentence, status = why_and_status(OSError("the disk is gone"))
+    assert status == 2
+    assert sentence.startswith("the disk is gone; ")

@@ -5,11 +5,11 @@ import sys
 
 import pytest
 
-from penode.cli import lost_interrupt
+from penode.cli import process
 
 CODE = """
 import importlib.util, sys, time
-spec = importlib.util.spec_from_file_location("lost_interrupt", sys.argv[1])
+spec = importlib.util.spec_from_file_location("process", sys.argv[1])
 module = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(module)
 
@@ -33,7 +33,7 @@ except KeyboardInterrupt:
 )
 def test_an_interrupt_that_python_drops_comes_again(error, printed):
     code = CODE.format(error=error)
-    command = [sys.executable, "-c", code, lost_interrupt.__file__]
+    command = [sys.executable, "-c", code, process.__file__]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.stdout == printed
     assert ("ValueError" in done.stderr) == (error == "ValueError")

@@ -140,7 +140,7 @@ def test_leaving_the_recorded_currents_is_told(result, penode, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"result"', '"gone"', ["machine.result", "gone", "mend the path"]),
+        ('"result"', '"gone"', ["machine.result", "gone", "correct the path"]),
         ('"result"', "7", ["result", "7", "a table with map or result"]),
         ('result = "result"', 'result = "result", map = "a.csv"', ["a table with map or result"]),
         ('result = "result"', 'result = "."', ["result.json", "penode identify"]),
@@ -187,7 +187,7 @@ def test_a_simulation_is_held_against_a_recording_of_the_same_kind_only(result, 
         with pytest.raises(InputError, match=word):
             deviation(run, replace(run.experiment, **change))
     done = drive(penode, tmp_path, DRIVE, "--study", "study.toml")
-    assert "--study came without --against" in done.stderr
+    assert "--study needs --against" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ import json
 import pytest
 from rich.console import Console
 
-from penode.cli.ladder_view import LadderView
-from penode.cli.progress import Interrupted, watched
+from penode.cli.console import Interrupted
+from penode.cli.progress import LadderView, watched
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.horizon.checkpoint import Checkpoint
@@ -185,8 +185,8 @@ def test_the_table_shows_resistance_rmse_horizon_and_the_time_left():
     assert "Finding a start" in pictures[0]
     assert words(pictures[1], "R =") == ["3", "R", "=", "12.30", "mΩ", "2.000"]
     assert words(pictures[2], "R =") == ["3", "R", "=", "12.30", "±", "0.10", "mΩ", "2.000", "5"]
-    assert pictures[4].splitlines()[-1].strip() == "rung 2 of 4"
-    assert pictures[6].splitlines()[-1].strip() == "rung 3 of 4, a few seconds left"
+    assert pictures[4].splitlines()[-1].strip() == "rung 2 of 4 -:--:--", "nothing to go by"
+    assert pictures[6].splitlines()[-1].strip().startswith("rung 3 of 4 0:00:0")
     assert pictures[7].count("R =") == 2, "a horizon that was not finished counts for nothing"
     assert "Stopping after horizon 6" in pictures[7]
     assert "Ctrl-C again leaves at once" in pictures[7]
@@ -224,5 +224,5 @@ def test_an_event_between_evaluations_leaves_the_line_as_it_was():
     view(evaluation(2))
     view({"event": "note"})
     last = printed(view.picture()).splitlines()[-1]
-    assert last.strip() == "rung 2 of 4"
+    assert last.strip() == "rung 2 of 4 -:--:--"
     assert "R =" not in printed(view.picture()), "what is not finished is not shown as if it were"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from penode.cli.summary import print_fit
+from penode.cli.fits import print_fit
 from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.report.quantities import number
 from penode.validation.comparison import Comparison
@@ -111,7 +111,7 @@ def test_the_summary_has_an_error_a_state_where_units_differ(tmp_path):
     (run,) = fit.comparisons
     lost = replace(run, name="lost.csv", free_run=run.free_run * np.nan)
     printed = io.StringIO()
-    print_fit(Console(file=printed), replace(fit, comparisons=(run, lost)), tmp_path)
+    print_fit(replace(fit, comparisons=(run, lost)), tmp_path, Console(file=printed))
     text = printed.getvalue()
     (x, v), (first, second) = run.one_step_errors.values(), run.free_run_errors.values()
     assert (

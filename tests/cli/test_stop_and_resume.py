@@ -230,5 +230,5 @@ def test_resume_without_a_checkpoint_says_so_and_begins_anew(runs, folder, penod
     (folder / "fit" / "checkpoint.json").unlink()
     scripted([{"event": "start"}, RUNG], KeyboardInterrupt())
     done = penode("identify", runs[0], "--out", folder, "--resume")
-    assert "checkpoint.json is not there, so nothing is resumed; beginning anew." in done.stderr
+    assert "checkpoint.json is missing, so nothing is resumed; beginning anew." in done.stderr
     assert told(folder, "start") == [None], "the log of before is replaced"

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from penode.cli import streams
+from penode.cli import process
 
 
 def run(code, **streams_):
     """Run code in a process of its own, with tolerant streams and without the rest of penode."""
-    source = Path(streams.__file__).read_text(encoding="utf-8")
+    source = Path(process.__file__).read_text(encoding="utf-8")
     return subprocess.run(
         [sys.executable, "-c", f"{source}\nuse_tolerant_streams()\n{code}"], timeout=60, **streams_
     )
@@ -56,14 +56,14 @@ def test_a_full_disk_is_an_error_once():
 def test_streams_of_a_program_stay(monkeypatch):
     mine = io.StringIO()
     monkeypatch.setattr(sys, "stdout", mine)
-    streams.use_tolerant_streams()
+    process.use_tolerant_streams()
     assert sys.stdout is mine
 
 
 def test_no_output_is_no_error(monkeypatch):
     monkeypatch.setattr(sys, "stdout", None)
-    streams.use_tolerant_streams()
-    streams.flush_output()
+    process.use_tolerant_streams()
+    process.flush_output()
 
 
 def test_every_command_has_them(penode, monkeypatch):

@@ -205,11 +205,11 @@ def test_the_workers_of_a_killed_sweep_end(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--seeds", "1000000000000"), "1000000000000 seeds came"),
-        (("--horizons", "1,a"), "--horizons 1,a came"),
-        (("--horizons", "0"), "horizons [0] came"),
-        (("--seeds", "0"), "seeds = 0 came"),
-        (("--jobs", "0"), "--jobs 0 came"),
+        (("--seeds", "1000000000000"), "sweep.seeds must be a whole number >= 1 and <= 10000"),
+        (("--horizons", "1,a"), "--horizons must be whole numbers with commas"),
+        (("--horizons", "0"), "sweep.horizons[0] must be a whole number >= 1"),
+        (("--seeds", "0"), "<= 10000, got 0"),
+        (("--jobs", "0"), "--jobs must be >= 1, got 0"),
         (("--dask", "nonsense"), "--dask nonsense: no scheduler answers"),
     ],
 )

@@ -105,7 +105,7 @@ def test_predictions_are_drawn_within_what_was_measured(fit):
     diverged = replace(fit.comparisons[0], free_run=fit.comparisons[0].free_run * 1e9)
     low, high = replace(fit, comparisons=(diverged,)).plot_predictions().axes[0].get_ylim()
     assert high - low < 2 * np.ptp(diverged.measured[:, 0])
-    with pytest.raises(InputError, match=r"recording 2 came; .* of 2"):
+    with pytest.raises(InputError, match=r"recording must be < 2, .* got 2"):
         fit.plot_predictions(2)
 
 
@@ -129,9 +129,9 @@ def test_a_map_of_two_arguments_is_drawn_an_output_a_panel(machine_fit):
 
 
 def test_what_cannot_be_drawn_is_refused_with_the_mend(fit):
-    with pytest.raises(InputError, match=r"'friction' came; this model has \['spring'\]"):
+    with pytest.raises(InputError, match=r"the map must be one of \['spring'\], got 'friction'"):
         fit.plot_map("friction")
-    with pytest.raises(InputError, match="a ladder of 0 horizons with 2 physical"):
+    with pytest.raises(InputError, match="got 0 and 2"):
         replace(fit, horizon=replace(fit.horizon, ladder=())).plot_ladder()
 
 

@@ -1,6 +1,5 @@
 """Models and records as JSON values and arrays, and back; what classes are trusted."""
 
-import json
 import sys
 
 import jax
@@ -8,14 +7,14 @@ import numpy as np
 import pytest
 
 from penode.errors import InputError
-from penode.fit.archive import to_json
+from penode.fit.archive import from_json, to_json
 from penode.fit.model_tree import describe_module, restore_module
 from penode.fit.outcome import Contribution
 
 
 def test_models_round_trip(system):
     arrays = {}
-    document = json.loads(to_json(describe_module(system.model, "model", arrays)))
+    document = from_json(to_json(describe_module(system.model, "model", arrays), exact=True))
     back = restore_module(document, arrays)
     assert type(back) is type(system.model)
     assert jax.tree.structure(back) == jax.tree.structure(system.model)
@@ -26,7 +25,7 @@ def test_models_round_trip(system):
 def test_static_fields_are_kept(systems):
     arrays = {}
     document = describe_module(systems["mlp machine"].model, "model", arrays)
-    back = restore_module(json.loads(to_json(document)), arrays)
+    back = restore_module(from_json(to_json(document, exact=True)), arrays)
     assert (back.flux.current_scale, back.flux.flux_scale) == (100.0, 0.4)
 
 
@@ -51,7 +50,8 @@ def test_records_mappings_and_what_json_has_no_number_for_round_trip():
     record = Contribution("gain", np.inf, "0.5 %")
     tree = (record, {"a": -np.inf, "b": (1.5, None)}, np.array([np.nan, 1.0]))
     arrays = {}
-    found = restore_module(json.loads(to_json(describe_module(tree, "start", arrays))), arrays)
+    document = to_json(describe_module(tree, "start", arrays), exact=True)
+    found = restore_module(from_json(document), arrays)
     assert found[0] == record
     assert found[1] == {"a": -np.inf, "b": (1.5, None)}
     np.testing.assert_array_equal(found[2], tree[2])

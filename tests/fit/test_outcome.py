@@ -1,4 +1,4 @@
-"""Estimates and choices as numbers: their intervals, and what a null of their JSON stands for."""
+"""Estimates and choices as numbers and their intervals; files."""
 
 import json
 import os
@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from penode.fit.archive import to_json, write_atomically
 from penode.fit.model_tree import describe_module, restore_module
-from penode.fit.outcome import Contribution, Estimate, HorizonChoice, estimate_of, horizon_of
+from penode.fit.outcome import Contribution, Estimate, HorizonChoice
 from penode.pmsm.machine.terms import Resistance
 
 
@@ -30,30 +30,6 @@ def test_an_interval_made_otherwise_is_kept_where_nothing_was_assumed():
     assumed = Estimate(1.0, 1.3, (-7.0, 9.0), "A", budget=(*rows, Contribution("gain", 1.2, "1 %")))
     low, high = assumed.statistical_interval_95
     assert (low, high) == pytest.approx((1 - 0.98, 1 + 0.98))
-
-
-def test_a_null_is_no_number_of_a_value_and_unbounded_of_a_deviation():
-    rung = {
-        "horizon": 4,
-        "parameters": {"R": None},
-        "std": {"R": None},
-        "rmse": 0.1,
-        "free_run_rmse": None,
-        "iterations": 3,
-        "outcome": "Done.",
-    }
-    choice = {"selected": 4, "verdict": "fixed", "reason": "", "ladder": [rung], "plateau": [4]}
-    found = horizon_of(choice)
-    assert np.isnan(found.ladder[0].parameters["R"])
-    assert found.ladder[0].std["R"] == np.inf
-    assert found.ladder[0].free_run_rmse is None
-    assert (found.plateau, found.objections) == ((4,), ())
-    row = {"source": "statistics", "std": None, "accuracy": "", "remedy": ""}
-    document = {"value": None, "std": None, "interval_95": [None, 2.0], "unit": "A"}
-    estimate = estimate_of({**document, "identifiability": None, "budget": [row]})
-    assert np.isnan([estimate.value, estimate.std, estimate.interval_95[0]]).all()
-    assert estimate.interval_95[1] == 2.0
-    assert estimate.statistical_std == np.inf
 
 
 @pytest.mark.parametrize("verdict", ["implausible", "stopped", "predicts best"])

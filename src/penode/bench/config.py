@@ -1,13 +1,16 @@
 """A simulation as a TOML file: machine, reference, speed and every imperfection, by name."""
 
 import inspect
-import types
 import typing
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, is_dataclass
+from functools import reduce
 from importlib import resources
+from operator import or_
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from penode.bench.drive import Drive
 from penode.bench.identified import identified_machine
@@ -30,7 +33,7 @@ from penode.bench.run import Recording, record
 from penode.bench.shaft import FreeShaft, Speed, SpeedPoints, SpeedRipple
 from penode.bench.switching import CarrierPwm
 from penode.bench.voltage_limits import Circle, Hexagon, VoltageLimit
-from penode.data.toml_file import FINITE, FLAG, NATURAL, WHOLE, read_toml, require, require_known
+from penode.data.toml_file import FINITE, NATURAL, held_against, read_toml
 from penode.errors import InputError
 
 #: What a table's ``kind`` may name, wherever one of several records fits.
@@ -51,7 +54,6 @@ _SOURCES: dict[str, Callable[..., ImportedMachine]] = {
     "map": import_machine,
     "result": identified_machine,
 }
-_PLAIN = {bool: FLAG, int: WHOLE}
 _DOMAINS = {"whole": WHOLE_DISC, "motor": MOTOR, "generator": GENERATOR}
 
 
@@ -123,124 +125,100 @@ def load_config(source: str | Path) -> Simulation:
         raise InputError(
             f"{source}: no such file; give a .toml file or one of {', '.join(shipped_configs())}."
         )
-    table = {"drive": {}, "seed": 0, **read_toml(path)}
-    require(f"{path}: seed", table["seed"], NATURAL)
-    origin = _read_machine(path, table.pop("machine", None))
-    return Simulation(**origin, **_arguments(_Rest, table, f"{path}:"))
+    schema = msgspec.defstruct(
+        "Simulation",
+        [
+            ("machine", str | dict[str, Any]),
+            ("reference", _schema(Reference)),
+            ("speed_rpm", _schema(Speed)),
+            ("duration", FINITE),
+            ("drive", _schema(Drive)),
+            ("seed", NATURAL, 0),
+        ],
+        kw_only=True,
+        forbid_unknown_fields=True,
+    )
+    read: Any = held_against(schema, {"drive": {}, **read_toml(path)}, f"{path}: ")
+    made = {
+        name: _made(value, f"{path}: {name}")
+        for name, value in msgspec.structs.asdict(read).items()
+    }
+    return Simulation(**{**made, **_machine(path, read.machine)})
 
 
-class _Rest:
-    """Entries at the top of the file that need no special reading."""
-
-    def __init__(
-        self, reference: Reference, speed_rpm: Speed, duration: float, drive: Drive, seed: int
-    ) -> None: ...
-
-
-def _read_machine(path: Path, entry: Any) -> dict[str, Any]:
+def _machine(path: Path, entry: str | dict[str, Any]) -> dict[str, Any]:
     """Return the machine, and what else a simulation holds about where it comes from."""
     if isinstance(entry, str):
         return {"machine": machine(entry)}
-    named = [key for key in _SOURCES if isinstance(entry, dict) and key in entry]
-    if len(named) != 1 or not isinstance(entry[named[0]], str):
+    named = [key for key in _SOURCES if isinstance(entry.get(key), str)]
+    if len(named) != 1:
         raise InputError(
-            f"{path}: machine = {entry!r} came; give a name, or a table with map or result."
+            f"{path}: machine must be a name, or a table with map or result, got {entry!r}."
         )
-    make, source = _SOURCES[named[0]], path.parent / entry[named[0]]
-    rest = {key: value for key, value in entry.items() if key != named[0]}
-    arguments = _arguments(make, rest, f"{path}: machine", supplied=1)
+    (origin,) = named
+    where, source = f"{path}: machine", path.parent / str(entry[origin])
+    table = _table(_SOURCES[origin], first=origin)
+    read = msgspec.structs.asdict(held_against(table, entry, f"{where}."))
     if not source.exists():
-        raise InputError(f"{path}: machine.{named[0]}: {source} is not there; mend the path.")
-    imported = make(source, **arguments)
+        raise InputError(f"{where}.{origin}: {source} is not there; correct the path.")
+    arguments = {n: v for n, v in read.items() if n != origin and v is not msgspec.UNSET}
+    imported = _SOURCES[origin](source, **arguments)
     return {
         "machine": imported.machine,
         "warnings": imported.findings.warnings,
-        "result": source if named[0] == "result" else None,
+        "result": source if origin == "result" else None,
     }
 
 
-def _read(kind: Any, entry: Any, where: str) -> Any:
-    """Return an entry as the kind it is to be: a type, a record, or one of several records."""
-    if entry == {} and kind in KINDS:
-        raise InputError(f"{where}: empty; name a kind: {', '.join(KINDS[kind])}.")
-    if kind is Domain and isinstance(entry, str) and entry in _DOMAINS:
-        return _DOMAINS[entry]
-    if isinstance(entry, dict) and _is_record(kind):
-        return _read_record(kind, entry, where)
-    if _is_record(kind) and kind is not Speed:
-        names = f", or one of {', '.join(_DOMAINS)}" if kind is Domain else ""
-        wanted = "a table with a kind" if kind in KINDS else f"a table{names}"
-        raise InputError(f"{where} = {entry!r} came; give {wanted}.")
-    return _plain(kind, entry, where)
+def _schema(hint: Any) -> Any:
+    """Return the schema of what an argument with a type hint may be in a file."""
+    if hint in KINDS:
+        tables = tuple(_table(make, kind) for kind, make in KINDS[hint].items())
+        return reduce(or_, tables, FINITE) if hint is Speed else reduce(or_, tables)
+    if hint is Domain:
+        return typing.Literal[tuple(_DOMAINS)] | _table(Domain)
+    if isinstance(hint, type) and is_dataclass(hint):
+        return _table(hint)
+    parts = tuple(_schema(part) for part in typing.get_args(hint))
+    if typing.get_origin(hint) is tuple:
+        return tuple[parts]  # type: ignore[valid-type]
+    if parts:
+        return reduce(or_, parts)
+    return FINITE if hint is float else hint
 
 
-def _is_record(kind: Any) -> bool:
-    return kind in KINDS or hasattr(kind, "__dataclass_fields__")
+def _table(target: Callable[..., Any], kind: str | None = None, first: str | None = None) -> Any:
+    """Return the schema of a table whose entries are arguments, ``first`` the name of the first."""
+    hints = typing.get_type_hints(target)
+    fields: list[Any] = []
+    for name, parameter in inspect.signature(target).parameters.items():
+        schema = _schema(hints[name])
+        if first and not fields:
+            fields.append((first, str))
+        elif parameter.default is parameter.empty:
+            fields.append((name, schema))
+        else:
+            fields.append((name, schema | msgspec.UnsetType, msgspec.UNSET))
+    return msgspec.defstruct(
+        target.__name__,
+        fields,
+        tag=kind,
+        tag_field=kind and "kind",
+        namespace={"make": staticmethod(target)},
+        kw_only=True,
+        forbid_unknown_fields=True,
+    )
 
 
-def _read_record(kind: Any, entry: dict[str, Any], where: str) -> Any:
-    choices = KINDS.get(kind)
-    if choices is None:
-        return _make(kind, entry, where)
-    name = entry.get("kind")
-    if not isinstance(name, str) or name not in choices:
-        raise InputError(f"{where}: kind = {name!r} came; choose one of {', '.join(choices)}.")
-    rest = {key: value for key, value in entry.items() if key != "kind"}
-    return _make(choices[name], rest, where)
-
-
-def _make(target: Callable[..., Any], entry: Mapping[str, Any], where: str) -> Any:
-    """Return the record that a table describes; its refusals name the table."""
-    arguments = _arguments(target, entry, where)
+def _made(entry: Any, where: str) -> Any:
+    """Return what an entry of a file describes; the refusal of a record names its table."""
+    if isinstance(entry, str):
+        return _DOMAINS.get(entry)
+    if not isinstance(entry, msgspec.Struct):
+        return entry
+    given = {n: v for n, v in msgspec.structs.asdict(entry).items() if v is not msgspec.UNSET}
+    arguments = {name: _made(value, f"{where}.{name}") for name, value in given.items()}
     try:
-        return target(**arguments)
+        return entry.make(**arguments)  # type: ignore[attr-defined]
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
-
-
-def _arguments(
-    target: Callable[..., Any], entry: Mapping[str, Any], where: str, supplied: int = 0
-) -> dict[str, Any]:
-    """Return a table's entries as arguments, each read as the kind that the target wants."""
-    wanted = dict(list(inspect.signature(target).parameters.items())[supplied:])
-    hints = typing.get_type_hints(target.__init__ if inspect.isclass(target) else target)
-    if hasattr(target, "__dataclass_fields__"):
-        hints = typing.get_type_hints(target)
-    require_known(f"{where} entry", entry, wanted)
-    missing = [n for n, p in wanted.items() if p.default is p.empty and n not in entry]
-    if missing:
-        raise InputError(f"{where} {', '.join(missing)} is missing; add it.")
-    inside = f"{where} " if where.endswith(":") else f"{where}."
-    return {n: _read(_sole(hints.get(n)), v, inside + n) for n, v in entry.items()}
-
-
-def _sole(hint: Any) -> Any:
-    """Return X for X | None, and any other hint as it is."""
-    if hint in KINDS:
-        return hint
-    if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union:
-        kinds = [part for part in typing.get_args(hint) if part is not type(None)]
-        return kinds[0] if len(kinds) == 1 else hint
-    return hint
-
-
-def _plain(kind: Any, entry: Any, where: str) -> Any:
-    """Return numbers, truth values and nested lists of numbers as they are wanted."""
-    if typing.get_origin(kind) is tuple:
-        return _listed(typing.get_args(kind), entry, where)
-    require(where, entry, _PLAIN.get(kind, FINITE))
-    return entry if kind in _PLAIN else float(entry)
-
-
-def _listed(kinds: tuple[Any, ...], entry: Any, where: str) -> tuple[Any, ...]:
-    """Return a list as a tuple of so many kinds, or of any number of one kind."""
-    count = len(entry) if isinstance(entry, list) else -1
-    if kinds[-1] is Ellipsis:
-        kinds = kinds[:1] * max(count, 0)
-    if count != len(kinds):
-        wanted = f"a list of {len(kinds)}" if kinds else "a list"
-        raise InputError(f"{where} = {entry!r} came; give {wanted}.")
-    return tuple(
-        _plain(kind, item, f"{where}[{k}]")
-        for k, (kind, item) in enumerate(zip(kinds, entry, strict=True))
-    )

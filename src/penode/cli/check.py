@@ -7,30 +7,23 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.text import Text
 
-from penode.cli.rows import print_rows
+from penode.cli.console import Row, print_rows
+from penode.cli.options import Config, Json, Recordings, require_suffix
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
-from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.precheck.recording_check import RecordingCheck, check_recordings
 from penode.pmsm.study_file import load_study
 from penode.report.quantities import number
 
-_output = Console()
-
 
 def check_command(
-    runs: Annotated[
-        list[Path], typer.Argument(help="Recordings to check: csv, parquet, mat, mf4, tdms.")
-    ],
-    config: Annotated[
-        Path | None, typer.Option(help="Study file: columns, units, options, name plate.")
-    ] = None,
+    runs: Recordings,
+    config: Config = None,
     picture: Annotated[Path | None, typer.Option(help="PNG of what is covered.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Check what recordings determine and what they cannot, before any training: a few seconds.
 
@@ -41,48 +34,44 @@ def check_command(
 
     Example: penode check run.csv --picture cover.png
     """
-    if picture is not None and picture.suffix.lower() != ".png":
-        raise InputError(f"{picture}: suffix {picture.suffix!r} came; use .png.")
+    require_suffix(picture, ".png")
     asked = load_study(config)
     check = check_recordings(
         [stretch for run in runs for stretch in asked.load_stretches(run)],
         asked.study,
     )
-    drawn = picture is not None and check.excitation is not None
-    if picture is not None and check.excitation is not None and check.identifiability is not None:
+    if check.excitation is None or check.identifiability is None:
+        picture = None
+    elif picture is not None:
         # Imported here: the plotting library takes a third of a second, and few commands draw.
         from penode.pmsm.precheck.check_picture import check_picture
 
-        write_atomically(
-            picture, check_picture(check.drives, check.excitation, check.identifiability)
-        )
+        drawn = check_picture(check.drives, check.excitation, check.identifiability)
+        write_atomically(picture, drawn)
     if as_json:
-        typer.echo(json.dumps({**check.as_json(), "picture": str(picture) if drawn else None}))
+        typer.echo(json.dumps({**check.as_json(), "picture": picture and str(picture)}))
     else:
-        _print(check, picture if drawn else None)
+        verdict = Text(check.verdict, style="green" if check.good else "red")
+        rows = [*_recordings(check), *_coverage(check), *_identifiability(check)]
+        drawn_rows = [("picture", str(picture))] if picture else []
+        print_rows([*rows, ("verdict", verdict), *drawn_rows])
     if not check.good:
         raise typer.Exit(1)
 
 
-def _print(check: RecordingCheck, picture: Path | None) -> None:
-    verdict = Text(check.verdict, style="green" if check.good else "red")
-    rows: list[tuple[str, str | Text]] = [
-        *_recordings(check),
-        *_conventions(check),
-        *_coverage(check),
-        *_identifiability(check),
-        ("verdict", verdict),
-    ]
-    if picture is not None:
-        rows.append(("picture", str(picture)))
-    print_rows(_output, rows)
-
-
-def _recordings(check: RecordingCheck) -> list[tuple[str, str]]:
-    rows = [("recording", _recording(each)) for each in by_recording(check.recordings)]
+def _recordings(check: RecordingCheck) -> list[Row]:
+    """Return what stands in the recordings, and which conventions are broken."""
     quality = [f.sentence for f in check.quality] or ["No channel stands still or is clipped."]
-    rows += [("quality", sentence) for sentence in quality]
-    return rows + [("used", sentence) for sentence in check.sentences]
+    conventions = [b.sentence for b in check.broken] or [
+        "Signs, units, order, timing and angle of the channels agree with physics."
+    ]
+    return [
+        *(("recording", _recording(each)) for each in by_recording(check.recordings)),
+        *(("quality", sentence) for sentence in quality),
+        *(("used", sentence) for sentence in check.sentences),
+        *(("conventions", sentence) for sentence in conventions),
+        *(("undetermined", sentence) for sentence in check.untold),
+    ]
 
 
 def _recording(stretches: Sequence[Experiment]) -> str:
@@ -92,16 +81,7 @@ def _recording(stretches: Sequence[Experiment]) -> str:
     return f"{first.place.recording}: {samples} samples in {time} s, {rate} kHz{pieces}"
 
 
-def _conventions(check: RecordingCheck) -> list[tuple[str, str]]:
-    sentences = [b.sentence for b in check.broken] or [
-        "Nothing speaks against the signs, units, order, timing and angle of the channels."
-    ]
-    return [("conventions", sentence) for sentence in sentences] + [
-        ("undetermined", sentence) for sentence in check.untold
-    ]
-
-
-def _coverage(check: RecordingCheck) -> list[tuple[str, str]]:
+def _coverage(check: RecordingCheck) -> list[Row]:
     if check.excitation is None:
         return []
     cover = check.excitation
@@ -114,7 +94,7 @@ def _coverage(check: RecordingCheck) -> list[tuple[str, str]]:
     return [("coverage", sentence) for sentence in (summary, *cover.advice)]
 
 
-def _identifiability(check: RecordingCheck) -> list[tuple[str, str]]:
+def _identifiability(check: RecordingCheck) -> list[Row]:
     if check.identifiability is None:
         return []
     judged = check.identifiability
@@ -123,8 +103,8 @@ def _identifiability(check: RecordingCheck) -> list[tuple[str, str]]:
         f"Independence with the {judged.flux_map} map: {rhos} "
         "(1 its own, below 0.01 not identifiable)."
     )
-    rows = [
-        ("identifiability", s)
-        for s in (summary, judged.alarm, judged.repair and f"Repair: {judged.repair}")
+    told = filter(None, (summary, judged.alarm, judged.repair and f"Repair: {judged.repair}"))
+    return [
+        *(("identifiability", sentence) for sentence in told),
+        *(("model", reason) for reason in check.structure),
     ]
-    return [row for row in rows if row[1]] + [("model", reason) for reason in check.structure]

@@ -5,23 +5,20 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from penode.cli.machine_fit import load_machine
-from penode.cli.options import TrustClasses
-from penode.errors import InputError
+from penode.cli.console import Row, print_rows
+from penode.cli.fits import load_machine
+from penode.cli.options import Json, SavedFit, TrustClasses, require_suffix
 from penode.fit.archive import write_atomically
 from penode.pmsm.comparison.map_comparison import compare_maps, compare_resistances
 from penode.pmsm.machine.flux_grid import read_grid
 
-_output = Console()
-
 
 def compare_command(
-    first: Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")],
+    first: SavedFit,
     second: Annotated[Path, typer.Argument(help="Another one, or a map such as flux_map.csv.")],
     out: Annotated[Path, typer.Option(help="PNG to write.")],
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead.")] = False,
+    as_json: Json = False,
     trust: TrustClasses = False,
 ) -> None:
     """Hold a saved fit against another one, or against a map in a CSV file.
@@ -30,8 +27,7 @@ def compare_command(
 
     Example: penode compare cold warm --out difference.png
     """
-    if out.suffix.lower() != ".png":
-        raise InputError(f"{out}: suffix {out.suffix!r} came; use .png.")
+    require_suffix(out, ".png")
     fit, resistance = load_machine(first, trust), None
     if second.suffix.lower() == ".csv":
         maps = compare_maps(fit, read_grid(second))
@@ -45,8 +41,6 @@ def compare_command(
     if as_json:
         figures = {"psi_rms": maps.rms, "psi_largest": maps.largest}
         typer.echo(json.dumps({**figures, "resistance": resistance, "picture": str(out)}))
-        return
-    lines = [f"map      {maps.sentence}", f"picture  {out}"]
-    if resistance is not None:
-        lines.insert(1, f"R        {resistance}")
-    _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
+    else:
+        between: list[Row] = [] if resistance is None else [("R", resistance)]
+        print_rows([("map", maps.sentence), *between, ("picture", str(out))])

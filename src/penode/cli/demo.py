@@ -3,36 +3,26 @@
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
-import typer
-from rich.console import Console
-
+from penode.cli.console import ERRORS, say
+from penode.cli.fits import print_demo, print_fit, report_beside, signed
+from penode.cli.options import OutFolder
 from penode.cli.progress import watched
-from penode.cli.report import report_beside
-from penode.cli.signature import signed
-from penode.cli.summary import print_demo, print_fit
 from penode.pmsm.demo import run_demo
 from penode.pmsm.result_files import write_answer
 
-_output, _errors = Console(), Console(stderr=True)
 
-
-def demo_command(
-    out: Annotated[Path, typer.Option(help="Folder for the results; made if absent.")] = Path(
-        "penode-demo"
-    ),
-) -> None:
+def demo_command(out: OutFolder = Path("penode-demo")) -> None:
     """Show the whole story on the built-in machine: record, identify, compare with the truth.
 
     Example: penode demo --out demo
     """
     began = time.monotonic()
-    with watched(out, _errors) as observer:
-        _errors.print("Recording the built-in machine on the simulated bench ...", soft_wrap=True)
+    with watched(out, ERRORS) as observer:
+        say("Recording the built-in machine on the simulated bench ...")
         story = run_demo(out / "recordings", observer)
         story = replace(story, fit=signed(story.fit, began))
         write_answer(story.fit, out)
-    print_fit(_output, story.fit, out)
-    print_demo(_output, story)
+    print_fit(story.fit, out)
+    print_demo(story)
     report_beside(story.fit, out)

@@ -4,22 +4,22 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from penode.arrays import FloatArray
-from penode.cli.completion import formats
-from penode.cli.machine_fit import caution, load_machine
-from penode.cli.options import TrustClasses
+from penode.cli.console import Row, print_rows
+from penode.cli.fits import load_machine, warn_if_unanswered
+from penode.cli.options import SavedFit, TrustClasses
 from penode.pmsm.exports.formats import FORMATS, export
 from penode.pmsm.machine.flux_grid import interpolation_error
 from penode.report.quantities import number
 
-_output, _errors = Console(), Console(stderr=True)
-
 
 def export_command(
-    folder: Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")],
-    to: Annotated[str, typer.Option(help=f"One of {', '.join(FORMATS)}.", autocompletion=formats)],
+    folder: SavedFit,
+    to: Annotated[
+        str,
+        typer.Option(help=f"One of {', '.join(FORMATS)}.", autocompletion=lambda: list(FORMATS)),
+    ],
     out: Annotated[Path, typer.Option(help="File to write; its suffix is that of the format.")],
     points: Annotated[
         int | None, typer.Option(help="Points a side of the grid; 41, but 256 for syre.")
@@ -37,17 +37,20 @@ def export_command(
     """
     fit = load_machine(folder, trust)
     grid = export(fit, to, out, points=points, pole_pairs=pole_pairs)
-    lines = [f"map        {out}"]
+    rows: list[Row] = [("map", str(out))]
     if to not in ("csv", "onnx"):
-        rows, columns = grid.supported.shape
-        lines += [
-            f"grid       {rows} x {columns}, i_d {_range(grid.i_d)}, i_q {_range(grid.i_q)}",
-            f"supported  {number(100 * grid.supported.mean())} % of the points; there, linear "
-            f"interpolation is within {number(1e3 * interpolation_error(fit, grid), 2)} mVs",
+        d, q = grid.supported.shape
+        error = number(1e3 * interpolation_error(fit, grid), 2)
+        rows += [
+            ("grid", f"{d} x {q}, i_d {_range(grid.i_d)}, i_q {_range(grid.i_q)}"),
+            (
+                "supported",
+                f"{number(100 * grid.supported.mean())} % of the points; there, linear "
+                f"interpolation is within {error} mVs",
+            ),
         ]
-    _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
-    if warning := caution(fit):
-        _errors.print(warning, soft_wrap=True, highlight=False, markup=False)
+    print_rows(rows)
+    warn_if_unanswered(fit)
 
 
 def _range(currents: FloatArray) -> str:

@@ -5,23 +5,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from penode.cli.completion import purposes
-from penode.cli.options import (
-    AngleOrders,
-    Config,
-    FluxMapOption,
-    HoldOption,
-    Inverter,
-    Runs,
-    Terms,
-    given,
-)
+from penode.cli import options
+from penode.cli.console import ERRORS, say
+from penode.cli.fits import print_fit, report_beside, signed
 from penode.cli.progress import watched
-from penode.cli.report import report_beside
-from penode.cli.signature import signed
-from penode.cli.summary import print_fit
 from penode.errors import InputError
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.held_out import PURPOSES
@@ -30,30 +18,28 @@ from penode.pmsm.result_files import write_answer
 from penode.pmsm.study import identify
 from penode.pmsm.study_file import load_study
 
-_output, _errors = Console(), Console(stderr=True)
-
 
 def identify_command(  # noqa: PLR0913 (an argument an option)
-    runs: Runs,
-    out: Annotated[Path, typer.Option(help="Folder for the results; made if absent.")],
+    runs: options.Recordings,
+    out: options.OutFolder,
     validate: Annotated[
         list[Path] | None, typer.Option(help="Recording to predict, not to train on. Repeatable.")
     ] = None,
-    config: Config = None,
+    config: options.Config = None,
     horizon: Annotated[
         str | None, typer.Option(help="auto, or the number of steps.", show_default="auto")
     ] = None,
-    flux_map: FluxMapOption = None,
-    inverter: Inverter = None,
-    terms: Terms = None,
-    angle_orders: AngleOrders = None,
-    hold: HoldOption = None,
+    flux_map: options.FluxMapOption = None,
+    inverter: options.Inverter = None,
+    terms: options.Terms = None,
+    angle_orders: options.AngleOrders = None,
+    hold: options.HoldOption = None,
     purpose: Annotated[
         str | None,
         typer.Option(
             help=f"What the horizon is chosen for: {', '.join(PURPOSES)}.",
             show_default="parameters",
-            autocompletion=purposes,
+            autocompletion=lambda: list(PURPOSES),
         ),
     ] = None,
     seed: Annotated[
@@ -88,7 +74,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     Example: penode identify run.csv --validate other.csv --out result
     """
     began = time.monotonic()
-    options = given(
+    settings = options.given(
         flux_map=flux_map,
         seed=seed,
         inverter=inverter,
@@ -99,13 +85,13 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         train_anyway=train_anyway or None,
     )
     asked = load_study(
-        config, options if horizon is None else {**options, "horizon": _steps(horizon)}
+        config, settings if horizon is None else {**settings, "horizon": _steps(horizon)}
     )
     recordings = [stretch for run in runs for stretch in asked.load_stretches(run)]
     unseen = [stretch for run in validate or [] for stretch in asked.load_stretches(run)]
     checkpoint = _checkpoint(out, resume)
     stopped = False
-    with watched(out, _errors, checkpoint) as observer:
+    with watched(out, ERRORS, checkpoint) as observer:
         try:
             fit = identify(
                 recordings,
@@ -123,10 +109,10 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     if as_json:
         typer.echo((out / "result.json").read_text())
     else:
-        print_fit(_output, fit, out)
+        print_fit(fit, out)
     report_beside(fit, out, quiet=as_json)
     if stopped:
-        _say("Stopped; this is the best so far. Add --resume to go on.")
+        say("Stopped; this is the best so far. Add --resume to go on.")
         raise typer.Exit(130)
     if not fit.horizon.answered:
         raise typer.Exit(1)
@@ -139,16 +125,12 @@ def _steps(horizon: str) -> int | None:
         return int(horizon)
     except ValueError as error:
         raise InputError(
-            f"--horizon {horizon} came; give auto or a whole number of steps from 1."
+            f"--horizon must be auto or a whole number of steps >= 1, got {horizon}."
         ) from error
 
 
 def _checkpoint(out: Path, resume: bool) -> Checkpoint:
     path = out / "fit" / "checkpoint.json"
     if resume and not path.exists():
-        _say(f"note: {path} is not there, so nothing is resumed; beginning anew.")
+        say(f"note: {path} is missing, so nothing is resumed; beginning anew.")
     return Checkpoint(path, resume and path.exists())
-
-
-def _say(text: str) -> None:
-    _errors.print(text, soft_wrap=True, highlight=False, markup=False)

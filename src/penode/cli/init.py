@@ -4,15 +4,13 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
+from penode.cli.console import Row, print_rows
 from penode.data.load import read
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.recording.guess import StudyGuess, guess_study
 from penode.pmsm.recording.study_text import study_text
-
-_output = Console()
 
 
 def init_command(
@@ -34,26 +32,18 @@ def init_command(
     table, _ = read(recording)
     guess = guess_study(table)
     write_atomically(out, study_text(guess, str(recording), str(out)))
-    lines = [f"study  {out}", *_channel_lines(guess), *_open_questions(guess)]
-    _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
+    rows: list[Row] = [("study", str(out))]
+    for name, channel in guess.channels.items():
+        signed = f"{'-' if channel.sign < 0 else ''}{channel.column} in {channel.unit}"
+        rows.append((name, signed + (", mechanical" if channel.mechanical else "")))
+    print_rows([*rows, ("note", _open_questions(guess))])
 
 
-def _channel_lines(guess: StudyGuess) -> list[str]:
-    return [
-        f"  {name:<9} {'-' if channel.sign < 0 else ''}{channel.column} in {channel.unit}"
-        + (", mechanical" if channel.mechanical else "")
-        for name, channel in guess.channels.items()
-    ]
-
-
-def _open_questions(guess: StudyGuess) -> list[str]:
+def _open_questions(guess: StudyGuess) -> str:
     """Say what a person has to fill in, or only to look at."""
-    open_questions = [f"column of {name}" for name in guess.missing]
-    if guess.lacks_pole_pairs:
-        open_questions.append("pole_pairs")
-    open_questions += guess.bases
-    if open_questions:
-        return [f"Fill in before you use it: {', '.join(open_questions)}."]
-    return [
-        "All of this is guessed; the file says from what. Look at it before you trust a result."
-    ]
+    missing = [f"column of {name}" for name in guess.missing]
+    missing += ["pole_pairs"] * guess.lacks_pole_pairs
+    missing += guess.bases
+    if missing:
+        return f"Fill in before you use it: {', '.join(missing)}."
+    return "All of this is guessed; the file says from what. Look at it before you trust a result."

@@ -6,21 +6,18 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
 
-from penode.cli.machine_fit import caution, load_machine
-from penode.cli.options import TrustClasses
-from penode.errors import InputError
+from penode.cli.console import Row, print_rows
+from penode.cli.fits import load_machine, warn_if_unanswered
+from penode.cli.options import Json, SavedFit, TrustClasses, require_suffix
 from penode.fit.archive import write_atomically
 from penode.pmsm.control.controlled_machine import ControlledMachine
 from penode.pmsm.control.loci import ControlLoci, Locus, control_loci, loci_csv
 from penode.report.quantities import number
 
-_output, _errors = Console(), Console(stderr=True)
-
 
 def loci_command(  # noqa: PLR0913 (an argument an option)
-    folder: Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")],
+    folder: SavedFit,
     i_max: Annotated[float, typer.Option(help="Current limit in A, peak value of a phase.")],
     out: Annotated[Path, typer.Option(help="PNG to write.")],
     u_max: Annotated[
@@ -28,16 +25,15 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     ] = None,
     pole_pairs: Annotated[int | None, typer.Option(help="Of the machine.")] = None,
     csv: Annotated[Path | None, typer.Option(help="CSV of the loci to write as well.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON document instead.")] = False,
+    as_json: Json = False,
     trust: TrustClasses = False,
 ) -> None:
     """Compute what a controller needs: MTPA, MTPV, and most torque over speed with --u-max.
 
     Example: penode loci result --i-max 240 --u-max 230 --pole-pairs 5 --out loci.png
     """
-    for path, suffix in ((out, ".png"), (csv, ".csv")):
-        if path is not None and path.suffix.lower() != suffix:
-            raise InputError(f"{path}: suffix {path.suffix!r} came; use {suffix}.")
+    require_suffix(out, ".png")
+    require_suffix(csv, ".csv")
     fit = load_machine(folder, trust)
     machine = ControlledMachine.of(fit, pole_pairs)
     loci = control_loci(machine, i_max, u_max)
@@ -50,36 +46,32 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     if as_json:
         typer.echo(json.dumps({**_as_json(loci), "picture": str(out)}))
     else:
-        lines = [*_figures(loci), f"picture         {out}"]
-        lines += [f"loci            {csv}"] if csv is not None else []
-        _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
-    if warning := caution(fit):
-        _errors.print(warning, soft_wrap=True, highlight=False, markup=False)
+        table: list[Row] = [] if csv is None else [("loci", str(csv))]
+        print_rows([*_figures(loci), ("picture", str(out)), *table])
+    warn_if_unanswered(fit)
 
 
-def _figures(loci: ControlLoci) -> list[str]:
-    """Return the main figures, one a line; extrapolations are marked."""
+def _figures(loci: ControlLoci) -> list[Row]:
+    """Return the main figures; extrapolations are marked."""
     full, short = loci.mtpa, loci.characteristic
-    i_d, i_q = full.current[:, -1]
-    beyond = "" if full.supported[-1] else ", beyond the recordings"
-    lines = [
-        f"MTPA            {number(full.torque[-1])} Nm at i_d {number(i_d)} A, i_q {number(i_q)} A"
-        f"{beyond}",
-        f"characteristic  {number(float(np.hypot(*short.current)[0]))} A"
-        + ("" if short.supported[0] else ", beyond the recordings"),
+    (i_d, i_q), torque = full.current[:, -1], full.torque[-1]
+    beyond = ", beyond the recordings"
+    most = f"{number(torque)} Nm at i_d {number(i_d)} A, i_q {number(i_q)} A"
+    current = f"{number(float(np.hypot(*short.current)[0]))} A"
+    rows: list[Row] = [
+        ("MTPA", most + ("" if full.supported[-1] else beyond)),
+        ("characteristic", current + ("" if short.supported[0] else beyond)),
     ]
     if not loci.mtpv.torque.size:
-        lines.append("MTPV            not within the current limit")
+        rows.append(("MTPV", "not within the current limit"))
     if loci.base_speed is not None and loci.over_speed is not None:
-        lines.append(f"base speed      {number(loci.base_speed * 30 / np.pi, 4)} rpm")
+        rows.append(("base speed", f"{number(loci.base_speed * 30 / np.pi, 4)} rpm"))
     every = [loci.mtpa, loci.mtpv, *([loci.over_speed] if loci.over_speed else [])]
     supported = np.concatenate([one.supported for one in every])
     if not supported.all():
-        lines.append(
-            f"note            {np.count_nonzero(~supported)} of {len(supported)} points lie where "
-            "no recording has been (dashed)"
-        )
-    return lines
+        outside = f"{np.count_nonzero(~supported)} of {len(supported)} points"
+        rows.append(("note", f"{outside} lie where no recording has been (dashed)"))
+    return rows
 
 
 def _as_json(loci: ControlLoci) -> dict[str, Any]:

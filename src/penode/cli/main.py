@@ -5,28 +5,15 @@ Exit status 0 done, 1 the data cannot answer, 2 bad input, 70 a failure of penod
 
 import gc
 import sys
+from importlib import import_module
 from typing import Any
 
 import typer
-from rich.console import Console
 from typer.core import TyperGroup
 
-from penode.cli.check import check_command
-from penode.cli.compare import compare_command
 from penode.cli.compilation_cache import use_compilation_cache
-from penode.cli.demo import demo_command
-from penode.cli.export import export_command
-from penode.cli.identify import identify_command
-from penode.cli.init import init_command
-from penode.cli.last_resort import FAILED, Notes, of_memory, of_penode, of_the_system
-from penode.cli.loci import loci_command
-from penode.cli.lost_interrupt import raise_lost_interrupts
-from penode.cli.progress import Interrupted
-from penode.cli.report import report_command
-from penode.cli.reproduce import reproduce_command
-from penode.cli.simulate import simulate_command
-from penode.cli.streams import flush_output, use_tolerant_streams
-from penode.cli.sweep import sweep_command
+from penode.cli.console import Interrupted, Notes, say, why_and_status
+from penode.cli.process import flush_output, raise_lost_interrupts, use_tolerant_streams
 from penode.errors import InputError
 from penode.fit.left_out import LOG
 
@@ -59,17 +46,9 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 # In the order in which a person needs them, which is that of --help.
-app.command("demo")(demo_command)
-app.command("init")(init_command)
-app.command("check")(check_command)
-app.command("identify")(identify_command)
-app.command("report")(report_command)
-app.command("export")(export_command)
-app.command("loci")(loci_command)
-app.command("compare")(compare_command)
-app.command("simulate")(simulate_command)
-app.command("sweep")(sweep_command)
-app.command("reproduce")(reproduce_command)
+_NAMES = "demo init check identify report export loci compare simulate sweep reproduce"
+for _name in _NAMES.split():
+    app.command(_name)(getattr(import_module(f"penode.cli.{_name}"), f"{_name}_command"))
 
 
 def _usage(error: Any) -> BaseException:
@@ -102,22 +81,10 @@ def main() -> None:
             app(prog_name="penode")
         finally:
             flush_output()
-    except InputError as error:
-        _say(f"error: {error}")
-        sys.exit(2)
     except Interrupted as stop:
-        _say(str(stop))
+        say(str(stop))
         sys.exit(130)
-    except OSError as error:
-        _say(f"error: {of_the_system(error)}")
-        sys.exit(2)
-    except MemoryError as error:
-        _say(f"error: {of_memory(error)}")
-        sys.exit(2)
     except Exception as error:
-        _say(f"error: {of_penode(error)}")
-        sys.exit(FAILED)
-
-
-def _say(text: str) -> None:
-    Console(stderr=True).print(text, soft_wrap=True, highlight=False, markup=False)
+        sentence, status = why_and_status(error)
+        say(f"error: {sentence}")
+        sys.exit(status)

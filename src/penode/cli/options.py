@@ -5,18 +5,19 @@ from typing import Annotated, Any
 
 import typer
 
-from penode.cli.completion import flux_maps, holds, terms
 from penode.errors import InputError
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.term_registry import TERMS
 
-Runs = Annotated[
+_BY_DATA = "decided from the data"
+Recordings = Annotated[
     list[Path],
-    typer.Argument(
-        help="Recordings to train on: csv, parquet, mat, mf4, tdms; with gaps, by stretches."
-    ),
+    typer.Argument(help="Recordings: csv, parquet, mat, mf4, tdms; with gaps, by stretches."),
 ]
+SavedFit = Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")]
+OutFolder = Annotated[Path, typer.Option(help="Folder for the results; made if absent.")]
+Json = Annotated[bool, typer.Option("--json", help="One JSON document instead.")]
 Config = Annotated[
     Path | None,
     typer.Option(help="Study file: columns, units, options. penode init writes one."),
@@ -24,14 +25,15 @@ Config = Annotated[
 FluxMapOption = Annotated[
     str | None,
     typer.Option(
-        help=f"One of {', '.join(FLUX_MAPS)}.", show_default="coenergy", autocompletion=flux_maps
+        help=f"One of {', '.join(FLUX_MAPS)}.",
+        show_default="coenergy",
+        autocompletion=lambda: list(FLUX_MAPS),
     ),
 ]
 Inverter = Annotated[
     bool | None,
     typer.Option(
-        help="Identify the inverter's dead-time voltage; needs theta_el.",
-        show_default="decided from the data",
+        help="Identify the inverter's dead-time voltage; needs theta_el.", show_default=_BY_DATA
     ),
 ]
 Terms = Annotated[
@@ -40,22 +42,22 @@ Terms = Annotated[
         help=f"Terms of the voltage equation beside R and rotation, or in place of R: "
         f"{', '.join(TERMS)}. With commas.",
         show_default="resistance; dead_time is decided from the data",
-        autocompletion=terms,
+        autocompletion=lambda: list(TERMS),
     ),
 ]
 AngleOrders = Annotated[
     str | None,
     typer.Option(
         help="Harmonics of the angle in the map, such as 6,12, or none; they need theta_el.",
-        show_default="decided from the data",
+        show_default=_BY_DATA,
     ),
 ]
 HoldOption = Annotated[
     str | None,
     typer.Option(
         help=f"Frame in which the voltage is held: {' or '.join(HOLDS)}.",
-        show_default="decided from the data",
-        autocompletion=holds,
+        show_default=_BY_DATA,
+        autocompletion=lambda: list(HOLDS),
     ),
 ]
 TrustClasses = Annotated[
@@ -68,7 +70,7 @@ TrustClasses = Annotated[
 
 
 def given(**options: Any) -> dict[str, Any]:
-    """Return the options that came, which overrule a study file; harmonics as numbers."""
+    """Return the options that were given, which override a study file; harmonics as numbers."""
     came = {name: option for name, option in options.items() if option is not None}
     if "terms" in came:
         came["terms"] = [name.strip() for name in came["terms"].split(",")]
@@ -85,5 +87,11 @@ def whole_numbers(option: str, text: str) -> tuple[int, ...]:
     except ValueError as error:
         none = "none, or " if option == "angle-orders" else ""
         raise InputError(
-            f"--{option} {text} came; give {none}whole numbers with commas, such as 6,12."
+            f"--{option} must be {none}whole numbers with commas, such as 6,12, got {text}."
         ) from error
+
+
+def require_suffix(path: Path | None, suffix: str) -> None:
+    """Refuse the name of a file to write that has another suffix."""
+    if path is not None and path.suffix.lower() != suffix:
+        raise InputError(f"{path}: the suffix must be {suffix}, got {path.suffix!r}; use {suffix}.")

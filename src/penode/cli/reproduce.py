@@ -1,21 +1,18 @@
 """The command ``penode reproduce``."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.status import Status
 
-from penode.cli.progress import Interrupted
-
-_output, _errors = Console(), Console(stderr=True)
+from penode.cli.console import ERRORS, Interrupted, Row, print_rows, say
+from penode.cli.options import OutFolder
 
 
 def reproduce_command(
     study: Annotated[str, typer.Argument(help="all, or the name of one study.")],
-    out: Annotated[Path, typer.Option(help="Folder for results and runs; made if absent.")],
+    out: OutFolder,
     quick: Annotated[
         bool,
         typer.Option(
@@ -38,20 +35,15 @@ def reproduce_command(
 
     names = chosen_studies(study)
     try:
-        with _errors.status("starting ...") as status:
+        with ERRORS.status("starting ...") as status:
             extent = QUICK if quick else FULL
-            written = reproduce(names, out, extent, _say, lambda event: _show(status, event))
+            written = reproduce(names, out, extent, say, lambda event: _show(status, event))
     except KeyboardInterrupt as error:
         raise Interrupted(
             "Stopped; finished trainings are kept: the same command goes on."
         ) from error
-    for result in written.results:
-        _output.print(f"{result.name:26s} {result.outcome}", soft_wrap=True, highlight=False)
-    _output.print(f"page  {written.page}", soft_wrap=True, highlight=False)
-
-
-def _say(text: str) -> None:
-    _errors.print(text, soft_wrap=True, highlight=False, markup=False)
+    rows: list[Row] = [(result.name, result.outcome) for result in written.results]
+    print_rows([*rows, ("page", str(written.page))])
 
 
 def _show(status: Status, event: Mapping[str, Any]) -> None:

@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from penode.bench.config import Simulation, load_config
+from penode.bench.config import load_config, shipped_configs
 from penode.bench.run import Recording
-from penode.cli.completion import simulations
+from penode.cli.console import Row, print_rows, say
+from penode.cli.options import require_suffix
 from penode.data.experiment import Experiment
-from penode.data.save import require_suffix
+from penode.data.save import require_suffix as require_table_suffix
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.recording.channels import drive_recording
@@ -20,13 +20,18 @@ from penode.pmsm.simulation.simulated_files import write_recording
 from penode.pmsm.study_file import load_study
 from penode.report.quantities import number
 
-_output, _errors = Console(), Console(stderr=True)
+
+def _simulations() -> list[str]:
+    """Return the names of the shipped simulations and the TOML files at hand."""
+    return [*shipped_configs(), *sorted(str(path) for path in Path().glob("*.toml"))]
 
 
 def simulate_command(
     config: Annotated[
         str,
-        typer.Argument(help="TOML file, or the name of a shipped one.", autocompletion=simulations),
+        typer.Argument(
+            help="TOML file, or the name of a shipped one.", autocompletion=_simulations
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Recording to write, .csv or .parquet.")],
     picture: Annotated[
@@ -52,75 +57,60 @@ def simulate_command(
 
     Example: penode simulate drive.toml --out drive.csv --over-time drive.png --against run.csv
     """
-    require_suffix(out)
-    for path in (picture, over_time):
-        if path is not None and path.suffix.lower() != ".png":
-            raise InputError(f"{path}: suffix {path.suffix!r} came; use .png.")
+    require_table_suffix(out)
+    require_suffix(picture, ".png")
+    require_suffix(over_time, ".png")
     recorded = _recorded(against, study)
     began = time.monotonic()
     simulation = load_config(config)
     for warning in simulation.warnings:
-        _say(f"warning: {warning}")
+        say(f"warning: {warning}")
     recording = simulation.record()
-    apart = None if recorded is None else deviation(recording, recorded)
+    rows: list[Row] = []
+    if over_time is not None:
+        rows.append(("torque", _torque(recording)))
+    if recorded is not None:
+        rows += _deviation_rows(deviation(recording, recorded))
     story, table = write_recording(recording, out)
     # Imported here: the plotting library takes a third of a second, and nothing else uses it.
     if picture is not None:
         from penode.pmsm.simulation.recording_picture import recording_picture
 
         write_atomically(picture, recording_picture(recording))
+        rows.append(("picture", str(picture)))
     if over_time is not None:
         from penode.pmsm.simulation.drive_picture import drive_picture
 
         write_atomically(over_time, drive_picture(recording, recorded))
-    seconds = len(recording.experiment) * recording.experiment.time_step
-    took = time.monotonic() - began
-    lines = [
-        f"recording  {out}: {seconds:.3g} s of {recording.experiment.name}, in {took:.1f} s",
-        f"truth      {story}",
-        f"true map   {table}",
-        *([] if over_time is None else [_torque_line(recording)]),
-        *([] if apart is None else _deviation_lines(apart)),
-        *(f"picture    {path}" for path in (picture, over_time) if path is not None),
-    ]
-    _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
-    _warn_beyond(simulation, recording)
-
-
-def _recorded(against: Path | None, study: Path | None) -> Experiment | None:
-    if against is None and study is not None:
-        raise InputError("--study came without --against; name the recording that it maps.")
-    return None if against is None else drive_recording(load_study(study).load(against))
-
-
-def _torque_line(recording: Recording) -> str:
-    torque = torque_of(recording)
-    low, mean, high = (
-        number(float(value)) for value in (torque.min(), torque.mean(), torque.max())
-    )
-    return f"torque     {mean} Nm in the mean, {low} to {high} Nm"
-
-
-def _deviation_lines(apart: Deviation) -> list[str]:
-    rms = {name: number(value) for name, value in apart.rms.items()}
-    return [
-        f"currents   i_d {rms['i_d']} A, i_q {rms['i_q']} A rms from {apart.name}, "
-        f"after {number(1e3 * apart.settled)} ms",
-        f"voltages   u_d {rms['u_d']} V, u_q {rms['u_q']} V rms from it",
-    ]
-
-
-def _warn_beyond(simulation: Simulation, recording: Recording) -> None:
-    """Say how much of the run rests on an extrapolated map."""
-    if simulation.result is None:
-        return
-    share = share_beyond(recording, simulation.result)
+        rows.append(("picture", str(over_time)))
+    run, took = recording.experiment, time.monotonic() - began
+    told = f"{out}: {len(run) * run.time_step:.3g} s of {run.name}, in {took:.1f} s"
+    print_rows([("recording", told), ("truth", str(story)), ("true map", str(table)), *rows])
+    share = 0.0 if simulation.result is None else share_beyond(recording, simulation.result)
     if share > 0:
-        _say(
+        say(
             f"warning: in {number(100 * share, 2)} % of the run the currents are where no "
             "recording has been, and the map is an extrapolation."
         )
 
 
-def _say(text: str) -> None:
-    _errors.print(text, soft_wrap=True, highlight=False, markup=False)
+def _recorded(against: Path | None, study: Path | None) -> Experiment | None:
+    if against is None and study is not None:
+        raise InputError("--study needs --against; name the recording whose columns it maps.")
+    return None if against is None else drive_recording(load_study(study).load(against))
+
+
+def _torque(recording: Recording) -> str:
+    torque = torque_of(recording)
+    low, mean, high = (number(float(x)) for x in (torque.min(), torque.mean(), torque.max()))
+    return f"{mean} Nm in the mean, {low} to {high} Nm"
+
+
+def _deviation_rows(apart: Deviation) -> list[Row]:
+    rms = {name: number(value) for name, value in apart.rms.items()}
+    settled = number(1e3 * apart.settled)
+    currents = f"i_d {rms['i_d']} A, i_q {rms['i_q']} A rms from {apart.name}, after {settled} ms"
+    return [
+        ("currents", currents),
+        ("voltages", f"u_d {rms['u_d']} V, u_q {rms['u_q']} V rms from it"),
+    ]

@@ -1,40 +1,27 @@
 """The command ``penode sweep``."""
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import polars as pl
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from penode.cli.options import (
-    AngleOrders,
-    Config,
-    FluxMapOption,
-    HoldOption,
-    Inverter,
-    Terms,
-    given,
-    whole_numbers,
-)
-from penode.cli.progress import Interrupted
+from penode.cli import options
+from penode.cli.console import OUTPUT, Interrupted, print_rows, say
 from penode.cli.sweep_workers import cluster, processes
 from penode.fit.archive import write_atomically
-from penode.fit.result_folder import claimed
+from penode.fit.result_folder import REPORT, claimed
 from penode.pmsm.sweep.campaign import load_campaign
-from penode.pmsm.sweep.fleet_report import fleet_report
 from penode.pmsm.sweep.run import sweep
 from penode.pmsm.sweep.table import LINES, PARQUET, read_table
+from penode.pmsm.sweep.task import ANSWERED, FAILED, REFUSED
 from penode.report.quantities import number, with_unit
-
-_output, _errors = Console(), Console(stderr=True)
 
 
 def sweep_command(  # noqa: PLR0913 (an argument an option)
-    out: Annotated[Path, typer.Option(help="Folder for the results; made if absent.")],
+    out: options.OutFolder,
     runs: Annotated[
         list[Path] | None,
         typer.Argument(help="Recordings, each by itself, in place of the study file's."),
@@ -48,12 +35,12 @@ def sweep_command(  # noqa: PLR0913 (an argument an option)
     seeds: Annotated[
         int | None, typer.Option(help="Seeds at each horizon, from 0.", show_default="one")
     ] = None,
-    config: Config = None,
-    flux_map: FluxMapOption = None,
-    inverter: Inverter = None,
-    terms: Terms = None,
-    angle_orders: AngleOrders = None,
-    hold: HoldOption = None,
+    config: options.Config = None,
+    flux_map: options.FluxMapOption = None,
+    inverter: options.Inverter = None,
+    terms: options.Terms = None,
+    angle_orders: options.AngleOrders = None,
+    hold: options.HoldOption = None,
     jobs: Annotated[
         int | None, typer.Option(help="Processes side by side.", show_default="one a core")
     ] = None,
@@ -74,26 +61,29 @@ def sweep_command(  # noqa: PLR0913 (an argument an option)
 
     Example: penode sweep --config fleet.toml --out fleet --jobs 8
     """
-    options = given(
+    settings = options.given(
         flux_map=flux_map, inverter=inverter, terms=terms, angle_orders=angle_orders, hold=hold
     )
-    asked = given(horizons=None if horizons is None else _horizons(horizons), seeds=seeds)
-    campaign = load_campaign(config, runs or (), options, asked)
+    asked = options.given(horizons=None if horizons is None else _horizons(horizons), seeds=seeds)
+    campaign = load_campaign(config, runs or (), settings, asked)
     workers = processes(_cores() if jobs is None else jobs) if dask is None else cluster(dask)
     try:
         with claimed(out):
             with workers as at_work:
                 for count, row in enumerate(sweep(campaign, out, at_work), 1):
-                    _say(f"{count}/{len(campaign)} {_told(row)}")
+                    say(f"{count}/{len(campaign)} {_told(row)}")
+            # Imported here: the plotting library takes a third of a second, and few commands draw.
+            from penode.pmsm.sweep.fleet_report import fleet_report
+
             table = read_table(out)
-            write_atomically(out / "report.html", fleet_report(table))
+            write_atomically(out / REPORT, fleet_report(table))
     except KeyboardInterrupt as error:
         message = "Stopped; what is finished is kept, and the same command goes on."
         raise Interrupted(message) from error
-    _print_table(table)
-    for what, name in (("lines", LINES), ("table", PARQUET), ("report", "report.html")):
-        _output.print(f"{what:7} {out / name}", soft_wrap=True, highlight=False)
-    if not (table["status"] == "done").any():
+    OUTPUT.print(_summary(table))
+    files = {"lines": LINES, "table": PARQUET, "report": REPORT}
+    print_rows([(what, str(out / name)) for what, name in files.items()])
+    if not (table["status"] == ANSWERED).any():
         raise typer.Exit(1)
 
 
@@ -103,60 +93,38 @@ def _cores() -> int:
 
 def _horizons(text: str) -> list[Any]:
     parts = [part.strip() for part in text.split(",")]
-    numbers = ",".join(part for part in parts if part != "auto")
-    wanted = iter(whole_numbers("horizons", numbers) if numbers else ())
-    return [part if part == "auto" else next(wanted) for part in parts]
+    return [
+        part if part == "auto" else options.whole_numbers("horizons", part)[0] for part in parts
+    ]
 
 
 def _told(row: dict[str, Any]) -> str:
     horizon = "auto" if row["horizon"] is None else row["horizon"]
     name = " ".join(part for part in (row["recording"], row["variant"]) if part)
-    return f"{name}, H = {horizon}, seed {row['seed']}: {_answer(row)}"
+    answer = row.get("error") or (
+        f"R {with_unit(row.get('R'), 'ohm', 4)}, {row['verdict']}, {row['seconds']:.1f} s"
+    )
+    return f"{name}, H = {horizon}, seed {row['seed']}: {answer}"
 
 
-def _answer(row: dict[str, Any]) -> str:
-    if row.get("error"):
-        return str(row["error"])
-    value = with_unit(row.get("R"), "ohm", 4)
-    return f"R {value}, {row['verdict']}, {row['seconds']:.1f} s"
-
-
-def _print_table(table: pl.DataFrame) -> None:
-    """Print a row a variant and horizon: how many, their R, and what it varies by."""
+def _summary(table: pl.DataFrame) -> Table:
+    """Return a row a variant and horizon: how many, their R, and what it varies by."""
+    status, resistance = pl.col("status"), pl.col("R")
+    groups = table.group_by("variant", "horizon", maintain_order=True).agg(
+        pl.len(),
+        resistance.mean(),
+        ((resistance.max() - resistance.min()) / 2).alias("half"),
+        pl.col("answered").sum(),
+        (status == REFUSED).sum().alias("refused"),
+        (status == FAILED).sum().alias("failed"),
+    )
+    named = table["variant"].n_unique() > 1
     shown = Table(box=None, padding=(0, 2, 0, 0))
-    varied = table["variant"].n_unique() > 1
-    for title in (
-        *(("variant",) if varied else ()),
-        "H",
-        "tasks",
-        "R",
-        "answered",
-        "refused",
-        "failed",
-    ):
+    for title in ("variant", "H", "tasks", "R", "answered", "refused", "failed")[not named :]:
         shown.add_column(title, justify="left" if title == "variant" else "right")
-    for (variant, horizon), group in table.group_by("variant", "horizon", maintain_order=True):
-        name = (str(variant),) if varied else ()
-        status = group["status"]
-        counts = [group["answered"].sum(), *((status == s).sum() for s in ("refused", "failed"))]
-        few = "auto" if horizon is None else str(horizon)
-        shown.add_row(
-            *name,
-            few,
-            str(len(group)),
-            _spread(group["R"].drop_nulls().to_list()),
-            *map(str, counts),
-        )
-    _output.print(shown)
-
-
-def _spread(values: Sequence[float]) -> str:
-    if not values:
-        return "–"
-    middle, half = sum(values) / len(values), (max(values) - min(values)) / 2
-    text = with_unit(middle, "ohm", 4)
-    return f"{text} ± {number(100 * half / abs(middle), 2)} %" if half and middle else text
-
-
-def _say(text: str) -> None:
-    _errors.print(text, soft_wrap=True, highlight=False, markup=False)
+    for variant, horizon, count, middle, half, *counts in groups.iter_rows():
+        text = with_unit(middle, "ohm", 4)
+        spread = f" ± {number(100 * half / abs(middle), 2)} %" if half and middle else ""
+        cells = [variant, horizon or "auto", count, text + spread, *counts]
+        shown.add_row(*map(str, cells[not named :]))
+    return shown

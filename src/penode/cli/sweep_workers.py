@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
 from functools import cache, partial
 from importlib import import_module
 from multiprocessing.connection import wait as wait_for
@@ -28,17 +27,6 @@ _TRIES = 3
 _AHEAD = 2
 
 
-@dataclass
-class _Place:
-    """Where one task at a time is done; ``renew`` gives an executor in place of a lost one."""
-
-    renew: Callable[[], Executor]
-    executor: Executor = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.executor = self.renew()
-
-
 @contextmanager
 def processes(count: int) -> Iterator[Workers]:
     """Give workers that are processes of this machine, of one thread each; refuse less than one.
@@ -46,7 +34,7 @@ def processes(count: int) -> Iterator[Workers]:
     A process that is lost is replaced, and its task is done again; Ctrl-C ends them all.
     """
     if count < 1:
-        raise InputError(f"--jobs {count} came; give at least 1.")
+        raise InputError(f"--jobs must be >= 1, got {count}.")
     spawned = multiprocessing.get_context("spawn")  # forked, JAX would wait for itself
     with ExitStack() as open_:
 
@@ -92,30 +80,34 @@ def cluster(address: str) -> Iterator[Workers]:
 def _outcomes(
     places: list[Callable[[], Executor]], lost: type[Exception], tasks: Iterator[Task]
 ) -> Iterator[tuple[Task, Outcome]]:
-    """Give each place a task as it is free; a task that ended its worker is done again."""
-    idle, again, tries = [_Place(renew) for renew in places], list[Task](), Counter[str]()
-    busy: dict[Future[Outcome], tuple[_Place, Task]] = {}
+    """Give each place a task as it is free; a task that ended its worker is done again.
+
+    A place is called for an executor, anew where that one is lost.
+    """
+    idle, again, tries = [(new, new()) for new in places], list[Task](), Counter[str]()
+    busy: dict[Future[Outcome], tuple[Callable[[], Executor], Executor, Task]] = {}
     while True:
         while idle and (task := again.pop() if again else next(tasks, None)):
-            place = idle.pop()
+            renew, executor = idle.pop()
             with _ctrl_c_held():
-                busy[place.executor.submit(_done, task)] = place, task
+                busy[executor.submit(_done, task)] = renew, executor, task
         if not busy:
             return
         # A wait without end would not notice Ctrl-C before the next one is done.
         ended, _ = wait(busy, timeout=_NOTICE, return_when=FIRST_COMPLETED)
         for future in ended:
-            place, task = busy.pop(future)
-            idle.append(place)
+            renew, executor, task = busy.pop(future)
             try:
                 outcome = future.result()
             except lost:
-                place.executor = place.renew()
+                executor = renew()
                 tries[task.key] += 1
                 if tries[task.key] < _TRIES:
                     again.append(task)
+                    idle.append((renew, executor))
                     continue
-                outcome = failed(f"It ended its worker {_TRIES} times; the memory may not suffice.")
+                outcome = failed(f"It ended its worker {_TRIES} times; memory may be too small.")
+            idle.append((renew, executor))
             yield task, outcome
 
 
@@ -132,14 +124,12 @@ def _ctrl_c_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+_prepare = cache(use_compilation_cache)
+
+
 def _done(task: Task) -> Outcome:
     _prepare()
     return run(task)
-
-
-@cache
-def _prepare() -> None:
-    use_compilation_cache()
 
 
 def _begin() -> None:

@@ -1,11 +1,14 @@
-"""TOML files: read, and refused with one sentence that names the file and the entry."""
+"""TOML files: read and held against a schema; refused in a sentence with file, key and value."""
 
-import math
+import re
+import sys
 import tomllib
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Annotated, Any, TypeVar
+
+import msgspec
+from msgspec import inspect as schemas
 
 from penode.data.content import Content
 from penode.errors import InputError, did_you_mean
@@ -15,45 +18,15 @@ _LONGEST = 1 << 20
 # Whole numbers of TOML.
 _WHOLES = range(-(2**63), 2**63)
 _VALUE_SHOWN = 200
+_LARGEST = sys.float_info.max
 
+#: Numbers of a schema, beside those of Python.
+FINITE = Annotated[float, msgspec.Meta(ge=-_LARGEST, le=_LARGEST)]
+POSITIVE = Annotated[float, msgspec.Meta(gt=0, le=_LARGEST)]
+NATURAL = Annotated[int, msgspec.Meta(ge=0)]
+COUNT = Annotated[int, msgspec.Meta(ge=1)]
 
-@dataclass(frozen=True)
-class Kind:
-    """What an entry may hold, in words ("give a whole number") and as a test of a value."""
-
-    words: str
-    holds: Callable[[Any], bool]
-
-
-def is_whole(value: object) -> TypeGuard[int]:
-    """Return whether a value is a whole number of 64 bits; true and false are none."""
-    return isinstance(value, int) and not isinstance(value, bool) and value in _WHOLES
-
-
-def is_number(value: object) -> bool:
-    """Return whether a value is a number, infinities among them; true and false are none."""
-    return isinstance(value, float) or is_whole(value)
-
-
-TEXT = Kind("text", lambda value: isinstance(value, str))
-FLAG = Kind("true or false", lambda value: isinstance(value, bool))
-NUMBER = Kind("a number", is_number)
-FINITE = Kind("a finite number", lambda value: is_number(value) and math.isfinite(value))
-FACTOR = Kind("a number other than 0", lambda v: is_number(v) and math.isfinite(v) and v != 0)
-POSITIVE = Kind("a number above zero", lambda v: is_number(v) and 0 < v < math.inf)
-SIGN = Kind("1 or -1", lambda value: is_whole(value) and value in (1, -1))
-WHOLE = Kind("a whole number", is_whole)
-NATURAL = Kind("a whole number from 0", lambda value: is_whole(value) and value >= 0)
-COUNT = Kind("a whole number from 1", lambda value: is_whole(value) and value >= 1)
-NAMES = Kind(
-    "names in brackets",
-    lambda value: isinstance(value, list) and all(isinstance(one, str) for one in value),
-)
-WHOLES = Kind(
-    "whole numbers in brackets",
-    lambda value: isinstance(value, list) and all(map(is_whole, value)),
-)
-TABLE = Kind("a table", lambda value: isinstance(value, dict))
+_Schema = TypeVar("_Schema")
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -62,8 +35,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         with Content(str(path)) as content:
             if content.size > _LONGEST:
                 raise InputError(
-                    f"{path}: {content.size} bytes came where at most {_LONGEST} were wanted; name "
-                    "a text file with settings."
+                    f"{path}: a file of settings must have at most {_LONGEST} bytes, got "
+                    f"{content.size}; name another file."
                 )
             entries = tomllib.loads(content.all().decode("utf-8-sig"))
         _require_64_bits(path, entries)
@@ -80,7 +53,7 @@ def read_toml(path: Path) -> dict[str, Any]:
             f"{path}: not UTF-8 text (byte {error.start + 1}); save the file as UTF-8."
         ) from error
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
+        raise InputError(f"{path}: not a TOML file ({error}); correct that line.") from error
     except ValueError as error:  # Python reads no number of more than 4300 digits
         raise InputError(f"{path}: a whole number of thousands of digits; shorten it.") from error
 
@@ -96,35 +69,100 @@ def _require_64_bits(path: Path, entry: object) -> None:
     elif isinstance(entry, int) and entry not in _WHOLES:
         digits = str(entry)
         shown = digits if len(digits) < 30 else f"{digits[:12]}... ({len(digits)} digits)"
-        raise InputError(f"{path}: {shown} came; give a whole number of 64 bits.")
+        raise InputError(f"{path}: whole numbers must have at most 64 bits, got {shown}.")
 
 
-def require(where: str, value: object, kind: Kind) -> None:
-    """Refuse a value that is not of the kind; ``where`` names the entry."""
-    if not kind.holds(value):
-        raise InputError(f"{where} = {_shown(value)} came; give {kind.words}.")
+def held_against(schema: type[_Schema], entries: Mapping[str, Any], where: str) -> _Schema:
+    """Return entries as a schema of msgspec has them, or refuse them.
+
+    ``where`` begins the sentence: the file, and the table in it.
+    """
+    try:
+        return msgspec.convert(entries, schema)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{where}{_refusal(str(error), schema, entries)}") from error
+
+
+def _refusal(error: str, schema: Any, entry: Any) -> str:
+    """Return msgspec's error, ``Expected `int`, got `str` - at `$.horizon` ``, as a sentence."""
+    message, _, path = error.partition(" - at `$")
+    wanted, place = schemas.type_info(schema), ""
+    for key in re.findall(r"[^].[`]+", path):
+        wanted = _within(wanted, entry, key)
+        index = int(key) if key.isdigit() else key
+        entry, place = entry[index], f"{place}[{key}]" if key.isdigit() else f"{place}.{key}"
+    place, named = place.lstrip("."), re.search("`(.*)`", message)
+    inside = f"{place}." if place else ""
+    if named and "unknown field" in message:
+        known = _fields(wanted, entry)
+        nearest = did_you_mean(named[1], known)
+        return f"{inside}{named[1]} is unknown{nearest}; known are {', '.join(known)}."
+    if named and "missing required field" in message:
+        return (
+            f"{inside}{named[1]} is missing; it must be {_words(_within(wanted, entry, named[1]))}."
+        )
+    if not re.match("Expected|Invalid|Number", message):  # a schema's own check
+        return ": ".join(filter(None, [place, message]))
+    return f"{place} must be {_words(wanted)}, got {_shown(entry)}."
+
+
+def _fields(wanted: Any, entry: Any) -> dict[str, Any]:
+    """Return the entries that a table may have; of several tables it is the one of its kind."""
+    tables = [one for one in _choices(wanted) if isinstance(one, schemas.StructType)]
+    kinds: dict[Any, Any] = {
+        one.tag_field: schemas.LiteralType(tuple(t.tag for t in tables)) for one in tables
+    }
+    known = [one for one in tables if one.tag_field is None or one.tag == entry.get(one.tag_field)]
+    fields = {field.encode_name: field.type for one in known for field in one.fields}
+    return fields or kinds
+
+
+def _within(wanted: Any, entry: Any, key: str) -> Any:
+    """Return what is wanted of an entry of a table, or of an item of a list."""
+    if not key.isdigit():
+        return _fields(wanted, entry)[key]
+    for one in _choices(wanted):
+        if isinstance(one, schemas.TupleType):
+            return one.item_types[int(key)]
+        if hasattr(one, "item_type"):
+            return one.item_type
+    raise KeyError(key)
+
+
+def _choices(wanted: Any) -> tuple[Any, ...]:
+    return wanted.types if isinstance(wanted, schemas.UnionType) else (wanted,)
+
+
+def _words(wanted: Any) -> str:
+    """Return what a schema wants in words; None only stands for an entry that is not there."""
+    tags = [repr(one.tag) for one in _choices(wanted) if getattr(one, "tag", None)]
+    words = [_WORDS[type(one)](one) for one in _choices(wanted) if type(one) in _WORDS]
+    kinds = [f"a table with kind = {' or '.join(tags)}"] if tags else []
+    return " or ".join([*dict.fromkeys(word for word in words if word), *kinds])
+
+
+def _bounded(name: str, wanted: Any) -> str:
+    bounds = {">": wanted.gt, ">=": wanted.ge, "<=": wanted.le}
+    finite = "finite " if wanted.le == _LARGEST else ""
+    said = [f"{sign} {b}" for sign, b in bounds.items() if b is not None and abs(b) < _LARGEST]
+    return " ".join([f"a {finite}{name}", " and ".join(said)]).rstrip()
+
+
+_WORDS: dict[Any, Any] = {
+    schemas.StrType: lambda _: "text",
+    schemas.BoolType: lambda _: "true or false",
+    schemas.IntType: lambda one: _bounded("whole number", one),
+    schemas.FloatType: lambda one: _bounded("number", one),
+    schemas.LiteralType: lambda one: " or ".join(map(repr, one.values)),
+    schemas.ListType: lambda one: f"a list, each item {_words(one.item_type)}",
+    schemas.VarTupleType: lambda one: f"a list, each item {_words(one.item_type)}",
+    schemas.TupleType: lambda one: f"a list of {len(one.item_types)}",
+    schemas.DictType: lambda _: "a table",
+    schemas.StructType: lambda one: "" if one.tag else "a table",
+}
 
 
 def _shown(value: object) -> str:
-    """Return a value as TOML text has it, cut where it is long."""
-    try:
-        text = repr(value)
-    except (RecursionError, ValueError):  # too deep, or a number of thousands of digits
-        return f"a {type(value).__name__}"
+    """Return a value, cut where it is long."""
+    text = repr(value)
     return text if len(text) <= _VALUE_SHOWN else text[:_VALUE_SHOWN] + "..."
-
-
-def require_known(where: str, entries: Collection[str], known: Collection[str]) -> None:
-    """Refuse entries of unknown name in a table; the message suggests the nearest one."""
-    for key in entries:
-        if key not in known:
-            raise InputError(
-                f"{where} {key} came{did_you_mean(key, known)}; known are {', '.join(known)}."
-            )
-
-
-def require_kinds(where: str, entries: Mapping[str, Any], kinds: Mapping[str, Kind]) -> None:
-    """Refuse entries that are unknown, not among ``kinds``, or of the wrong kind."""
-    require_known(where, entries, kinds)
-    for key, value in entries.items():
-        require(f"{where} {key}", value, kinds[key])

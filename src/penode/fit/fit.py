@@ -1,7 +1,7 @@
 """Fit: parameters in physical units with their uncertainty, the horizon's story, provenance."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -13,9 +13,9 @@ import polars as pl
 from penode.arrays import BoolArray, FloatArray, float64
 from penode.errors import InputError
 from penode.fit.archive import archive, read_archive, to_json
-from penode.fit.document import document_of, parts_of
 from penode.fit.frames import ladder_frame, parameters_frame
 from penode.fit.learned_uncertainty import LearnedUncertainty
+from penode.fit.model_tree import describe_module, restore_module
 from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary
 from penode.fit.result_folder import claimed, digests, replace_together, require_one_result
 from penode.fit.summary import html, text
@@ -140,8 +140,8 @@ class Fit:
 
         if not -len(self.comparisons) <= recording < len(self.comparisons):
             raise InputError(
-                f"recording {recording} came; the fit has predictions of {len(self.comparisons)}, "
-                "counted from 0."
+                f"recording must be < {len(self.comparisons)}, which are counted from 0, got "
+                f"{recording}."
             )
         return plots.draw_predictions(self.comparisons[recording])
 
@@ -223,7 +223,11 @@ class Fit:
         beside : mapping of str to bytes
             Other files of the same result; ``result.json`` has the digests of all.
         """
-        archived = archive(*document_of(self))
+        arrays: dict[str, FloatArray] = {}
+        parts = {
+            f.name: describe_module(getattr(self, f.name), f.name, arrays) for f in fields(self)
+        }
+        archived = archive({"schema": SCHEMA, **parts}, arrays)
         made = {**beside, **{f"fit/{name}": content for name, content in archived.items()}}
         result = to_json({**self.result(), "files": digests(made)})
         return {**made, "result.json": result.encode()}
@@ -250,17 +254,34 @@ class Fit:
         schema = document.get("schema")
         if schema != SCHEMA:
             raise InputError(
-                f"{folder}: schema {schema!r} came, {SCHEMA!r} was wanted; read it with the "
+                f"{folder}: the schema must be {SCHEMA!r}, got {schema!r}; read it with the "
                 "version of penode that wrote it."
             )
         try:
-            return cls(**parts_of(document, arrays, trust))
+            parts = {f.name: restore_module(document[f.name], arrays, trust) for f in fields(cls)}
+            _require_usable(parts, arrays)
+            return cls(**parts)
         except InputError as error:
             raise InputError(f"{folder}: {error}") from error
         except (LookupError, TypeError, AttributeError, ValueError, RecursionError) as error:
             raise InputError(
                 f"{folder}: the saved fit lacks a part ({error!r}); run the identification again."
             ) from error
+
+
+def _require_usable(parts: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> None:
+    """Refuse what no training leaves, by TypeError and ValueError."""
+    if not isinstance(parts["model"], Model) or not isinstance(parts["horizon"], HorizonChoice):
+        raise TypeError("its model or its horizon is of another kind")
+    excited = parts["excited"]
+    if excited.ndim != 2 or not excited.size:
+        raise ValueError(f"excited has the shape {excited.shape}")
+    for name, values in arrays.items():
+        if name.startswith(("model.", "comparisons.")) and not values.size:
+            raise ValueError(f"{name} is empty")
+        of_model = name == "excited" or name.startswith("model.")
+        if of_model and not (values.dtype.kind in "fiub" and np.isfinite(values).all()):
+            raise ValueError(f"{name} is not finite")
 
 
 def _in_float64(learned: Callable[..., Any]) -> Callable[..., Any]:

@@ -12,21 +12,15 @@ def parameters_frame(parameters: Mapping[str, Estimate]) -> pl.DataFrame:
 
     Columns parameter, value, std, low_95, high_95, unit, identifiability, meaning.
     """
-    columns = {
-        "parameter": pl.String,
-        "value": pl.Float64,
-        "std": pl.Float64,
-        "low_95": pl.Float64,
-        "high_95": pl.Float64,
-        "unit": pl.String,
-        "identifiability": pl.Float64,
-        "meaning": pl.String,
-    }
+    numbers = ("value", "std", "low_95", "high_95")
+    kinds = dict.fromkeys((*numbers, "identifiability"), pl.Float64)
     rows = [
         (name, one.value, one.std, *one.interval_95, one.unit, one.identifiability, one.meaning)
         for name, one in parameters.items()
     ]
-    return pl.DataFrame(rows, schema=columns, orient="row")
+    columns = ("parameter", *numbers, "unit", "identifiability", "meaning")
+    schema = {name: kinds.get(name, pl.String) for name in columns}
+    return pl.DataFrame(rows, schema=schema, orient="row")
 
 
 def ladder_frame(horizon: HorizonChoice) -> pl.DataFrame:

@@ -1,10 +1,8 @@
 """How sure the learned map is at any state: the sandwich, and the spread over the horizons."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray, JaxArray, float64, on_device
@@ -47,13 +45,12 @@ class LearnedUncertainty:
         points : ndarray, shape (point, state)
             SI units.
         """
-        if not np.isfinite(self.covariance).all() or not self.covariance.size:
-            like = np.asarray(_learned(model, points))
-            return np.full(like.T.shape, np.inf)
         layout: Layout[Model] = Layout(model)
         with float64():
-            at = on_device(np.asarray(points, dtype=float).T)
-            slopes = np.asarray(_slopes(model, on_device(layout.raw(model)), at))
+            at, raw = on_device(np.asarray(points, dtype=float).T), on_device(layout.raw(model))
+            if not np.isfinite(self.covariance).all() or not self.covariance.size:
+                return np.full(_learned_at(model, raw, at).T.shape, np.inf)
+            slopes = np.asarray(_slopes(model, raw, at))
             agreeing = [_learned_at(model, on_device(raw), at) for raw in self.agreeing]
         maps = np.stack([np.asarray(each) for each in agreeing])
         variance = np.einsum("mpi,ij,mpj->pm", slopes, self.covariance, slopes, optimize=True)
@@ -70,10 +67,3 @@ def _learned_at(like: Model, raw: JaxArray, at: JaxArray) -> JaxArray:
 
 
 _slopes = jax.jit(jax.jacfwd(_learned_at, argnums=1))
-
-
-def _learned(model: Model, points: FloatArray) -> JaxArray:
-    layout: Layout[Model] = Layout(model)
-    with float64():
-        values: Any = layout.values(jnp.asarray(layout.raw(model)))
-        return layout.model(values[:, None]).learned(jnp.asarray(points, dtype=jnp.float64).T)

@@ -18,7 +18,7 @@ _OWN = "penode"
 
 
 def describe_module(module: Any, name: str, arrays: dict[str, FloatArray]) -> Any:
-    """Turn a tree into JSON values, its arrays moved into `arrays` under dotted names.
+    """Turn a tree into values for `to_json`, exact, its arrays in `arrays` under dotted names.
 
     It may hold models, records, tuples, lists, mappings, arrays, numbers, text and None; ``name``
     is the first part of the names.
@@ -37,7 +37,9 @@ def describe_module(module: Any, name: str, arrays: dict[str, FloatArray]) -> An
     if isinstance(module, (np.ndarray, jax.Array)):
         arrays[name] = np.asarray(module)
         return {"array": name}
-    return _described_number(module)
+    if isinstance(module, np.generic):
+        return {"scalar": module.dtype.str, "value": module.item()}
+    return module
 
 
 def _described_mapping(
@@ -54,19 +56,8 @@ def _described_mapping(
     return {"pairs": [[describe_module(key, name, arrays), inner[key]] for key in mapping]}
 
 
-def _described_number(value: Any) -> Any:
-    """Describe what JSON has no number for, or not this kind of it; the rest is as it is."""
-    if isinstance(value, np.generic):
-        return {"scalar": value.dtype.str, "value": _described_number(value.item())}
-    if isinstance(value, complex):
-        return {"complex": [_described_number(part) for part in (value.real, value.imag)]}
-    if isinstance(value, float) and not np.isfinite(value):
-        return {"number": repr(value)}
-    return value
-
-
 def restore_module(document: Any, arrays: Mapping[str, FloatArray], trust: bool = False) -> Any:
-    """Rebuild a tree from `describe_module`'s document.
+    """Rebuild a tree from `describe_module`'s document, as `from_json` reads it.
 
     ``trust`` imports modules other than penode's, which runs them. Without it their classes are
     taken where the program has imported them already, and nothing is imported. Refuses a class that
@@ -100,9 +91,7 @@ def _scalar(kind: str, value: Any) -> Any:
 #: What describes a value that is no record -> the value, from its document.
 _FORMS: dict[str, Callable[[dict[str, Any], Callable[[Any], Any], Mapping[str, Any]], Any]] = {
     "array": lambda document, _, arrays: arrays[document["array"]],
-    "number": lambda document, *_: float(document["number"]),
-    "complex": lambda document, inner, _: complex(*map(inner, document["complex"])),
-    "scalar": lambda document, inner, _: _scalar(document["scalar"], inner(document["value"])),
+    "scalar": lambda document, *_: _scalar(document["scalar"], document["value"]),
     "list": lambda document, inner, _: [inner(item) for item in document["list"]],
     "mapping": lambda document, inner, _: {k: inner(v) for k, v in document["mapping"].items()},
     "pairs": lambda document, inner, _: {inner(k): inner(v) for k, v in document["pairs"]},

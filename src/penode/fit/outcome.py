@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -28,7 +27,7 @@ class Objection:
     name : str
         Of the kind, in two or three words.
     reason, repair : str
-        What was found, and the cheapest mend, a sentence each.
+        What was found, and the cheapest repair, a sentence each.
     """
 
     name: str
@@ -187,39 +186,3 @@ class HorizonChoice:
     def answered(self) -> bool:
         """Whether the data could answer, as far as was tested."""
         return self.verdict not in _REFUSED
-
-
-def estimate_of(document: Mapping[str, Any]) -> Estimate:
-    """Return an estimate from its JSON; null is not a number."""
-    value, std, *interval = (
-        np.nan if number is None else float(number)
-        for number in (document["value"], document["std"], *document["interval_95"])
-    )
-    low, high = interval
-    rest = {name: document[name] for name in ("unit", "identifiability")}
-    budget = tuple(
-        Contribution(**{**one, "std": np.inf if one["std"] is None else one["std"]})
-        for one in document.get("budget", ())
-    )
-    meaning = document.get("meaning", "")
-    return Estimate(value, std, (low, high), **rest, meaning=meaning, budget=budget)
-
-
-def horizon_of(document: Mapping[str, Any]) -> HorizonChoice:
-    """Return a choice of the horizon from its JSON."""
-    ladder = tuple(_summary_of(rung) for rung in document["ladder"])
-    objections = tuple(Objection(**one) for one in document.get("objections", ()))
-    plateau = tuple(document["plateau"])
-    return HorizonChoice(
-        **{**document, "ladder": ladder, "plateau": plateau, "objections": objections}
-    )
-
-
-def _summary_of(document: Mapping[str, Any]) -> HorizonSummary:
-    """Return one horizon from its JSON; null is an unknown deviation, or not a number."""
-    unknown = {"parameters": np.nan, "std": np.inf}
-    numbers = {
-        part: {name: default if n is None else float(n) for name, n in document[part].items()}
-        for part, default in unknown.items()
-    }
-    return HorizonSummary(**{**document, **numbers})

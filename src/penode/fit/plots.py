@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,9 +10,11 @@ from matplotlib.figure import Figure
 
 from penode.arrays import BoolArray, FloatArray
 from penode.errors import InputError
-from penode.fit.content import FitContent
 from penode.fit.outcome import NORMAL_95
 from penode.validation.comparison import Comparison
+
+if TYPE_CHECKING:
+    from penode.fit.fit import Fit
 
 __all__ = ["Figure", "draw_ladder", "draw_map", "draw_predictions"]
 
@@ -21,20 +23,20 @@ _BLUE, _ORANGE, _GREEN = "#1d62cc", "#d4540a", "#13694e"
 _POINTS, _CELLS = 400, 81
 
 
-def draw_ladder(fit: FitContent) -> Figure:
+def draw_ladder(fit: "Fit") -> Figure:
     """Return the figure of every physical parameter over the horizon; refuse one with none."""
     ladder, names = fit.horizon.ladder, list(fit.parameters)
     if not ladder or not names:
         raise InputError(
-            f"a ladder of {len(ladder)} horizons with {len(names)} physical parameters came; "
-            "it is drawn for at least one of each."
+            "a ladder is drawn of at least one horizon and one physical parameter, got "
+            f"{len(ladder)} and {len(names)}."
         )
     figure, panels = _panels(len(names), 2.6)
     horizons = [rung.horizon for rung in ladder]
     for axes, name in zip(panels, names, strict=True):
         estimate = fit.parameters[name]
         values = [rung.parameters[name] for rung in ladder]
-        bars = [NORMAL_95 * _drawable(rung.std[name]) for rung in ladder]
+        bars = NORMAL_95 * _finite(np.array([rung.std[name] for rung in ladder]))
         axes.axhspan(*estimate.interval_95, color=_BLUE, alpha=0.15, lw=0, label="reported, 95 %")
         colours = [_GREEN if h in fit.horizon.plateau else _GREY for h in horizons]
         axes.errorbar(horizons, values, bars, fmt="none", ecolor=_MUTED, capsize=2)
@@ -71,7 +73,7 @@ def draw_predictions(comparison: Comparison) -> Figure:
     return _titled(figure, f"{comparison.name} ({comparison.role})")
 
 
-def draw_map(fit: FitContent, name: str, ranges: Mapping[str, tuple[float, float]]) -> Figure:
+def draw_map(fit: "Fit", name: str, ranges: Mapping[str, tuple[float, float]]) -> Figure:
     """Return the figure of a learned map of one or two arguments; refuse any other.
 
     ``ranges`` are the lowest and highest value of an argument; those called like a state have the
@@ -79,10 +81,12 @@ def draw_map(fit: FitContent, name: str, ranges: Mapping[str, tuple[float, float
     """
     function = fit.model.maps().get(name)
     if function is None:
-        raise InputError(f"map {name!r} came; this model has {sorted(fit.model.maps())}.")
+        raise InputError(f"the map must be one of {sorted(fit.model.maps())}, got {name!r}.")
     arguments = list(inspect.signature(function).parameters)
     if not 1 <= len(arguments) <= 2:
-        raise InputError(f"{name} has {len(arguments)} arguments; maps of one or two are drawn.")
+        raise InputError(
+            f"maps of one or two arguments are drawn, got {name} with {len(arguments)}."
+        )
     spans = [_span(fit, argument, ranges) for argument in arguments]
     unit = fit.model.map_units.get(name, "")
     if len(arguments) == 1:
@@ -90,9 +94,7 @@ def draw_map(fit: FitContent, name: str, ranges: Mapping[str, tuple[float, float
     return _contours(fit, (name, unit), arguments, spans)
 
 
-def _curve(
-    fit: FitContent, named: tuple[str, str], argument: str, span: tuple[float, float]
-) -> Figure:
+def _curve(fit: "Fit", named: tuple[str, str], argument: str, span: tuple[float, float]) -> Figure:
     x = np.linspace(*span, _POINTS)
     values = np.asarray(getattr(fit, named[0])(x)).reshape(-1, len(x))
     inside = _inside(fit, [argument], x[None])
@@ -107,7 +109,7 @@ def _curve(
 
 
 def _contours(
-    fit: FitContent,
+    fit: "Fit",
     named: tuple[str, str],
     arguments: Sequence[str],
     spans: Sequence[tuple[float, float]],
@@ -130,7 +132,7 @@ def _contours(
 
 
 def _span(
-    fit: FitContent, argument: str, ranges: Mapping[str, tuple[float, float]]
+    fit: "Fit", argument: str, ranges: Mapping[str, tuple[float, float]]
 ) -> tuple[float, float]:
     if argument in ranges:
         low, high = ranges[argument]
@@ -144,7 +146,7 @@ def _span(
     return float(column.min()), float(column.max())
 
 
-def _inside(fit: FitContent, arguments: Sequence[str], points: FloatArray) -> BoolArray:
+def _inside(fit: "Fit", arguments: Sequence[str], points: FloatArray) -> BoolArray:
     """Return which points (argument, point) are excited; all where arguments are not the states."""
     if sorted(arguments) == sorted(fit.model.states):
         order = [arguments.index(state) for state in fit.model.states]
@@ -157,7 +159,7 @@ def _inside(fit: FitContent, arguments: Sequence[str], points: FloatArray) -> Bo
     return inside
 
 
-def _argument(fit: FitContent, name: str) -> str:
+def _argument(fit: "Fit", name: str) -> str:
     units = dict(zip(fit.model.states, fit.model.state_units, strict=True))
     return f"{name} ({units[name]})" if name in units else name
 
@@ -184,11 +186,6 @@ def _titled(figure: Figure, title: str) -> Figure:
 
 def _finite(values: FloatArray) -> FloatArray:
     return np.where(np.isfinite(values), values, np.nan)
-
-
-def _drawable(deviation: float) -> float:
-    """Return a deviation as an error bar can show it: none where it is not known."""
-    return deviation if np.isfinite(deviation) else np.nan
 
 
 def _limit(axes: Axes, values: Any) -> None:

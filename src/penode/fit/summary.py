@@ -3,12 +3,15 @@
 import math
 from collections.abc import Sequence
 from html import escape
+from typing import TYPE_CHECKING
 
-from penode.fit.content import FitContent
 from penode.validation.comparison import Comparison
 
+if TYPE_CHECKING:
+    from penode.fit.fit import Fit
 
-def text(fit: FitContent) -> str:
+
+def text(fit: "Fit") -> str:
     """Return a fit's parameters, horizon and errors as lines of text."""
     rows = [
         (name, value, f"95 % {interval}", rho and f"independence {rho}")
@@ -24,7 +27,7 @@ def text(fit: FitContent) -> str:
     return "\n".join([f"Fit of {type(fit.model).__name__}: {_horizon(fit)}", *lines])
 
 
-def html(fit: FitContent) -> str:
+def html(fit: "Fit") -> str:
     """Return the same as HTML: a table of parameters and one of recordings."""
     head = f"<b>{escape(type(fit.model).__name__)}</b>: {escape(_horizon(fit))}"
     parameters = _table(("parameter", "value", "95 % interval", "independence"), _parameters(fit))
@@ -35,12 +38,12 @@ def html(fit: FitContent) -> str:
     return f"<p>{head}</p>{parameters}{recordings}{warnings}"
 
 
-def _horizon(fit: FitContent) -> str:
+def _horizon(fit: "Fit") -> str:
     choice = fit.horizon
     return f"H = {choice.selected}, {choice.verdict}. {choice.reason}".rstrip()
 
 
-def _parameters(fit: FitContent) -> list[tuple[str, ...]]:
+def _parameters(fit: "Fit") -> list[tuple[str, ...]]:
     """Return name, value with unit, interval, and independence where it is known, as text."""
     return [
         (

@@ -4,30 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
+
+from msgspec import Struct, defstruct
+from msgspec.structs import asdict
 
 from penode.data.experiment import Experiment
 from penode.data.mapping import Origin
 from penode.data.table import TIME
-from penode.data.toml_file import (
-    COUNT,
-    FACTOR,
-    FLAG,
-    NAMES,
-    NATURAL,
-    NUMBER,
-    POSITIVE,
-    SIGN,
-    TABLE,
-    TEXT,
-    WHOLE,
-    WHOLES,
-    Kind,
-    is_whole,
-    read_toml,
-    require_kinds,
-    require_known,
-)
+from penode.data.toml_file import COUNT, FINITE, NATURAL, POSITIVE, held_against, read_toml
 from penode.errors import InputError
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.term_registry import terms_of
@@ -37,39 +22,59 @@ from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.recording.stationary_frame import LINK
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 
-#: Entries of a channel and what they hold.
-_CHANNEL = {
-    "column": TEXT,
-    "unit": TEXT,
-    "scale": FACTOR,
-    "sign": SIGN,
-    "delay": WHOLE,
-    "times": TEXT,
-    "rms": FLAG,
-    "mechanical": FLAG,
-}
-_TIME = {key: _CHANNEL[key] for key in ("column", "unit", "scale")}
-_SETTINGS = {
-    "flux_map": TEXT,
-    "horizon": Kind(f'{COUNT.words}, or "auto"', lambda v: v == "auto" or is_whole(v)),
-    "pole_pairs": COUNT,
-    "seed": NATURAL,
-    "inverter": FLAG,
-    "terms": NAMES,
-    "angle_orders": WHOLES,
-    "hold": TEXT,
-    "samples": COUNT,
-    "purpose": TEXT,
-    "train_anyway": FLAG,
-    **dict.fromkeys((*BASES.values(), LINK), POSITIVE),
-    "resample": Kind('"linear"', lambda value: value == "linear"),
-    "name_plate": TABLE,
-    "accuracy": TABLE,
-    "channels": TABLE,
-    "sweep": TABLE,
-}
-_NAME_PLATE = {entry.name: POSITIVE for entry in fields(NamePlate)}
-_ACCURACY = {entry.name: NUMBER for entry in fields(Accuracy)}
+
+class _Time(Struct, forbid_unknown_fields=True, frozen=True):
+    """The table of the channel t."""
+
+    column: str
+    unit: str = ""
+    scale: FINITE = 1.0
+
+    def __post_init__(self) -> None:
+        if self.scale == 0:
+            raise ValueError("scale must be a number other than 0, got 0.0.")
+
+
+class _Channel(_Time, forbid_unknown_fields=True, frozen=True):
+    """The table of any other channel."""
+
+    sign: Literal[1, -1] = 1
+    delay: int = 0
+    times: str = ""
+    rms: bool = False
+    mechanical: bool = False
+
+
+def _table(name: str, kinds: Mapping[str, Any]) -> Any:
+    """Return the schema of a table that may have entries of these names, and need not."""
+    entries = [(key, kind | None, None) for key, kind in kinds.items()]
+    return defstruct(name, entries, forbid_unknown_fields=True)
+
+
+_FILE: Any = _table(
+    "StudyFile",
+    {
+        "flux_map": str,
+        "horizon": COUNT | Literal["auto"],
+        "pole_pairs": COUNT,
+        "seed": NATURAL,
+        "inverter": bool,
+        "terms": list[str],
+        "angle_orders": list[int],
+        "hold": str,
+        "samples": COUNT,
+        "purpose": str,
+        "train_anyway": bool,
+        **dict.fromkeys((*BASES.values(), LINK), POSITIVE),
+        "resample": Literal["linear"],
+        "name_plate": _table("NamePlate", {one.name: POSITIVE for one in fields(NamePlate)}),
+        "accuracy": _table("Accuracy", {one.name: float for one in fields(Accuracy)}),
+        "channels": _table(
+            "Channels", {name: str | (_Time if name == TIME else _Channel) for name in RECORDED}
+        ),
+        "sweep": dict[str, Any],
+    },
+)
 
 
 @dataclass(frozen=True)
@@ -126,24 +131,20 @@ def load_study(
         kind; the message names the file and the entry, and suggests the nearest known one.
     """
     entries = {**({} if path is None else read_toml(Path(path))), **changes}
-    read = _read(path, entries)
-    return replace(read, study=_study({**entries, **given, **changes})) if given else read
-
-
-def _read(path: str | Path | None, entries: dict[str, Any]) -> StudyFile:
+    where = "" if path is None else f"{path}: "
+    asked = held_against(_FILE, entries, where)
+    channels = {} if asked.channels is None else asdict(asked.channels)
     try:
-        return _study_file(entries)
+        mapping = DriveMapping(
+            {name: _origin(name, one) for name, one in channels.items() if one is not None},
+            asked.pole_pairs,
+            asked.resample is not None,
+            {name: entries[name] for name in (*BASES.values(), LINK) if name in entries},
+        )
+        read = StudyFile(_study(entries), mapping, asked.sweep or {})
     except InputError as error:
-        raise InputError(str(error) if path is None else f"{path}: {error}") from error
-
-
-def _study_file(entries: dict[str, Any]) -> StudyFile:
-    require_kinds("entry", entries, _SETTINGS)
-    require_known("channel", entries.get("channels", {}), RECORDED)
-    channels = {name: _channel(name, e) for name, e in entries.get("channels", {}).items()}
-    constants = {name: entries[name] for name in (*BASES.values(), LINK) if name in entries}
-    mapping = DriveMapping(channels, entries.get("pole_pairs"), "resample" in entries, constants)
-    return StudyFile(_study(entries), mapping, entries.get("sweep", {}))
+        raise InputError(f"{where}{error}") from error
+    return replace(read, study=_study({**entries, **given, **changes})) if given else read
 
 
 def _study(entries: Mapping[str, Any]) -> Study:
@@ -154,10 +155,8 @@ def _study(entries: Mapping[str, Any]) -> Study:
     if "angle_orders" in settings:
         settings["angle_orders"] = tuple(settings["angle_orders"])
     if "accuracy" in settings:
-        require_kinds("accuracy:", settings["accuracy"], _ACCURACY)
         settings["accuracy"] = Accuracy(**settings["accuracy"])
     if "name_plate" in settings:
-        require_kinds("name_plate:", settings["name_plate"], _NAME_PLATE)
         settings["name_plate"] = NamePlate(**settings["name_plate"])
     terms = terms_of(settings.get("terms", ()))
     if "inverter" in entries:  # a word for dead time, which is otherwise left to the data
@@ -167,15 +166,8 @@ def _study(entries: Mapping[str, Any]) -> Study:
     return Study(**{**settings, "terms": terms})
 
 
-def _channel(name: str, entry: Any) -> DriveOrigin:
-    """Return one channel: a column's name alone, or a table."""
-    if isinstance(entry, str):
-        entry = {"column": entry}
-    if not isinstance(entry, dict):
-        raise InputError(f"channel {name} = {entry!r} came; give the name of a column, or a table.")
-    require_kinds(f"channel {name}:", entry, _TIME if name == TIME else _CHANNEL)
-    if "column" not in entry:
-        raise InputError(f"channel {name}: column is missing; name the column of the file.")
-    own = {key: entry[key] for key in ("rms", "mechanical") if key in entry}
-    rest = {key: value for key, value in entry.items() if key not in own}
-    return DriveOrigin(Origin(si=RECORDED[name], **rest), **own)
+def _origin(name: str, entry: str | _Time) -> DriveOrigin:
+    """Return where a channel comes from: a column's name alone, or a table."""
+    told = asdict(_Channel(entry) if isinstance(entry, str) else entry)
+    own = {key: told.pop(key) for key in ("rms", "mechanical") if key in told}
+    return DriveOrigin(Origin(si=RECORDED[name], **told), **own)

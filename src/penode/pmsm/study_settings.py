@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from penode.data.excerpt import STRETCH, Excerpt, excerpt
 from penode.data.experiment import Experiment
 from penode.data.windows import Jittered
-from penode.errors import InputError
+from penode.errors import InputError, did_you_mean
 from penode.horizon.held_out import selector_for
 from penode.horizon.ladder import HORIZONS, fitting_plan, ladder_plan
 from penode.horizon.selection import Longest, Selector
@@ -23,7 +23,6 @@ from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
 from penode.training.plan import Plan
 from penode.training.second_order import LevenbergMarquardt
 
-#: What the horizon may be chosen for.
 #: Samples between windows of short horizons where recordings hold far more than is used.
 _APART = 5
 #: A window's first sample is measured like all others: its error counts as one of theirs, and is
@@ -95,12 +94,13 @@ class Study:
     def __post_init__(self) -> None:
         if self.flux_map not in FLUX_MAPS:
             raise InputError(
-                f"flux map {self.flux_map!r} came; choose one of {', '.join(FLUX_MAPS)}."
+                f"flux_map must be one of {', '.join(FLUX_MAPS)}, got {self.flux_map!r}"
+                f"{did_you_mean(self.flux_map, FLUX_MAPS)}."
             )
         if self.horizon is not None and self.horizon < 1:
-            raise InputError(f"horizon {self.horizon} came; give a whole number from 1, or auto.")
+            raise InputError(f"horizon must be >= 1, or auto, got {self.horizon}.")
         if self.samples < 1:
-            raise InputError(f"samples {self.samples} came; give a whole number from 1.")
+            raise InputError(f"samples must be >= 1, got {self.samples}.")
         selector_for(self.purpose, ())
         check_hold(self.hold or DEFAULT_HOLD)
         completed(self.terms)

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import record
+from penode.cli.console import Interrupted
 from penode.cli.main import app, main
-from penode.cli.progress import Interrupted
 from penode.paper.conventional.flux_predictor import FluxPredictor
 from penode.paper.conventional.linear_maps import polynomial
 from penode.paper.studies import runs as runs_module

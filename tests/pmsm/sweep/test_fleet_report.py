@@ -6,9 +6,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from penode.pmsm.sweep.drift import drift_of
 from penode.pmsm.sweep.fleet_report import fleet_report
 from penode.pmsm.sweep.table import _TYPES
+from penode.pmsm.sweep.trend import trend_of
 
 
 def test_the_line_is_that_of_numpy():
@@ -16,16 +16,16 @@ def test_the_line_is_that_of_numpy():
     dates = [date(2026, 1, 1) + timedelta(days=int(d)) for d in random.integers(0, 900, 30)]
     years = np.array([d.toordinal() / 365.25 for d in dates])
     values = 0.01 + 2e-4 * years + 1e-4 * random.normal(size=30)
-    drift = drift_of(dates, values)
+    trend = trend_of(dates, values)
     slope, covariance = np.polyfit(years - years.mean(), values, 1, cov=True)
-    assert drift.per_year == pytest.approx(slope[0], rel=1e-9)
-    assert drift.half_95 == pytest.approx(2.0484 * np.sqrt(covariance[0, 0]), rel=1e-4)
+    assert trend.per_year == pytest.approx(slope[0], rel=1e-9)
+    assert trend.half_95 == pytest.approx(2.0484 * np.sqrt(covariance[0, 0]), rel=1e-4)
 
 
 def test_one_of_a_hundred_machines_without_drift_is_said_to_have_one():
     random = np.random.default_rng(2)
     dates = [date(2026, month, 1) for month in range(1, 13)]
-    said = [drift_of(dates, random.normal(size=12)).significant for _ in range(2000)]
+    said = [trend_of(dates, random.normal(size=12)).significant for _ in range(2000)]
     assert 0.005 < np.mean(said) < 0.016
 
 
@@ -34,7 +34,7 @@ def test_one_of_a_hundred_machines_without_drift_is_said_to_have_one():
 )
 def test_too_few_dates_have_no_drift(days):
     dates = [date(2026, 1, day) for day in days]
-    assert drift_of(dates, np.ones(len(days))) is None
+    assert trend_of(dates, np.ones(len(days))) is None
 
 
 def row(machine="M1", month=1, **other):

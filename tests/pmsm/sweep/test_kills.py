@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from penode.fit.result_folder import claimed
-from penode.pmsm.sweep.campaign import Campaign
-from penode.pmsm.sweep.recordings import Recorded
+from penode.pmsm.sweep.campaign import Campaign, Recorded
 from penode.pmsm.sweep.run import sweep
 from penode.pmsm.sweep.task import Outcome
 

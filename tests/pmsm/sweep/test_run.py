@@ -10,8 +10,7 @@ import pytest
 from penode.errors import InputError
 from penode.pmsm.study_file import StudyFile
 from penode.pmsm.study_settings import Study
-from penode.pmsm.sweep.campaign import Campaign
-from penode.pmsm.sweep.recordings import Recorded
+from penode.pmsm.sweep.campaign import Campaign, Recorded
 from penode.pmsm.sweep.run import sweep
 from penode.pmsm.sweep.table import LABELS, LINES, PARQUET, TIMES, read_table
 from penode.pmsm.sweep.task import Outcome, failed, run
@@ -216,8 +215,8 @@ def test_another_version_of_the_code_is_not_taken_for_the_same(campaign, monkeyp
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (MemoryError("8 GB"), "The memory does not suffice (8 GB)"),
-        (ZeroDivisionError("a\nb"), "penode failed where it should not (ZeroDivisionError: a b)."),
+        (MemoryError("8 GB"), "Not enough memory (8 GB)"),
+        (ZeroDivisionError("a\nb"), "Internal error of penode (ZeroDivisionError: a b)."),
     ],
 )
 def test_a_failure_is_a_row_with_its_sentence(campaign, monkeypatch, error, words):

@@ -1,44 +1,49 @@
 """A campaign: which recordings are identified at which horizons, from which seeds, in what ways."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import date
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from penode.data.toml_file import COUNT, TABLE, TEXT, Kind, is_number, is_whole, require_kinds
+from msgspec import Meta, Struct
+
+from penode.data.content import Content
+from penode.data.toml_file import COUNT, FINITE, held_against
 from penode.errors import InputError
 from penode.pmsm.study_file import StudyFile, load_study
-from penode.pmsm.sweep.recordings import Recorded, digests_of, recorded_in
 from penode.pmsm.sweep.task import Task, code_version
 
-_MOST_SEEDS = 10_000
-_AUTO = "auto"
+
+class _Sweep(Struct, forbid_unknown_fields=True, frozen=True):
+    """The table ``[sweep]`` of a study file."""
+
+    recordings: list[str | Annotated[list[str], Meta(min_length=1)]] = []
+    name: str | None = None
+    horizons: list[COUNT | Literal["auto"]] = []
+    seeds: Annotated[int, Meta(ge=1, le=10_000)] | None = None
+    current: tuple[FINITE, FINITE] = (0.0, 0.0)
+    variants: dict[str, dict[str, Any]] = {}
+
+    def __post_init__(self) -> None:
+        if len(set(self.horizons)) < len(self.horizons):
+            raise ValueError(f"horizons must differ, got {self.horizons}; remove one of two.")
 
 
-def _is_group(value: object) -> bool:
-    names = value if isinstance(value, list) else [value]
-    return bool(names) and all(isinstance(one, str) for one in names)
+@dataclass(frozen=True)
+class Recorded:
+    """One or several files that are identified together, as the table names them.
 
+    Machine and date, YYYY-MM-DD, are what the name says of them.
+    """
 
-_ENTRIES = {
-    "recordings": Kind(
-        "file names in brackets, those identified together in brackets of their own",
-        lambda v: isinstance(v, list) and bool(v) and all(map(_is_group, v)),
-    ),
-    "name": TEXT,
-    "horizons": Kind(
-        'whole numbers from 1 or "auto" in brackets',
-        lambda v: isinstance(v, list) and all(one == _AUTO or is_whole(one) for one in v),
-    ),
-    "seeds": COUNT,
-    "current": Kind(
-        "i_d and i_q in A, in brackets",
-        lambda v: isinstance(v, list) and len(v) == 2 and all(map(is_number, v)),
-    ),
-    "variants": TABLE,
-}
+    name: str
+    files: tuple[Path, ...]
+    machine: str | None = None
+    date: str | None = None
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,7 @@ class Campaign:
     def planned(self) -> Iterator[Planned]:
         """Yield every row in order; a file is read when its turn comes, for its digest."""
         for recorded in self.recordings:
-            digests, error = digests_of(recorded)
+            digests, error = _digests(recorded)
             files = tuple(str(path) for path in recorded.files)
             for labels in self._of(recorded):
                 asked = self.variants[labels["variant"]]
@@ -108,49 +113,27 @@ def load_campaign(
     entries of the study, ``asked`` those of ``[sweep]``.
     """
     base = load_study(path, given)
-    entries = {**base.sweep, **asked}
-    where = "sweep:" if path is None else f"{path}: sweep:"
-    require_kinds(where, entries, _ENTRIES)
-    i_d, i_q = entries.get("current", (0.0, 0.0))
+    where = "" if path is None else f"{path}: "
+    entries = held_against(_Sweep, {**base.sweep, **asked}, f"{where}sweep.")
+    seeds = () if entries.seeds is None else tuple(range(entries.seeds))
     return Campaign(
-        recorded_in(path, runs, entries, where),
+        _recordings(path, runs, entries.recordings, entries.name),
         _variants(path, given, entries, where) or {"": base},
-        _horizons(entries, where),
-        _seeds(entries, where),
-        (float(i_d), float(i_q)),
+        tuple(None if one == "auto" else one for one in entries.horizons),
+        seeds,
+        entries.current,
     )
 
 
-def _horizons(entries: Mapping[str, Any], where: str) -> tuple[int | None, ...]:
-    horizons = entries.get("horizons", ())
-    numbers = [one for one in horizons if one != _AUTO]
-    if min(numbers, default=1) < 1 or len(set(horizons)) < len(horizons):
-        raise InputError(
-            f"{where} horizons {list(horizons)} came; give distinct whole numbers from 1, or auto."
-        )
-    return tuple(None if one == _AUTO else one for one in horizons)
-
-
-def _seeds(entries: Mapping[str, Any], where: str) -> tuple[int, ...]:
-    if "seeds" not in entries:
-        return ()
-    count = entries["seeds"]
-    if not 1 <= count <= _MOST_SEEDS:
-        raise InputError(f"{where} {count} seeds came; give 1 to {_MOST_SEEDS}.")
-    return tuple(range(count))
-
-
 def _variants(
-    path: Path | None, given: Mapping[str, Any] | None, entries: Mapping[str, Any], where: str
+    path: Path | None, given: Mapping[str, Any] | None, entries: _Sweep, where: str
 ) -> dict[str, StudyFile]:
-    taken = {"sweep", *(one for one in ("horizon", "seed") if f"{one}s" in entries)}
+    taken = {"sweep": True, "horizon": bool(entries.horizons), "seed": entries.seeds is not None}
     variants = {}
-    for name, changes in entries.get("variants", {}).items():
-        if not isinstance(changes, dict):
-            raise InputError(f"{where} variant {name} = {changes!r} came; give a table.")
-        if twice := sorted(taken & set(changes)):
+    for name, changes in entries.variants.items():
+        if twice := [one for one in changes if taken.get(one)]:
             raise InputError(
-                f"{where} variant {name} has {twice[0]}, which the table [sweep] decides; "
+                f"{where}sweep.variants.{name} has {twice[0]}, which the table [sweep] decides; "
                 "say it in one of them."
             )
         try:
@@ -158,3 +141,107 @@ def _variants(
         except InputError as error:
             raise InputError(f"variant {name}: {error}") from error
     return variants
+
+
+# --- which files, and what their names say ----------------------------------------------------
+
+
+def _digests(recorded: Recorded) -> tuple[tuple[str, ...], str]:
+    """Return the SHA-256 of each file, or a sentence why one cannot be read."""
+    digests = []
+    for path in recorded.files:
+        try:
+            with Content(str(path)) as content:
+                for _ in content.blocks():
+                    pass
+                digests.append(content.sha256)
+        except InputError as error:
+            return (), str(error)
+        except OSError as error:
+            reason = error.strerror or type(error).__name__
+            return (), f"{path}: the file cannot be read ({reason}); check it."
+    return tuple(digests), ""
+
+
+def _recordings(
+    path: Path | None, runs: Sequence[Path], entries: Sequence[str | list[str]], name: str | None
+) -> tuple[Recorded, ...]:
+    """Return the recordings of a campaign; refuse a pattern that cannot be, and none at all.
+
+    Names begin in the folder of the study file; ``runs`` stand in place of the file's recordings,
+    each by itself; ``entries`` and ``name`` are those of the table ``[sweep]``.
+    """
+    where = "sweep" if path is None else f"{path}: sweep"
+    pattern = _pattern(name, where)
+    if runs:
+        return tuple(_recorded((run,), Path(), pattern) for run in runs)
+    folder = Path() if path is None else path.parent
+    groups: list[tuple[Path, ...]] = []
+    for entry in entries:
+        several = [entry] if isinstance(entry, str) else entry
+        every = tuple(file for one in several for file in _matching(folder, one, where))
+        groups += [(file,) for file in every] if isinstance(entry, str) else [every]
+    if not groups:
+        raise InputError(
+            f'{where}: no recordings; name some, or give recordings = ["logs/*.csv"] in the table '
+            "[sweep] of a study file."
+        )
+    return tuple(_recorded(files, folder, pattern) for files in dict.fromkeys(groups))
+
+
+def _matching(folder: Path, pattern: str, where: str) -> list[Path]:
+    """Return files in order; a name that is not there is one too, and its row will say so."""
+    if not any(mark in pattern for mark in "*?["):
+        return [folder / pattern]
+    try:
+        found = sorted(file for file in folder.glob(pattern) if file.is_file())
+    except (ValueError, NotImplementedError, IndexError) as error:
+        raise InputError(
+            f"{where}.recordings must hold patterns within the folder of the study file, got "
+            f"{pattern!r} ({error})."
+        ) from error
+    if not found:
+        raise InputError(
+            f"{where}.recordings: no file matches {pattern!r} in {folder}; check the pattern."
+        )
+    return found
+
+
+def _pattern(text: str | None, where: str) -> re.Pattern[str] | None:
+    if text is None:
+        return None
+    try:
+        pattern = re.compile(text)
+    except (re.error, OverflowError, RecursionError) as error:
+        raise InputError(
+            f"{where}.name must be a regular expression, got {text!r} ({error})."
+        ) from error
+    if not pattern.groupindex.keys() or not set(pattern.groupindex) <= {"machine", "date"}:
+        raise InputError(
+            f"{where}.name must have groups named machine or date, got {text!r}; fix: "
+            r"'(?P<machine>\w+)_(?P<date>\d{4}-\d\d-\d\d)'."
+        )
+    return pattern
+
+
+def _recorded(files: tuple[Path, ...], folder: Path, pattern: re.Pattern[str] | None) -> Recorded:
+    names = [
+        (file.relative_to(folder) if file.is_relative_to(folder) else file).as_posix()
+        for file in files
+    ]
+    name = " + ".join(names)
+    found = pattern.search(name) if pattern else None
+    said = found.groupdict() if found else {}
+    return Recorded(name, files, said.get("machine"), _date(said.get("date"), name))
+
+
+def _date(text: str | None, name: str) -> str | None:
+    if text is None:
+        return None
+    try:
+        return date.fromisoformat(re.sub(r"[_.]", "-", text)).isoformat()
+    except ValueError as error:
+        raise InputError(
+            f"{name}: the date in a name must be like 2026-03-31 or 20260331, got {text!r}; "
+            "correct sweep.name."
+        ) from error

@@ -1,7 +1,6 @@
 """Figures of a fleet: a quantity over dates or recordings, a colour a machine; R over horizons."""
 
 from collections.abc import Sequence
-from datetime import date
 
 import numpy as np
 import plotly.graph_objects as go
@@ -41,16 +40,16 @@ def over_dates(
     figure = panels.blank_figure()
     groups = [(one, rows.filter(pl.col("machine") == one)) for one in singled[:SINGLED]]
     rest = rows.filter(~pl.col("machine").is_in([one for one, _ in groups]))
-    for (label, group), (colour, marker) in zip(groups, _MARKS, strict=False):
-        figure.add_trace(_points(group, label, (name, scale.factor, bars), dated))
-        figure.data[-1].marker.update(color=colour.light, symbol=marker, size=8)
-        figure.data[-1].error_y.color = colour.light
-    if len(rest):
-        label = "other machines" if groups else "recordings"
-        figure.add_trace(_points(rest, label, (name, scale.factor, bars), dated))
-        colour = palette.OTHER if groups else palette.ESTIMATE
-        figure.data[-1].marker.update(color=colour.light, size=7)
-        figure.data[-1].error_y.color = colour.light
+    drawn = [(*group, *mark, 8) for group, mark in zip(groups, _MARKS, strict=False)]
+    if len(rest) and groups:
+        drawn.append(("other machines", rest, palette.OTHER, "circle", 7))
+    elif len(rest):
+        drawn.append(("recordings", rest, palette.ESTIMATE, "circle", 7))
+    for label, group, colour, marker, size in drawn:
+        trace = _points(group, label, (name, scale.factor, bars), dated)
+        trace.marker.update(color=colour.light, symbol=marker, size=size)
+        trace.error_y.color = colour.light
+        figure.add_trace(trace)
     title = "date" if dated else "recording, in the order of the table"
     figure.update_layout(
         height=400,
@@ -133,8 +132,3 @@ def over_horizons(rows: pl.DataFrame) -> go.Figure:
         hovermode="closest",
     )
     return figure
-
-
-def dates_of(rows: pl.DataFrame) -> list[date]:
-    """Return the dates of rows that all have one."""
-    return [date.fromisoformat(text) for text in rows["date"].to_list()]

@@ -22,43 +22,35 @@ def sweep(campaign: Campaign, folder: Path, workers: Workers) -> Iterator[Row]:
     with what `penode.Fit.load` reads, and at the end ``table.parquet``: the campaign's rows in its
     order.
     """
+    waiting: defaultdict[str, list[Mapping[str, Any]]] = defaultdict(list)
+    ready: deque[Row] = deque()
     with open_table(folder) as table:
-        run = _Run(campaign, table)
-        for task, outcome in workers(run.todo()):
-            yield from run.ready()
-            yield from run.ended(task, outcome)
-        yield from run.ready()
+        for task, outcome in workers(_todo(campaign, table, waiting, ready)):
+            while ready:
+                yield ready.popleft()
+            for labels in waiting.pop(task.key):
+                yield table.keep(task.key, labels, outcome)
+        yield from ready
     write_parquet(campaign.labels(), folder)
 
 
-class _Run:
-    """Which rows of a campaign wait for a task, and which are there without one."""
+def _todo(
+    campaign: Campaign,
+    table: Table,
+    waiting: defaultdict[str, list[Mapping[str, Any]]],
+    ready: deque[Row],
+) -> Iterator[Task]:
+    """Yield the tasks that have to be done, each once, with the rows that wait for them.
 
-    def __init__(self, campaign: Campaign, table: Table):
-        self._campaign, self._table = campaign, table
-        self._waiting: defaultdict[str, list[Mapping[str, Any]]] = defaultdict(list)
-        self._ready: deque[Row] = deque()
-
-    def todo(self) -> Iterator[Task]:
-        """Yield the tasks that have to be done, each once."""
-        for planned in self._campaign.planned():
-            task = planned.task
-            if task is None:
-                self._ready.append(self._table.keep("", planned.labels, failed(planned.error)))
-            elif self._table.done(task.key):
-                self._ready.append(self._table.called(task.key, planned.labels))
-            else:
-                same = self._waiting[task.key]
-                same.append(planned.labels)
-                if len(same) == 1:
-                    yield task
-
-    def ended(self, task: Task, outcome: Outcome) -> Iterator[Row]:
-        """Keep what came of a task, in each row that waits for it."""
-        for labels in self._waiting.pop(task.key):
-            yield self._table.keep(task.key, labels, outcome)
-
-    def ready(self) -> Iterator[Row]:
-        """Yield rows that were there without a task."""
-        while self._ready:
-            yield self._ready.popleft()
+    Rows that are there without a task are put among those that are ready.
+    """
+    for planned in campaign.planned():
+        task = planned.task
+        if task is None:
+            ready.append(table.keep("", planned.labels, failed(planned.error)))
+        elif table.done(task.key):
+            ready.append(table.called(task.key, planned.labels))
+        else:
+            waiting[task.key].append(planned.labels)
+            if len(waiting[task.key]) == 1:
+                yield task

@@ -14,7 +14,7 @@ import polars as pl
 
 from penode.errors import InputError
 from penode.fit.archive import name_file, write_atomically
-from penode.pmsm.sweep.task import FAILED, Outcome
+from penode.pmsm.sweep.task import FAILED, MAP_COLUMNS, Outcome
 
 LINES, PARQUET, FITS = "table.jsonl", "table.parquet", "fits"
 #: What a row is called, whatever came of it.
@@ -25,27 +25,15 @@ _BATCH = 5000
 TIMES = ("seconds", "processor_seconds")
 
 _TYPES: dict[str, Any] = {
-    "key": pl.String,
-    "recording": pl.String,
-    "machine": pl.String,
-    "date": pl.String,
-    "variant": pl.String,
-    "horizon": pl.Int64,
-    "seed": pl.Int64,
+    **dict.fromkeys(("key", "recording", "machine", "date", "variant"), pl.String),
+    **dict.fromkeys(("horizon", "seed"), pl.Int64),
     "status": pl.String,
-    "R": pl.Float64,
-    "R_std": pl.Float64,
-    "R_low": pl.Float64,
-    "R_high": pl.Float64,
+    **dict.fromkeys(("R", "R_std", "R_low", "R_high"), pl.Float64),
     "verdict": pl.String,
     "answered": pl.Boolean,
     "selected": pl.Int64,
-    **dict.fromkeys(("psi_d", "psi_q", "psi_d_std", "psi_q_std"), pl.Float64),
-    **dict.fromkeys(("l_dd", "l_dq", "l_qq"), pl.Float64),
-    "rmse": pl.Float64,
-    "free_run_rmse": pl.Float64,
-    "objections": pl.String,
-    "reason": pl.String,
+    **dict.fromkeys((*MAP_COLUMNS, "rmse", "free_run_rmse"), pl.Float64),
+    **dict.fromkeys(("objections", "reason"), pl.String),
     "warnings": pl.Int64,
     **dict.fromkeys(TIMES, pl.Float64),
     "error": pl.String,
@@ -60,20 +48,17 @@ class Table:
 
     def __init__(self, folder: Path, lines: BinaryIO):
         self._folder, self._lines = folder, lines
+        # Where the line of each task that is done begins, and the last task of each name.
         self._places: dict[str, int] = {}
         self._latest: dict[int, str] = {}
-        self._read()
-
-    def _read(self) -> None:
-        """Learn which tasks are done; a last line that is not whole is cut off."""
         place = 0
-        for number, line in enumerate(self._lines, 1):
+        for number, line in enumerate(lines, 1):
             if not line.endswith(b"\n"):
-                self._lines.truncate(place)
+                lines.truncate(place)
                 break
-            self._learn(_parsed(line, self._folder / LINES, number), place)
+            self._learn(_parsed(line, folder / LINES, number), place)
             place += len(line)
-        self._lines.seek(0, os.SEEK_END)
+        lines.seek(0, os.SEEK_END)
 
     def _learn(self, row: Mapping[str, Any], place: int) -> None:
         self._latest[_called(row)] = row["key"]
@@ -84,12 +69,6 @@ class Table:
         """Return whether a task has ended for good."""
         return key in self._places
 
-    def _row(self, key: str) -> dict[str, Any]:
-        self._lines.seek(self._places[key])
-        row: dict[str, Any] = json.loads(self._lines.readline())
-        self._lines.seek(0, os.SEEK_END)
-        return row
-
     def keep(self, key: str, labels: Mapping[str, Any], outcome: Outcome) -> dict[str, Any]:
         """Write what came of a task: the fit as one, then its line. Return the row."""
         if outcome.files:
@@ -98,7 +77,8 @@ class Table:
 
     def called(self, key: str, labels: Mapping[str, Any]) -> dict[str, Any]:
         """Return the row of a task that is done, written anew unless it is the last of its name."""
-        row = {**self._row(key), **labels}
+        self._lines.seek(self._places[key])
+        row = {**json.loads(self._lines.readline()), **labels}
         return row if self._latest.get(_called(row)) == key else self._append(row)
 
     def _append(self, row: dict[str, Any]) -> dict[str, Any]:

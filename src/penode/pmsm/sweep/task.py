@@ -26,6 +26,9 @@ _KEY = 20
 _BELOW = ("equinox", "jaxlib")
 _CODE = ("*.py", "*.c")
 
+#: What the table has of the map: flux linkages in Vs, their deviations, inductances in H.
+MAP_COLUMNS = ("psi_d", "psi_q", "psi_d_std", "psi_q_std", "l_dd", "l_dq", "l_qq")
+
 #: A task was answered or refused for good, or failed for a reason that may pass.
 ANSWERED, REFUSED, FAILED = "done", "refused", "failed"
 
@@ -50,7 +53,9 @@ class Task:
         arrays: dict[str, FloatArray] = {}
         settings = describe_module((self.asked.study, self.asked.mapping), "asked", arrays)
         named = [(Path(f).name, d) for f, d in zip(self.files, self.digests, strict=True)]
-        digest = hashlib.sha256(to_json([self.code, named, settings, self.current]).encode())
+        digest = hashlib.sha256(
+            to_json([self.code, named, settings, self.current], exact=True).encode()
+        )
         for name in sorted(arrays):
             digest.update(name.encode() + np.asarray(arrays[name]).tobytes())
         return digest.hexdigest()[:_KEY]
@@ -86,9 +91,9 @@ def run(task: Task) -> Outcome:
         outcome = Outcome({"status": REFUSED, "error": _sentence(error)})
     except MemoryError as error:
         what = f" ({error})" if str(error) else ""
-        outcome = failed(f"The memory does not suffice{what}; ask for fewer processes.")
+        outcome = failed(f"Not enough memory{what}; ask for fewer processes.")
     except Exception as error:
-        outcome = failed(f"penode failed where it should not ({type(error).__name__}: {error}).")
+        outcome = failed(f"Internal error of penode ({type(error).__name__}: {error}).")
     times = {
         "seconds": round(time.monotonic() - began, 3),
         "processor_seconds": round(time.process_time() - spent, 3),
@@ -147,15 +152,8 @@ def _map_at(fit: Fit, current: tuple[float, float]) -> dict[str, float]:
         return {}
     psi, inductance = fit.flux_map(*current), fit.differential_inductance(*current)
     deviation = fit.learned_deviation(point)[0]
-    return {
-        "psi_d": float(psi[0]),
-        "psi_q": float(psi[1]),
-        "psi_d_std": float(deviation[0]),
-        "psi_q_std": float(deviation[1]),
-        "l_dd": float(inductance[0, 0]),
-        "l_dq": float(inductance[0, 1]),
-        "l_qq": float(inductance[1, 1]),
-    }
+    values = (*psi, *deviation, *inductance[0], inductance[1, 1])
+    return dict(zip(MAP_COLUMNS, map(float, values), strict=True))
 
 
 def _sentence(text: object) -> str:

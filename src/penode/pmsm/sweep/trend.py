@@ -1,4 +1,4 @@
-"""Drift: how fast a quantity changes over dates, and how sure the scatter about a line is of it."""
+"""Trend: how fast a quantity changes over dates, against the scatter about a straight line."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _CONFIDENCE = 0.99
 
 
 @dataclass(frozen=True)
-class Drift:
+class Trend:
     """A straight line through a quantity over dates, its slope in the quantity's unit a year.
 
     ``half_95`` is half of the slope's 95 % interval, by Student's distribution of the scatter about
@@ -28,7 +28,7 @@ class Drift:
     significant: bool
 
 
-def drift_of(dates: Sequence[date], values: FloatArray) -> Drift | None:
+def trend_of(dates: Sequence[date], values: FloatArray) -> Trend | None:
     """Fit a line to finite values over dates; None below three different dates or four values.
 
     What all recordings of a bench have in common, such as the gain of a sensor, changes none of
@@ -41,4 +41,4 @@ def drift_of(dates: Sequence[date], values: FloatArray) -> Drift | None:
     slope, deviation = float(line[0]), float(np.sqrt(covariance[0, 0]))
     sure, usual = (float(stdtrit(len(values) - 2, (1 + p) / 2)) for p in (_CONFIDENCE, 0.95))
     significant = abs(slope) > sure * deviation
-    return Drift(float(np.mean(values)), slope, usual * deviation, significant)
+    return Trend(float(np.mean(values)), slope, usual * deviation, significant)

@@ -1,9 +1,11 @@
-"""Output that every terminal can show, and that a reader may stop reading."""
+"""For the whole process: output that every terminal can show, Ctrl-C that is not lost."""
 
+import _thread
 import codecs
 import io
 import os
 import sys
+import threading
 
 #: What encodings without these characters show in their place.
 _SPELLED = {
@@ -20,6 +22,9 @@ _SPELLED = {
     "…": "...",
     "\N{NO-BREAK SPACE}": " ",
 }
+
+#: Seconds after which a lost interrupt is raised again, where the program then is.
+_LATER = 0.05
 
 
 class _Pipe(io.FileIO):
@@ -66,3 +71,20 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     return "".join(_SPELLED.get(c, "?") for c in error.object[error.start : error.end]), error.end
+
+
+def raise_lost_interrupts() -> None:
+    """Raise an interrupt again that came inside a destructor or a callback.
+
+    Python drops an exception there and prints it; what else it drops is printed as before.
+    """
+    sys.unraisablehook = _dropped
+
+
+def _dropped(dropped: "sys.UnraisableHookArgs") -> None:
+    if not issubclass(dropped.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(dropped)
+        return
+    timer = threading.Timer(_LATER, _thread.interrupt_main)
+    timer.daemon = True
+    timer.start()

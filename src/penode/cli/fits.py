@@ -1,0 +1,117 @@
+"""Fits that commands read, sign, print and report."""
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from penode.cli.console import OUTPUT, Interrupted, Row, print_rows, say, why_and_status
+from penode.errors import InputError
+from penode.fit.fit import Estimate, Fit
+from penode.fit.left_out import LOG, left_out
+from penode.fit.result_folder import REPORT, claimed
+from penode.pmsm.demo import Demo
+from penode.pmsm.result_files import write_report
+from penode.report.prediction_errors import free_run_text, one_step_text
+from penode.report.quantities import decimals_for, fixed, number, scale_for
+from penode.report.uncertainty_budget import budget_sentence
+
+
+def load_machine(folder: Path, trust: bool = False) -> Fit:
+    """Return the fit of a machine from the folder that identify or demo wrote; refuse another's.
+
+    ``trust`` imports modules other than penode's for the classes of the fit.
+    """
+    fit = Fit.load(folder, trust)
+    maps = sorted(fit.model.maps())
+    if "flux_map" not in maps:
+        raise InputError(
+            f"{folder}: the fit must be one of a machine, got one with the maps "
+            f"{', '.join(maps) or 'none'}; give a folder that penode identify wrote."
+        )
+    return fit
+
+
+def warn_if_unanswered(fit: Fit) -> None:
+    """Print a warning where the recordings could not answer."""
+    if not fit.horizon.answered:
+        say(
+            f"warning: the verdict of this fit is {fit.horizon.verdict!r}; R is left out, and the "
+            "map is as doubtful as R."
+        )
+
+
+def signed(fit: Fit, began: float) -> Fit:
+    """Add the command and its wall time to the provenance."""
+    command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    facts = {"command": command, "wall_time_s": round(time.monotonic() - began, 2)}
+    return replace(fit, provenance={**fit.provenance, **facts})
+
+
+def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
+    """Print parameters with intervals, the horizon and its verdict, free runs, warnings, files."""
+    choice = fit.horizon
+    verdict = Text(choice.verdict, style="green" if choice.answered else "red")
+    steps = "step" if choice.selected == 1 else "steps"
+    budgets = ((n, budget_sentence(estimate)) for n, estimate in fit.parameters.items())
+    rows: list[Row] = [
+        *((name, _interval(estimate)) for name, estimate in fit.parameters.items()),
+        *(("budget", f"{name}: {line}") for name, line in budgets if line),
+        ("horizon", Text.assemble(f"{choice.selected} {steps}: ", verdict, f". {choice.reason}")),
+        *(("model", reason) for reason in fit.provenance.get("structure", ())),
+    ]
+    for comparison in fit.recordings:
+        one_step, free_run = one_step_text(comparison), free_run_text(comparison)
+        errors = f"{comparison.name}: RMSE one step {one_step}; free run {free_run}"
+        rows.append((comparison.role, errors.replace("\N{NO-BREAK SPACE}", " ")))
+    rows += [("warning", warning) for warning in fit.warnings]
+    print_rows([*rows, ("map", str(folder / "flux_map.csv"))], console)
+
+
+def _interval(estimate: Estimate) -> str:
+    scale = scale_for(estimate.value, estimate.unit)
+    value, std = estimate.value * scale.factor, estimate.std * scale.factor
+    decimals = decimals_for(std, value)
+    low, high = (fixed(end * scale.factor, decimals) for end in estimate.interval_95)
+    return f"{fixed(value, decimals)} {scale.unit}, 95 % interval {low} to {high} {scale.unit}"
+
+
+def print_demo(demo: Demo, console: Console = OUTPUT) -> None:
+    """Print the errors against the truth of the built-in machine."""
+    estimate = demo.fit.parameters["R"]
+    low, high = estimate.interval_95
+    covered = "inside" if low <= demo.true_resistance <= high else "OUTSIDE"
+    error = 100 * (estimate.value / demo.true_resistance - 1)
+    resistance = (
+        f"R = {number(1e3 * demo.true_resistance, 4)} mΩ: error {error:+.2f} %, {covered} the "
+        "interval"
+    )
+    flux = (
+        f"flux linkage: mean absolute error {number(1e3 * demo.flux_error)} mVs, "
+        f"{number(100 * demo.flux_share)} % of the magnet's"
+    )
+    print_rows([("truth", resistance), ("truth", flux)], console)
+
+
+def report_beside(fit: Fit, folder: Path, quiet: bool = False) -> None:
+    """Make the report of a machine's result that lies whole in a folder; Ctrl-C is Interrupted.
+
+    Where it cannot be made, that is said on standard error, and the result stands.
+    """
+    try:
+        with claimed(folder):
+            write_report(fit, folder)
+    except KeyboardInterrupt as error:
+        raise Interrupted(
+            f"Stopped; the result is written, its report is not: penode report {folder} makes it."
+        ) from error
+    except (InputError, OSError) as error:
+        LOG.warning("The report was not written: %s", why_and_status(error)[0])
+    except Exception as error:
+        left_out("the report", error)
+    else:
+        if not quiet:
+            print_rows([("report", str(folder / REPORT))])
