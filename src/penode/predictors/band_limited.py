@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import oaconvolve
 
 from penode.arrays import FloatArray
 from penode.errors import InputError
@@ -70,6 +69,8 @@ class BandLimitedHold:
 # A ladder cuts the same recordings once a horizon.
 @lru_cache(maxsize=16)
 def _interpolated(samples: bytes, shape: tuple[int, ...], places: tuple[float, ...]) -> FloatArray:
+    from scipy.signal import oaconvolve  # a quarter of start-up, which most holds do without
+
     inputs = np.frombuffer(samples).reshape(shape)
     ahead = np.concatenate([inputs[1:], inputs[-1:]])
     known = {0.0: inputs, 1.0: ahead}
