@@ -213,7 +213,10 @@ CASES: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "function": (given(lambda: branch), ("branch", "instance", "penode.Model")),
     "recording": (lambda: identify(Pendulum(3.0, 0.1), RUN), ("one recording", "[experiment]")),
     "dictionaries": (given(lambda: Pendulum(3.0, 0.1), [CHANNELS]), ("dict", "penode.Experiment")),
-    "nothing": (given(lambda: Pendulum(3.0, 0.1), []), ("no recording", "[penode.load(path)]")),
+    "nothing": (
+        given(lambda: Pendulum(3.0, 0.1), []),
+        ("one recording at least", "[penode.load(path)]"),
+    ),
     "channel spelled": (
         given(lambda: Pendulum(3.0, 0.1), [Experiment("run", STEP, {"P": TIME, "v": TIME})]),
         ("no channel p (did you mean P?)", "P, v", "rename"),
@@ -235,11 +238,11 @@ CASES: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "masked": (recorded(p=np.ma.masked_array(TIME, TIME > 3)), ("channel p", "masked", "cut")),
     "none channel": (recorded(p=None), ("channel p", "NoneType", "array of floats")),
     "length": (recorded(p=TIME[1:]), ("run", "'p': 59", "'v': 60", "one length")),
-    "channel number": (lambda: Experiment("run", STEP, {0: TIME}), ("channel 0", "quotes")),
+    "channel number": (lambda: Experiment("run", STEP, {0: TIME}), ("got 0", "quotes")),
     "no mapping": (lambda: Experiment("run", STEP, [TIME]), ("channels is a list", "dictionary")),
-    "step zero": (lambda: Experiment("run", 0.0, CHANNELS), ("time_step 0.0", "above 0")),
-    "step text": (lambda: Experiment("run", "0.1", CHANNELS), ("time_step '0.1'", "number")),
-    "step array": (lambda: Experiment("run", TIME, CHANNELS), ("time_step of shape (60,)",)),
+    "step zero": (lambda: Experiment("run", 0.0, CHANNELS), ("above 0, got 0.0",)),
+    "step text": (lambda: Experiment("run", "0.1", CHANNELS), ("one number above 0, got '0.1'",)),
+    "step array": (lambda: Experiment("run", TIME, CHANNELS), ("got shape (60,)",)),
     "order": (lambda: Experiment(STEP, "run", CHANNELS), ("0.1", "name", "time_step, channels)")),
 }
 

@@ -20,11 +20,11 @@ The everyday names are in `penode`.
 """
 
 from penode.arrays import Leaf, float64
-from penode.data.excerpt import Excerpt, excerpt
 from penode.data.excitation import check_excitation
 from penode.data.load import read
 from penode.data.mapping import Origin
 from penode.data.quality import Finding, inspect
+from penode.data.stretches import Excerpt, excerpt
 from penode.data.windows import Placement, cut
 from penode.fit.learned_uncertainty import LearnedUncertainty
 from penode.fit.outcome import (

@@ -62,8 +62,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         with Content(str(path)) as content:
             if content.size > _LONGEST:
                 raise InputError(
-                    f"{path}: {content.size} bytes came where at most {_LONGEST} were wanted; name "
-                    "a text file with settings."
+                    f"{path}: the file must have at most {_LONGEST} bytes, got {content.size}; "
+                    "name a text file with settings."
                 )
             entries = tomllib.loads(content.all().decode("utf-8-sig"))
         _require_64_bits(path, entries)
@@ -80,23 +80,20 @@ def read_toml(path: Path) -> dict[str, Any]:
             f"{path}: not UTF-8 text (byte {error.start + 1}); save the file as UTF-8."
         ) from error
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not a TOML file ({error}); mend that line.") from error
+        raise InputError(f"{path}: not a TOML file ({error}); correct that line.") from error
     except ValueError as error:  # Python reads no number of more than 4300 digits
         raise InputError(f"{path}: a whole number of thousands of digits; shorten it.") from error
 
 
 def _require_64_bits(path: Path, entry: object) -> None:
     """Refuse a whole number that no TOML file may hold."""
-    if isinstance(entry, dict):
-        for item in entry.values():
-            _require_64_bits(path, item)
-    elif isinstance(entry, list):
-        for item in entry:
+    if isinstance(entry, (dict, list)):
+        for item in entry.values() if isinstance(entry, dict) else entry:
             _require_64_bits(path, item)
     elif isinstance(entry, int) and entry not in _WHOLES:
         digits = str(entry)
         shown = digits if len(digits) < 30 else f"{digits[:12]}... ({len(digits)} digits)"
-        raise InputError(f"{path}: {shown} came; give a whole number of 64 bits.")
+        raise InputError(f"{path}: a whole number must have at most 64 bits, got {shown}.")
 
 
 def require(where: str, value: object, kind: Kind) -> None:
@@ -119,7 +116,7 @@ def require_known(where: str, entries: Collection[str], known: Collection[str]) 
     for key in entries:
         if key not in known:
             raise InputError(
-                f"{where} {key} came{did_you_mean(key, known)}; known are {', '.join(known)}."
+                f"{where} {key} is unknown{did_you_mean(key, known)}; known are {', '.join(known)}."
             )
 
 
