@@ -195,16 +195,19 @@ CASES: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "unmeasured text": (given(lambda: named(unmeasured="v")), ("unmeasured", "('v',)")),
     "all unmeasured": (given(lambda: named(unmeasured=("p", "v"))), ("measured", "`unmeasured`")),
     # parameters
-    "no unit": (lambda: physical(), ("no unit came", "lambda: physical()", 'physical("kg")')),
-    "unit number": (lambda: physical(1.0), ("unit 1.0", "physical(1.0)", "text")),
+    "no unit": (
+        lambda: physical(),
+        ("the unit must be text", "lambda: physical()", 'physical("kg")'),
+    ),
+    "unit number": (lambda: physical(1.0), ("got 1.0", "physical(1.0)", "text")),
     "transform class": (lambda: physical("kg", Positive), ("Positive", "Positive()")),
     "prior tuple": (lambda: physical("kg", prior=(1, 2)), ("(1, 2)", "Normal(mean, deviation)")),
-    "parameter text": (lambda: Pendulum("a", 0.1), ("'a'", "give a number")),
+    "parameter text": (lambda: Pendulum("a", 0.1), ("'a'", "a number")),
     "parameter array": (
         given(lambda: Pendulum([1.0, 2.0], 0.1)),
         ("k has shape (2,)", "one number"),
     ),
-    "parameter nan": (given(lambda: Pendulum(np.nan, 0.1)), ("k = nan", "finite")),
+    "parameter nan": (given(lambda: Pendulum(np.nan, 0.1)), ("k must", "finite", "got nan")),
     "unused": (given(lambda: Loaded(3.0, 0.1, 1.0)), ("Loaded.m acts nowhere", "use it")),
     "plain number": (given(lambda: Constant(3.0, 0.1)), ("m = 2.0", "float", "penode.physical(")),
     # what identify is given
@@ -328,7 +331,7 @@ def test_a_field_annotated_float_is_a_constant(value):
 
 
 def test_a_constant_that_is_no_number_is_refused():
-    with pytest.raises(InputError, match=r"^g = 'x' came; give one number\.$"):
+    with pytest.raises(InputError, match=r"^g must be one number, got 'x'\.$"):
         Whole(3.0, 0.1, TanhLayers.random((1, 3, 1), seed=0), 0.0, g="x")
 
 
