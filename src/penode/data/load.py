@@ -65,23 +65,9 @@ def load_stretches(path: str | os.PathLike[str]) -> tuple[Experiment, ...]:
     """Load a recording that may have gaps in time, as the stretches between them.
 
     Nothing that works on experiments crosses from one into another. Their `Experiment.stretch`
-    says where in the recording they lie, and what was left out.
-
-    Parameters
-    ----------
-    path : str or path-like
-        As in `load`.
-
-    Returns
-    -------
-    tuple of Experiment
-        In order of time; one, which is the recording as `load` gives it, where there is no gap.
-
-    Raises
-    ------
-    InputError
-        As in `load`, but of gaps only where what lies between is shorter than 200 samples for the
-        most part.
+    says where in the recording they lie, and what was left out. Where there is no gap, the one
+    stretch is the recording as `load` gives it. Files are taken and refused as there, but gaps only
+    where what lies between is shorter than 200 samples for the most part.
     """
     table, source = read(path)
     return experiments_of(table, source, own_names(table))
@@ -98,24 +84,10 @@ def in_one_piece(stretches: Sequence[Experiment]) -> Experiment:
 def read(path: str | os.PathLike[str]) -> tuple[Table, Source]:
     """Read the columns of a file as they are; binary files are decoded in a process of their own.
 
-    Parameters
-    ----------
-    path : str or path-like
-        As in `load`.
-
-    Returns
-    -------
-    Table
-        Columns in the units of the file.
-    Source
-        The file's path, and the SHA-256 of the bytes that were decoded.
-
-    Raises
-    ------
-    InputError
-        If the file is not found, no regular file, of an unknown kind, damaged or empty, changes
-        while it is read, takes far more memory or time than files of its size, or a library that
-        reads its kind is not installed.
+    Returns a table of columns in the units of the file, and the file's path with the SHA-256 of the
+    bytes that were decoded. Refused is a file that is not found, no regular file, of an unknown
+    kind, damaged or empty, changes while it is read, takes far more memory or time than files of
+    its size, or needs a library that is not installed.
     """
     file = str(path)
     try:

@@ -21,33 +21,22 @@ from penode.errors import InputError, did_you_mean
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a channel comes from.
+    """Where a channel comes from."""
 
-    Attributes
-    ----------
-    column : str
-        Column of the file.
-    si : str
-        SI unit of the channel, such as ``"A"``; empty where any unit will do.
-    unit : str
-        Unit of the column; empty for the one that the file gives, and SI where it gives none.
-    scale : float
-        What one count of the column is in that unit.
-    sign : {1, -1}
-    delay : int
-        Samples by which the column lags behind the channel: row k of the channel is row
-        ``k + delay`` of the column, on the common clock. Negative where the column leads.
-    times : str
-        Another column that the column is a share of, such as the DC-link voltage of a duty; it
-        then is the one that has the unit. Empty for none.
-    """
-
+    # Of the file.
     column: str
+    # SI unit of the channel, such as "A"; empty where any unit will do.
     si: str = ""
+    # Of the column; empty for the one that the file gives, and SI where it gives none.
     unit: str = ""
+    # What one count of the column is in that unit, and 1 or -1.
     scale: float = 1.0
     sign: int = 1
+    # Samples by which the column lags behind the channel: row k of the channel is row k + delay of
+    # the column, on the common clock. Negative where the column leads.
     delay: int = 0
+    # Another column that the column is a share of, such as the DC-link voltage of a duty; it then
+    # is the one that has the unit. Empty for none.
     times: str = ""
 
 

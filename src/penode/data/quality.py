@@ -24,16 +24,10 @@ _CLIPPED_SAMPLES, _CLIPPED_RATIO = 10, 10
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing found in a recording.
+    """One thing found in a recording: a sentence with the fix, naming recording and channel.
 
-    Attributes
-    ----------
-    severity : {"warning", "error"}
-        ``"error"`` where the channel cannot serve, ``"warning"`` where a person should look.
-    channel : str
-        Channel concerned.
-    sentence : str
-        What was found and the fix, naming the recording and the channel.
+    The severity is ``"error"`` where the channel cannot serve, ``"warning"`` where a person should
+    look.
     """
 
     severity: Literal["warning", "error"]
@@ -55,25 +49,7 @@ def inspect_stretches(
 
 
 def inspect(experiment: Experiment, channels: Sequence[str]) -> tuple[Finding, ...]:
-    """Run every check over the named channels.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        Recording to look at.
-    channels : sequence of str
-        Channels to look at; each is expected to move.
-
-    Returns
-    -------
-    tuple of Finding
-        In the order of the channels; empty where nothing was found.
-
-    Raises
-    ------
-    InputError
-        If a channel is missing.
-    """
+    """Run every check over the named channels, each of which is expected to move."""
     checks = (find_constant, find_stuck, find_clipping)
     findings = (check(experiment, channel) for channel in channels for check in checks)
     return tuple(finding for finding in findings if finding is not None)

@@ -102,14 +102,9 @@ def listed(places: Sequence[int], word: str = "data row") -> str:
 
 @dataclass(frozen=True)
 class Excerpt:
-    """What is used of recordings.
+    """Recordings that are used whole, and stretches of the others in order of time.
 
-    Attributes
-    ----------
-    experiments : tuple of Experiment
-        Recordings that are used whole, and stretches of the others in order of time.
-    sentence : str
-        What was used and what there is; empty where all is used.
+    The sentence says what was used of how much; it is empty where all is used.
     """
 
     experiments: tuple[Experiment, ...]

@@ -116,7 +116,7 @@ def require_known(where: str, entries: Collection[str], known: Collection[str]) 
     for key in entries:
         if key not in known:
             raise InputError(
-                f"{where} {key} is unknown{did_you_mean(key, known)}; known are {', '.join(known)}."
+                f"{where} {key} came{did_you_mean(key, known)}; known are {', '.join(known)}."
             )
 
 

@@ -19,20 +19,7 @@ class Placement(Protocol):
     """Where windows start within one recording."""
 
     def starts(self, first: int, last: int, horizon: int) -> IntArray:
-        """Place the windows of one recording.
-
-        Parameters
-        ----------
-        first, last : int
-            First and last admissible start, both included.
-        horizon : int
-            Steps predicted from each start.
-
-        Returns
-        -------
-        ndarray of int64, shape (window,)
-            Starts in ascending order, all within ``first .. last``.
-        """
+        """Return starts (window,) in ascending order, all within ``first .. last``."""
         ...
 
 
