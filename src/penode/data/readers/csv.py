@@ -248,7 +248,10 @@ class _Rows:
             return None
         numbers = frame.select(pl.col(pl.Float64))
         plain = numbers.width and all(np.isfinite(s.to_numpy()).all() for s in numbers)  # or a gap
-        return frame.get_columns() if plain else None
+        # A row that is short ends in gaps as well, which words may have.
+        mark, last = self._dialect.separator.encode(), frame[:, -1]
+        short = last.has_nulls() and block.count(mark) != len(frame) * (frame.width - 1)
+        return frame.get_columns() if plain and not short else None
 
     def _split(self, block: bytes) -> tuple[list[pl.Series], list[int]]:
         """Return columns of cells, and the line of each row and the last, counted in the block."""
