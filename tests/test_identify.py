@@ -116,7 +116,7 @@ def changed(run, **channels):
 
 
 def test_no_recording(systems):
-    refused(systems, [], "no recording came; give at least one")
+    refused(systems, [], "experiments must have one recording at least")
 
 
 def test_missing_state(systems):
@@ -146,7 +146,9 @@ def test_value_that_is_not_finite(systems):
 
 def test_one_sample(systems):
     short = Experiment("s.csv", 0.05, {k: np.zeros(1) for k in ("x", "v", "force")})
-    refused(systems, [short], r"s\.csv: 1 samples came where horizon 1")
+    refused(
+        systems, [short], r"s\.csv: horizon 1 with 1 past samples needs at least 2 samples, got 1"
+    )
 
 
 # --- at the edges ----------------------------------------------------------------------------

@@ -195,16 +195,19 @@ CASES: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "unmeasured text": (given(lambda: named(unmeasured="v")), ("unmeasured", "('v',)")),
     "all unmeasured": (given(lambda: named(unmeasured=("p", "v"))), ("measured", "`unmeasured`")),
     # parameters
-    "no unit": (lambda: physical(), ("no unit came", "lambda: physical()", 'physical("kg")')),
-    "unit number": (lambda: physical(1.0), ("unit 1.0", "physical(1.0)", "text")),
+    "no unit": (
+        lambda: physical(),
+        ("the unit must be text", "lambda: physical()", 'physical("kg")'),
+    ),
+    "unit number": (lambda: physical(1.0), ("got 1.0", "physical(1.0)", "text")),
     "transform class": (lambda: physical("kg", Positive), ("Positive", "Positive()")),
     "prior tuple": (lambda: physical("kg", prior=(1, 2)), ("(1, 2)", "Normal(mean, deviation)")),
-    "parameter text": (lambda: Pendulum("a", 0.1), ("'a'", "give a number")),
+    "parameter text": (lambda: Pendulum("a", 0.1), ("'a'", "a number")),
     "parameter array": (
         given(lambda: Pendulum([1.0, 2.0], 0.1)),
         ("k has shape (2,)", "one number"),
     ),
-    "parameter nan": (given(lambda: Pendulum(np.nan, 0.1)), ("k = nan", "finite")),
+    "parameter nan": (given(lambda: Pendulum(np.nan, 0.1)), ("k must", "finite", "got nan")),
     "unused": (given(lambda: Loaded(3.0, 0.1, 1.0)), ("Loaded.m acts nowhere", "use it")),
     "plain number": (given(lambda: Constant(3.0, 0.1)), ("m = 2.0", "float", "penode.physical(")),
     # what identify is given
@@ -213,7 +216,10 @@ CASES: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "function": (given(lambda: branch), ("branch", "instance", "penode.Model")),
     "recording": (lambda: identify(Pendulum(3.0, 0.1), RUN), ("one recording", "[experiment]")),
     "dictionaries": (given(lambda: Pendulum(3.0, 0.1), [CHANNELS]), ("dict", "penode.Experiment")),
-    "nothing": (given(lambda: Pendulum(3.0, 0.1), []), ("no recording", "[penode.load(path)]")),
+    "nothing": (
+        given(lambda: Pendulum(3.0, 0.1), []),
+        ("one recording at least", "[penode.load(path)]"),
+    ),
     "channel spelled": (
         given(lambda: Pendulum(3.0, 0.1), [Experiment("run", STEP, {"P": TIME, "v": TIME})]),
         ("no channel p (did you mean P?)", "P, v", "rename"),
@@ -235,11 +241,11 @@ CASES: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "masked": (recorded(p=np.ma.masked_array(TIME, TIME > 3)), ("channel p", "masked", "cut")),
     "none channel": (recorded(p=None), ("channel p", "NoneType", "array of floats")),
     "length": (recorded(p=TIME[1:]), ("run", "'p': 59", "'v': 60", "one length")),
-    "channel number": (lambda: Experiment("run", STEP, {0: TIME}), ("channel 0", "quotes")),
+    "channel number": (lambda: Experiment("run", STEP, {0: TIME}), ("got 0", "quotes")),
     "no mapping": (lambda: Experiment("run", STEP, [TIME]), ("channels is a list", "dictionary")),
-    "step zero": (lambda: Experiment("run", 0.0, CHANNELS), ("time_step 0.0", "above 0")),
-    "step text": (lambda: Experiment("run", "0.1", CHANNELS), ("time_step '0.1'", "number")),
-    "step array": (lambda: Experiment("run", TIME, CHANNELS), ("time_step of shape (60,)",)),
+    "step zero": (lambda: Experiment("run", 0.0, CHANNELS), ("above 0, got 0.0",)),
+    "step text": (lambda: Experiment("run", "0.1", CHANNELS), ("one number above 0, got '0.1'",)),
+    "step array": (lambda: Experiment("run", TIME, CHANNELS), ("got shape (60,)",)),
     "order": (lambda: Experiment(STEP, "run", CHANNELS), ("0.1", "name", "time_step, channels)")),
 }
 
@@ -325,7 +331,7 @@ def test_a_field_annotated_float_is_a_constant(value):
 
 
 def test_a_constant_that_is_no_number_is_refused():
-    with pytest.raises(InputError, match=r"^g = 'x' came; give one number\.$"):
+    with pytest.raises(InputError, match=r"^g must be one number, got 'x'\.$"):
         Whole(3.0, 0.1, TanhLayers.random((1, 3, 1), seed=0), 0.0, g="x")
 
 

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 
 from penode import Model, physical
 from penode.arrays import JaxArray
-from penode.engine import Inputs, Positive, Spline
+from penode.engine import Positive, Spline
+from penode.models.inputs import Inputs
 from validate.examples import example
 
 Circuit = example("01_rlc").Circuit

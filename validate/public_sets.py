@@ -25,7 +25,6 @@ import numpy as np
 from penode import Experiment, Fit, Model, Predictor, identify
 from penode.arrays import FloatArray
 from penode.engine import (
-    RK4,
     BandLimitedHold,
     FirstOrderHold,
     RungeKutta,
@@ -33,6 +32,7 @@ from penode.engine import (
     ZeroOrderHold,
     compare,
 )
+from penode.predictors.tableaus import RK4
 from validate import simulated_sets
 from validate.examples import example
 from validate.learned_sets import LEARNED

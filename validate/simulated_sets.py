@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 
 from penode import Experiment, Model, physical
 from penode.arrays import FloatArray, JaxArray
-from penode.engine import Inputs, Positive
+from penode.engine import Positive
+from penode.models.inputs import Inputs
 
 Rates = Callable[[Any, Any, Any], list[Any]]
 

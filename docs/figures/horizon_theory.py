@@ -21,18 +21,13 @@ from penode import (
     parameter,
     physical,
 )
-from penode.engine import (
-    LadderProblem,
-    Leaf,
-    LevenbergMarquardt,
-    Objective,
-    Problem,
-    Reported,
-    compare,
-    cut,
-    linearised,
-    loss_weighting,
-)
+from penode.arrays import Leaf
+from penode.engine import LevenbergMarquardt, compare, cut
+from penode.horizon.ladder import LadderProblem
+from penode.horizon.loss_weighting import linearised, loss_weighting
+from penode.training.covariance import Reported
+from penode.training.plan import Problem
+from penode.training.residuals import Objective
 
 INK, BLUE, RED, GREEN, GREY = "#222831", "#1768ac", "#c8553d", "#13694e", "#aab4c0"
 R, L_D, L_Q, PSI = 10e-3, 180e-6, 450e-6, 58e-3

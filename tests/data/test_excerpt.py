@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from penode.data.excerpt import excerpt
 from penode.data.experiment import Experiment
+from penode.data.stretches import excerpt
 from penode.errors import InputError
 
 LENGTH = 2000
@@ -128,5 +128,7 @@ def test_several_recordings_share_by_their_length():
 
 
 def test_fewer_samples_than_make_a_stretch_are_refused():
-    with pytest.raises(InputError, match=r"samples 3000 came for 2 recordings; ask for 4000"):
+    with pytest.raises(
+        InputError, match=r"samples must be at least 4000 for 2 recordings, 2000 of each, got 3000"
+    ):
         excerpt([recording(), recording(1)], ["x"], 3000)

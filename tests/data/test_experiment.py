@@ -8,8 +8,7 @@ import pytest
 
 import penode
 import penode.pmsm
-from penode.data import Experiment
-from penode.data.experiment import Source, require_recordings
+from penode.data.experiment import Experiment, Source, require_recordings
 from penode.errors import InputError
 
 
@@ -37,7 +36,9 @@ def test_missing_channel_names_the_present_ones() -> None:
 
 
 def test_lengths_must_agree() -> None:
-    with pytest.raises(InputError, match=r"run\.csv: channels differ in length .*'x': 5.*'u': 4"):
+    with pytest.raises(
+        InputError, match=r"run\.csv: channels must have one length, got .*'x': 5.*'u': 4"
+    ):
         Experiment("run.csv", 0.1, {"x": np.arange(5), "u": np.arange(4)})
 
 
@@ -52,16 +53,19 @@ def test_a_recording_can_be_sent_to_another_process():
 
 RUN = Experiment("run.csv", 0.1, {"x": np.arange(5.0)})
 NO_RECORDINGS = [
-    ("run.csv", "the path 'run.csv' came where recordings were wanted; load each first"),
+    ("run.csv", "must be recordings, got the path 'run.csv'; load each first"),
     (Path("run.csv"), "as in [penode.load('run.csv')]"),
-    (["run.csv"], "experiments: the path 'run.csv' came"),
-    ([RUN, Path("b.csv")], "experiments: the path 'b.csv' came"),
-    ([], "no recording came; give at least one, as in [penode.load(path)]"),
-    ((), "no recording came"),
-    (RUN, "experiments: one recording, run.csv, came where a list was wanted; put it in brackets"),
-    (None, "experiments: NoneType came"),
-    ({"run": RUN}, "experiments: dict came"),
-    ([RUN, 3.0], "experiments: float came where recordings were wanted; give a list"),
+    (["run.csv"], "experiments must be recordings, got the path 'run.csv'"),
+    ([RUN, Path("b.csv")], "experiments must be recordings, got the path 'b.csv'"),
+    ([], "experiments must have one recording at least, as in [penode.load(path)]"),
+    ((), "experiments must have one recording"),
+    (RUN, "experiments must be a list, got one recording, run.csv; put it in brackets"),
+    (None, "such as penode.load returns, got NoneType"),
+    ({"run": RUN}, "got dict"),
+    (
+        [RUN, 3.0],
+        "experiments must be a list of penode.Experiment, such as penode.load returns, got float",
+    ),
 ]
 
 
@@ -78,5 +82,5 @@ def test_what_is_no_list_of_recordings_is_refused_with_what_to_type(identify, gi
 def test_validation_may_be_empty_and_nothing_but_recordings():
     require_recordings([RUN])
     require_recordings((RUN, RUN), (RUN,))
-    with pytest.raises(InputError, match=r"validation: the path 'b.csv' came"):
+    with pytest.raises(InputError, match=r"validation must be recordings, got the path 'b.csv'"):
         penode.pmsm.identify([RUN], validation="b.csv")

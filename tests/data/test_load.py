@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from penode.data import Experiment, load
+from penode.data.experiment import Experiment
+from penode.data.load import load
 from penode.data.readers import csv, parquet
 from penode.data.table import Table
 from penode.errors import InputError

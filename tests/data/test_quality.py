@@ -3,14 +3,10 @@
 import numpy as np
 import pytest
 
-from penode.data import (
-    Experiment,
-    check_excitation,
-    find_clipping,
-    find_stuck,
-    gathered,
-    inspect,
-)
+from penode.data import gathered
+from penode.data.excitation import check_excitation
+from penode.data.experiment import Experiment
+from penode.data.quality import find_clipping, find_stuck, inspect
 from penode.errors import InputError
 
 

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
-from penode.data import load
-from penode.data.load import read
+from penode.data.load import load, read
 from penode.data.readers import mdf, tdms
 from penode.errors import InputError
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from penode.data import Experiment, load
+from penode.data.experiment import Experiment
+from penode.data.load import load
 from penode.data.save import save
 from penode.errors import InputError
 
@@ -33,7 +34,7 @@ def test_time_starts_at_zero_and_is_the_first_column(run, tmp_path):
 
 
 def test_another_suffix_is_refused_and_nothing_is_made(run, tmp_path):
-    with pytest.raises(InputError, match=r"suffix '\.xls' came; use \.csv or \.parquet"):
+    with pytest.raises(InputError, match=r"the suffix must be \.csv or \.parquet, got '\.xls'"):
         save(run, tmp_path / "new" / "run.xls")
     assert list(tmp_path.iterdir()) == []
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from penode.data.signals import Signal, table_of
-from penode.data.table import clocks_within, list_names
+from penode.data.table import Signal, clocks_within, list_names, table_of
 from penode.errors import InputError
 
 FAST, SLOW = np.arange(8) * 1e-3, np.arange(4) * 1e-2

@@ -51,7 +51,9 @@ def test_spellings(text, name):
 
 
 def test_unknown_unit_suggests_the_nearest():
-    with pytest.raises(InputError, match=r"run.csv: channel n: unit 'rmp' .*did you mean rpm\?"):
+    with pytest.raises(
+        InputError, match=r"run.csv: channel n: unknown unit 'rmp' .*did you mean rpm\?"
+    ):
         find_unit("run.csv: channel n", "rmp")
 
 

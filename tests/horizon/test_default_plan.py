@@ -11,12 +11,12 @@ from scipy.integrate import solve_ivp
 from penode import Experiment, InputError, Model, Predictor, identify, physical
 from penode.arrays import Leaf
 from penode.data.windows import Jittered, cut
-from penode.engine import LadderProblem, Loss, Positive, default_plan
+from penode.engine import Loss, Positive, default_plan
 from penode.horizon import hold_check
 from penode.horizon.default_plan import default_horizons
 from penode.horizon.hold_check import better_hold, with_hold
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import ignore_events
+from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.base import DEFAULT_SOLVER
 from penode.predictors.holds import FirstOrderHold, ZeroOrderHold

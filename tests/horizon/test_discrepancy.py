@@ -9,11 +9,11 @@ import pytest
 
 from penode import Experiment, Model, identify, ladder_plan, physical
 from penode.arrays import Leaf
-from penode.engine import LadderProblem, Loss, Positive
+from penode.engine import Loss, Positive
 from penode.horizon import discrepancy
 from penode.horizon.consensus import LEFT_OUT
 from penode.horizon.discrepancy import what_is_left_out
-from penode.horizon.ladder import ignore_events
+from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.models.discrepancy import spline_basis
 from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.holds import FirstOrderHold

@@ -10,8 +10,6 @@ import pytest
 from penode import Experiment, Model, Start, ladder_plan, physical
 from penode.arrays import Leaf
 from penode.engine import (
-    LadderProblem,
-    Layout,
     LearnedPrior,
     Loss,
     Positive,
@@ -21,8 +19,9 @@ from penode.engine import (
     default_plan,
 )
 from penode.fit.learned_uncertainty import LearnedUncertainty
-from penode.horizon.ladder import ignore_events
+from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.horizon.learned_prior import with_priors
+from penode.models.layout import Layout
 from penode.training.covariance import sandwich
 
 FREE = Loss(free_starts={"x": None})

@@ -72,7 +72,7 @@ def test_zero_is_zero():
 
 @pytest.mark.parametrize("shape", [(1, 5), (1, 7), (6,)])
 def test_coefficients_that_do_not_fit_are_refused(shape):
-    with pytest.raises(InputError, match=r"want \(m, 6\)"):
+    with pytest.raises(InputError, match=r"must have shape \(m, 6\)"):
         Polynomial(2, 2, np.zeros(shape))
 
 

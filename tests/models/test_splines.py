@@ -166,12 +166,12 @@ def test_zero_is_zero_and_settings_become_tuples():
 @pytest.mark.parametrize(
     ("low", "high", "cells", "said"),
     [
-        ((0.0,), (0.0,), (2,), "low below high"),
-        ((0.0,), (-1.0,), (2,), "low below high"),
-        ((0.0,), (float("nan"),), (2,), "low below high"),
-        ((0.0,), (float("inf"),), (2,), "low below high"),
-        ((0.0,), (1.0,), (0,), "at least 1"),
-        ((0.0, 0.0), (1.0,), (2,), "one of each"),
+        ((0.0,), (0.0,), (2,), "low must be below high"),
+        ((0.0,), (-1.0,), (2,), "low must be below high"),
+        ((0.0,), (float("nan"),), (2,), "low must be below high"),
+        ((0.0,), (float("inf"),), (2,), "low must be below high"),
+        ((0.0,), (1.0,), (0,), "cells must be >= 1"),
+        ((0.0, 0.0), (1.0,), (2,), "must be one an input"),
     ],
 )
 def test_an_empty_box_is_refused(low, high, cells, said):

@@ -88,7 +88,7 @@ def test_training_needs_the_group_of_nuisances():
     layout = Layout(Lag(1.0, 0.0, 1.0), 3)
     np.testing.assert_array_equal(layout.members(("nuisance",)), [0, 1, 1, 1, 0])
     np.testing.assert_array_equal(layout.members(("physical",)), [1, 0, 0, 0, 1])
-    with pytest.raises(InputError, match="group offset came"):
+    with pytest.raises(InputError, match="got offset"):
         layout.members(("offset",))
 
 

@@ -3,12 +3,11 @@
 import hashlib
 import mmap
 import os
-import tempfile
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
 
-from penode.data.gathered import write
+from penode.data.gathered import on_disk
 from penode.errors import InputError
 
 _BLOCK = 1 << 20
@@ -18,26 +17,23 @@ _LARGE = 1 << 26
 _HEAD = 1 << 13
 
 
-class Content:
+class Content(AbstractContextManager["Content"]):
     """The bytes of a regular file, to be read once, in a ``with`` block.
 
     What was hashed is what was parsed: the file is not opened a second time. Refuses a directory, a
-    pipe, a device, and a file that begins with nothing but zeros.
+    pipe, a device, and a file that begins with nothing but zeros: one whose space a recorder
+    reserved and never wrote.
     """
 
     def __init__(self, file: str) -> None:
         location = Path(file)
         if location.exists() and not location.is_file():
             what = "a directory" if location.is_dir() else "a pipe or a device"
-            raise InputError(f"{file}: this is {what} where a file was wanted; name a file.")
+            raise InputError(f"{file}: this is {what}; name a file.")
         self.file = file
         self._opened = location.open("rb", buffering=0)
         self.size = os.fstat(self._opened.fileno()).st_size
         self._digest = hashlib.sha256()
-        self._require_written()
-
-    def _require_written(self) -> None:
-        """Refuse a file whose space a recorder reserved and never wrote, however long it is."""
         head = self._opened.read(_HEAD)
         self._opened.seek(0)
         if len(head) == _HEAD and not any(head):
@@ -47,27 +43,19 @@ class Content:
                 "written; copy the file again, or record again."
             )
 
-    def __enter__(self) -> "Content":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._opened.close()
 
     def blocks(self) -> Iterator[bytes]:
         """Yield the bytes of the file in order; refuse it if its size has changed since."""
-        came = 0
-        while block := self._opened.read(min(_BLOCK, self.size + 1 - came)):
-            came += len(block)
-            if came > self.size:
+        count = 0
+        while block := self._opened.read(min(_BLOCK, self.size + 1 - count)):
+            count += len(block)
+            if count > self.size:
                 break
             self._digest.update(block)
             yield block
-        if came != self.size:
+        if count != self.size:
             raise InputError(
                 f"{self.file}: the file changed while it was read; wait until it is written, "
                 "then read it again."
@@ -79,12 +67,7 @@ class Content:
 
     def mapped(self) -> bytes | mmap.mmap:
         """Return the bytes of the file; those of a large one lie in a copy on disk."""
-        if self.size < _LARGE:
-            return self.all()
-        with tempfile.TemporaryFile(prefix="penode-") as copy:
-            for block in self.blocks():
-                write(copy, block)
-            return mmap.mmap(copy.fileno(), 0, access=mmap.ACCESS_READ)
+        return self.all() if self.size < _LARGE else on_disk(self.blocks())
 
     @property
     def sha256(self) -> str:

@@ -8,20 +8,7 @@ from penode.errors import InputError
 
 
 def check_excitation(experiment: Experiment, channels: Sequence[str]) -> None:
-    """Refuse a recording in which a needed channel never moves.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        Recording to look at.
-    channels : sequence of str
-        Channels that have to move for the identification at hand.
-
-    Raises
-    ------
-    InputError
-        If a channel is missing or constant.
-    """
+    """Refuse a recording in which a needed channel is missing or never moves."""
     for channel in channels:
         finding = find_constant(experiment, channel)
         if finding is not None:

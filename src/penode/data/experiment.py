@@ -1,5 +1,7 @@
 """Experiment: one uniformly sampled recording in SI units, with where it came from."""
 
+import math
+import numbers
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,9 +11,19 @@ from typing import Any
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.data.form import require_form
 from penode.data.gathered import mapping_of, released
 from penode.errors import InputError, did_you_mean
+
+#: Kind of numbers -> what is wrong with them, and the fix.
+_KINDS = {
+    "b": "is boolean; give numbers, as in values.astype(float)",
+    "c": "is complex; give real numbers, as in values.real",
+    "U": "is text; give numbers, as in values.astype(float)",
+    "S": "is text; give numbers, as in values.astype(float)",
+    "M": "holds dates; give numbers, and the interval between samples as time_step",
+    "m": "holds times; give numbers, as in values / np.timedelta64(1, 's')",
+}
+_MIXED = "give one real number a sample, as an array of floats"
 
 
 @dataclass(frozen=True)
@@ -73,15 +85,11 @@ class Experiment:
     stretch: Stretch | None = None
 
     def __post_init__(self) -> None:
-        require_form(self.name, self.time_step, self.channels)
-        frozen = {}
-        for name, values in self.channels.items():
-            frozen[name] = _frozen(values)
+        _require_form(self.name, self.time_step, self.channels)
+        frozen = {name: _frozen(values) for name, values in self.channels.items()}
         lengths = {name: len(values) for name, values in frozen.items()}
         if len(set(lengths.values())) > 1:
-            raise InputError(
-                f"{self.name}: channels differ in length ({lengths}); give one length."
-            )
+            raise InputError(f"{self.name}: channels must have one length, got {lengths}.")
         object.__setattr__(self, "channels", MappingProxyType(frozen))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -99,12 +107,7 @@ class Experiment:
         return self.stretch or Stretch(self.name, 0, 0.0, duration)
 
     def part(self, first: int, last: int) -> "Experiment":
-        """Return the samples ``first .. last - 1`` as a stretch, in memory.
-
-        Parameters
-        ----------
-        first, last : int
-        """
+        """Return the samples ``first .. last - 1`` as a stretch, in memory."""
         channels = {}
         for name, values in self.channels.items():
             channels[name] = values[first:last].copy()
@@ -114,11 +117,7 @@ class Experiment:
     def between(self, first: int, last: int, *reasons: str) -> "Experiment":
         """Return the samples ``first .. last - 1`` as a stretch; what lies on disk stays there.
 
-        Parameters
-        ----------
-        first, last : int
-        reasons : str
-            Why the recording was cut, a sentence each.
+        ``reasons`` say why the recording was cut, a sentence each.
         """
         whole = self.place
         stretch = replace(
@@ -132,18 +131,7 @@ class Experiment:
         return replace(self, name=name, channels=channels, stretch=stretch)
 
     def require(self, names: Sequence[str]) -> None:
-        """Refuse a recording that lacks a channel.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Channels.
-
-        Raises
-        ------
-        InputError
-            If a channel is missing; the message names the file, the missing and the present ones.
-        """
+        """Refuse a recording that lacks a channel, with an `InputError` that names it."""
         missing = [name for name in names if name not in self.channels]
         if missing:
             raise InputError(
@@ -184,22 +172,66 @@ def require_recordings(experiments: Any, validation: Any = ()) -> None:
         one = isinstance(given, (str, os.PathLike, Experiment)) or not isinstance(given, Sequence)
         odd = [each for each in ((given,) if one else given) if not isinstance(each, Experiment)]
         if odd and isinstance(odd[0], (str, os.PathLike)):
+            path = os.fspath(odd[0])
             raise InputError(
-                f"{name}: the path {os.fspath(odd[0])!r} came where recordings were wanted; load "
-                f"each first, as in [penode.load({os.fspath(odd[0])!r})]."
+                f"{name} must be recordings, got the path {path!r}; load each first, as in "
+                f"[penode.load({path!r})]."
             )
         if odd:
             raise InputError(
-                f"{name}: {type(odd[0]).__name__} came where recordings were wanted; give a list "
-                "of penode.Experiment, such as penode.load returns."
+                f"{name} must be a list of penode.Experiment, such as penode.load returns, got "
+                f"{type(odd[0]).__name__}."
             )
         if one:
             raise InputError(
-                f"{name}: one recording, {given.name}, came where a list was wanted; put it in "
-                "brackets: [experiment]."
+                f"{name} must be a list, got one recording, {given.name}; put it in brackets: "
+                "[experiment]."
             )
     if not len(experiments):
-        raise InputError("no recording came; give at least one, as in [penode.load(path)].")
+        raise InputError("experiments must have one recording at least, as in [penode.load(path)].")
+
+
+def _require_form(name: Any, time_step: Any, channels: Any) -> None:
+    """Refuse what is no recording: a name, a step above 0 s, channels of real numbers (time,)."""
+    if not isinstance(name, str):
+        raise InputError(
+            f"the name of a recording must be text, got {name!r}; write "
+            'penode.Experiment("run 1", time_step, channels).'
+        )
+    if not (isinstance(time_step, numbers.Real) and 0 < float(time_step) < math.inf):
+        got = repr(time_step) if np.ndim(time_step) == 0 else f"shape {np.shape(time_step)}"
+        raise InputError(
+            f"{name}: time_step must be one number above 0, got {got}; give the seconds from a "
+            "sample to the next."
+        )
+    if not isinstance(channels, Mapping):
+        raise InputError(
+            f"{name}: channels is a {type(channels).__name__}; give a dictionary from names to "
+            'series, as in {"position": values}.'
+        )
+    for channel, values in channels.items():
+        if not isinstance(channel, str):
+            raise InputError(
+                f"{name}: the name of a channel must be text, got {channel!r}; put it in quotes."
+            )
+        if problem := _unusable(values):
+            raise InputError(f"{name}: channel {channel} {problem}.")
+
+
+def _unusable(values: Any) -> str:
+    """Return why values are no series of real numbers, and the fix; nothing if they are."""
+    try:
+        array = values if isinstance(values, np.ndarray) else np.asarray(values)
+    except (TypeError, ValueError):  # rows of different lengths
+        return f"is mixed; {_MIXED}"
+    if array.dtype.kind not in "iuf":
+        odd = "is mixed" if array.ndim else f"holds {type(values).__name__}"
+        return _KINDS.get(array.dtype.kind, f"{odd}; {_MIXED}")
+    if array.ndim != 1:
+        one = array.size and array.size == max(array.shape, default=0)
+        fix = "as in values.ravel()" if one else "and each column a name of its own"
+        return f"has shape {array.shape}; give one number a sample, shape (time,), {fix}"
+    return "has masked samples; cut the recording there" if np.ma.is_masked(values) else ""
 
 
 def _frozen(values: FloatArray) -> FloatArray:

@@ -14,8 +14,8 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -64,7 +64,7 @@ def isolated(reader: str) -> Callable[[Content], Table]:
     return read
 
 
-class Decoder:
+class Decoder(AbstractContextManager["Decoder"]):
     """A child process that decodes files one after the other, in a ``with`` block.
 
     ``reader`` is the name of a module of `penode.data.readers`.
@@ -82,15 +82,7 @@ class Decoder:
             env={**os.environ, **_ENVIRONMENT, "TMPDIR": self._folder.name},
         )
 
-    def __enter__(self) -> "Decoder":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -127,12 +119,17 @@ class Decoder:
             "memory": memory,
             "seconds": seconds,
         }
-        _store(content, blocks)  # all of the file, so that all is hashed and checked
+        with content.open("wb") as copy:
+            for block in blocks:  # all of the file, so that all is hashed and checked
+                write(copy, block)
         timer = threading.Timer(_WAIT * seconds, self._expire)
         timer.daemon = True
         timer.start()
         try:
-            self._send(request)
+            assert self._child.stdin is not None
+            with contextlib.suppress(OSError):  # a child that ended shows when it has to answer
+                self._child.stdin.write(json.dumps(request).encode() + b"\n")
+                self._child.stdin.flush()
             columns, header = self._answer(memory)
         except (_EndedError, MemoryError) as error:
             raise InputError(f"{file}: {self._reason(memory, seconds)}") from error
@@ -153,13 +150,6 @@ class Decoder:
         self._expired = True
         self._child.kill()
 
-    def _send(self, request: dict[str, Any]) -> None:
-        """Send a request; a child that ended shows when it has to answer."""
-        assert self._child.stdin is not None
-        with contextlib.suppress(OSError):
-            self._child.stdin.write(json.dumps(request).encode() + b"\n")
-            self._child.stdin.flush()
-
     def _answer(self, memory: int) -> tuple[dict[str, Column], dict[str, Any]]:
         """Return the columns and the end of the answer, which have to be what they should."""
         columns: dict[str, Column] = {}
@@ -168,7 +158,11 @@ class Decoder:
             left -= 8 * entry["length"]
             if entry["length"] < 0 or left < 0:
                 raise _EndedError
-            columns[entry["column"]] = self._column(entry["length"])
+            column, missing = Gathered(), entry["length"]
+            while missing:
+                column.add(self._values(min(PIECE, missing)))
+                missing = entry["length"] - len(column)
+            columns[entry["column"]] = column.whole()  # on disk where they are many
         return columns, entry
 
     def _entry(self) -> dict[str, Any]:
@@ -189,13 +183,6 @@ class Decoder:
             return dict(entry)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise _EndedError from error
-
-    def _column(self, length: int) -> Column:
-        """Return the values of the next column of the answer, on disk where they are many."""
-        column = Gathered()
-        while len(column) < length:
-            column.add(self._values(min(PIECE, length - len(column))))
-        return column.whole()
 
     def _values(self, length: int) -> Column:
         assert self._child.stdout is not None
@@ -223,13 +210,6 @@ class Decoder:
             f"the library that reads such files crashed (status {status}), so the file is damaged, "
             f"or unpacks to more than {memory / 2**30:.1f} GiB; copy or export it again."
         )
-
-
-def _store(place: Path, blocks: Iterable[bytes]) -> None:
-    """Write the bytes of a file where a child can open them."""
-    with place.open("wb") as copy:
-        for block in blocks:
-            write(copy, block)
 
 
 def _too_large(memory: int) -> str:

@@ -65,23 +65,9 @@ def load_stretches(path: str | os.PathLike[str]) -> tuple[Experiment, ...]:
     """Load a recording that may have gaps in time, as the stretches between them.
 
     Nothing that works on experiments crosses from one into another. Their `Experiment.stretch`
-    says where in the recording they lie, and what was left out.
-
-    Parameters
-    ----------
-    path : str or path-like
-        As in `load`.
-
-    Returns
-    -------
-    tuple of Experiment
-        In order of time; one, which is the recording as `load` gives it, where there is no gap.
-
-    Raises
-    ------
-    InputError
-        As in `load`, but of gaps only where what lies between is shorter than 200 samples for the
-        most part.
+    says where in the recording they lie, and what was left out. Where there is no gap, the one
+    stretch is the recording as `load` gives it. Files are taken and refused as there, but gaps only
+    where what lies between is shorter than 200 samples for the most part.
     """
     table, source = read(path)
     return experiments_of(table, source, own_names(table))
@@ -91,34 +77,17 @@ def in_one_piece(stretches: Sequence[Experiment]) -> Experiment:
     """Return the recording that `load_stretches` gave, refusing one with gaps."""
     if len(stretches) == 1 and stretches[0].stretch is None:
         return stretches[0]
-    first = stretches[0]
-    raise InputError(
-        f"{first.source.path}: {' '.join(first.place.reasons)} A recording without gaps was "
-        "wanted; take its stretches with load_stretches, or cut the file."
-    )
+    file, reasons = stretches[0].source.path, " ".join(stretches[0].place.reasons)
+    raise InputError(f"{file}: {reasons} Take its stretches with load_stretches, or cut the file.")
 
 
 def read(path: str | os.PathLike[str]) -> tuple[Table, Source]:
     """Read the columns of a file as they are; binary files are decoded in a process of their own.
 
-    Parameters
-    ----------
-    path : str or path-like
-        As in `load`.
-
-    Returns
-    -------
-    Table
-        Columns in the units of the file.
-    Source
-        The file's path, and the SHA-256 of the bytes that were decoded.
-
-    Raises
-    ------
-    InputError
-        If the file is not found, no regular file, of an unknown kind, damaged or empty, changes
-        while it is read, takes far more memory or time than files of its size, or a library that
-        reads its kind is not installed.
+    Returns a table of columns in the units of the file, and the file's path with the SHA-256 of the
+    bytes that were decoded. Refused is a file that is not found, no regular file, of an unknown
+    kind, damaged or empty, changes while it is read, takes far more memory or time than files of
+    its size, or needs a library that is not installed.
     """
     file = str(path)
     try:
@@ -184,9 +153,8 @@ def _sentence(name: str, mapped: Mapped) -> str:
     times = mapped.times
     gaps = gaps_in(times)
     lengths = times[gaps + 1] - times[gaps] - mapped.time_step
-    long = f"{lengths.min():.3g} s"
-    if f"{lengths.max():.3g} s" != long:
-        long = f"{lengths.min():.3g} to {lengths.max():.3g} s"
+    ends = (f"{lengths.min():.3g}", f"{lengths.max():.3g}")
+    long = " to ".join(dict.fromkeys(ends)) + " s"
     count = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
     read = "one stretch" if len(mapped.spans) == 1 else f"{len(mapped.spans)} stretches"
     sentence = (
@@ -200,16 +168,16 @@ def _sentence(name: str, mapped: Mapped) -> str:
 
 def _reader_for(location: Path, file: str) -> Callable[[Content], Table]:
     """Choose the reader by suffix, refusing what is not a file."""
-    wanted = " or ".join(READERS)
     if location.is_symlink() and not location.exists():
-        raise InputError(f"{file}: a link to what is not there; mend the link.")
+        raise InputError(f"{file}: a link to what is not there; correct the link.")
     if not location.exists():
         raise InputError(f"{file}: file not found; check the path.")
+    kinds = " or ".join(READERS)
     if location.is_dir():
-        raise InputError(f"{file}: this is a directory; name one {wanted} file.")
+        raise InputError(f"{file}: this is a directory; name one {kinds} file.")
     suffixes = [suffix.lower() for suffix in location.suffixes[-2:]]
     reader = READERS.get("".join(suffixes)) or READERS.get("".join(suffixes[-1:]))
     if reader is None:
-        came = f"suffix {location.suffix!r}" if location.suffix else "no suffix"
-        raise InputError(f"{file}: {came} where {wanted} was wanted; export it as one of these.")
+        got = f"suffix {location.suffix!r}" if location.suffix else "no suffix"
+        raise InputError(f"{file}: the file must end in {kinds}, got {got}.")
     return reader

@@ -12,52 +12,32 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.gathered import in_pieces, pieces
-from penode.data.one_clock import Sampled, on_one_clock
 from penode.data.stretches import SHORTEST
 from penode.data.table import TIME, Table, cell_error, list_names
-from penode.data.time_axis import uniform_stretches
+from penode.data.time_axis import Sampled, on_one_clock, uniform_stretches
 from penode.data.units import UNITS, Unit, find_unit, unit_name
 from penode.errors import InputError, did_you_mean
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a channel comes from.
+    """Where a channel comes from."""
 
-    Attributes
-    ----------
-    column : str
-        Column of the file.
-    si : str
-        SI unit of the channel, such as ``"A"``; empty where any unit will do.
-    unit : str
-        Unit of the column; empty for the one that the file gives, and SI where it gives none.
-    scale : float
-        What one count of the column is in that unit.
-    sign : {1, -1}
-    delay : int
-        Samples by which the column lags behind the channel: row k of the channel is row
-        ``k + delay`` of the column, on the common clock. Negative where the column leads.
-    times : str
-        Another column that the column is a share of, such as the DC-link voltage of a duty; it
-        then is the one that has the unit. Empty for none.
-    """
-
+    # Of the file.
     column: str
+    # SI unit of the channel, such as "A"; empty where any unit will do.
     si: str = ""
+    # Of the column; empty for the one that the file gives, and SI where it gives none.
     unit: str = ""
+    # What one count of the column is in that unit, and 1 or -1.
     scale: float = 1.0
     sign: int = 1
+    # Samples by which the column lags behind the channel: row k of the channel is row k + delay of
+    # the column, on the common clock. Negative where the column leads.
     delay: int = 0
+    # Another column that the column is a share of, such as the DC-link voltage of a duty; it then
+    # is the one that has the unit. Empty for none.
     times: str = ""
-
-
-@dataclass(frozen=True)
-class _Clock:
-    """Where the times of a file come from, and those in s that were read already."""
-
-    origin: Origin
-    read: dict[Origin, FloatArray]
 
 
 def own_names(table: Table) -> dict[str, Origin]:
@@ -92,32 +72,25 @@ def map_channels(
     says.
     """
     time = origins.get(TIME, Origin(TIME, "s"))
-    clocks: dict[Origin, FloatArray] = {}
-    sampled = {
-        name: _sample(file, table, name, origin, _Clock(time, clocks))
-        for name, origin in origins.items()
-        if name != TIME
-    }
+    read: dict[Origin, FloatArray] = {}
+    sampled = {}
+    for name, origin in origins.items():
+        if name == TIME:
+            continue
+        values, si = _si_values(file, table, name, origin)
+        own = table.clocks.get(origin.column)
+        clock = time if own in (None, table.clocks.get(time.column)) else Origin(own, "s")
+        if clock not in read:
+            read[clock] = _si_values(file, table, TIME, clock)[0]
+        if len(values) != len(read[clock]):
+            raise InputError(
+                f"{file}: channel {name}: column {origin.column} has {len(values)} values where "
+                f"its times in column {clock.column} are {len(read[clock])}; name the time column "
+                "that belongs to it, or export them together."
+            )
+        sampled[name] = Sampled(read[clock], values, si == "rad")
     times, channels = on_one_clock(file, sampled, resample)
     return _without_delays(file, times, channels, origins)
-
-
-def _sample(file: str, table: Table, name: str, origin: Origin, clock: _Clock) -> Sampled:
-    """Take one channel out of the table, with its times."""
-    own, time = table.clocks.get(origin.column), clock.origin
-    if own is not None and own != table.clocks.get(time.column):
-        time = Origin(own, "s")
-    values, si = _si_values(file, table, name, origin)
-    if time not in clock.read:
-        clock.read[time] = _si_values(file, table, TIME, time)[0]
-    times = clock.read[time]
-    if len(values) != len(times):
-        raise InputError(
-            f"{file}: channel {name}: column {origin.column} has {len(values)} values where its "
-            f"times in column {time.column} are {len(times)}; name the time column that "
-            "belongs to it, or export them together."
-        )
-    return Sampled(times, values, si == "rad")
 
 
 def _si_values(file: str, table: Table, name: str, origin: Origin) -> tuple[FloatArray, str]:
@@ -170,8 +143,8 @@ def _unit(file: str, table: Table, name: str, origin: Origin) -> Unit:
     if origin.si not in ("", unit.si):
         fitting = [candidate for candidate, other in UNITS.items() if other.si == origin.si]
         raise InputError(
-            f"{where}: unit {text!r} came for column {origin.column} where one of "
-            f"{', '.join(fitting)} was wanted; give the unit of the column."
+            f"{where}: the unit of column {origin.column} must be one of {', '.join(fitting)}, "
+            f"got {text!r}."
         )
     return unit
 
@@ -187,8 +160,8 @@ def _without_delays(
     longest = max(delays, key=lambda name: abs(delays[name]))
     if delays[longest] and abs(delays[longest]) >= len(times):
         raise InputError(
-            f"{file}: channel {longest}: delay = {delays[longest]} came in a recording of "
-            f"{len(times)} samples; give it in samples, a few at most."
+            f"{file}: channel {longest}: delay must be a few samples at most, got "
+            f"{delays[longest]} in a recording of {len(times)} samples."
         )
     begin, lost = max(0, -min(delays.values())), max(0, *delays.values())
     end = max(begin, len(times) - lost)

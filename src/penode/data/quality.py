@@ -4,9 +4,9 @@ Every sample is looked at, piece by piece.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 
@@ -24,24 +24,15 @@ _CLIPPED_SAMPLES, _CLIPPED_RATIO = 10, 10
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing found in a recording.
+    """One thing found in a recording: a sentence with the fix, naming recording and channel.
 
-    Attributes
-    ----------
-    severity : {"warning", "error"}
-        ``"error"`` where the channel cannot serve, ``"warning"`` where a person should look.
-    channel : str
-        Channel concerned.
-    sentence : str
-        What was found and how to mend it, naming the recording and the channel.
+    The severity is ``"error"`` where the channel cannot serve, ``"warning"`` where a person should
+    look.
     """
 
     severity: Literal["warning", "error"]
     channel: str
     sentence: str
-
-
-Check: TypeAlias = Callable[[Experiment, str], Finding | None]
 
 
 def inspect_stretches(
@@ -52,36 +43,15 @@ def inspect_stretches(
     A channel may stand still in one stretch and not in all.
     """
     each = [inspect(stretch, channels) for stretch in stretches]
-    never = set.intersection(*({f.channel for f in found if _is_still(f)} for found in each))
-    found = [f for findings in each for f in findings if not _is_still(f)]
-    return (*(f for f in each[0] if _is_still(f) and f.channel in never), *found)
-
-
-def _is_still(finding: Finding) -> bool:
-    return finding.severity == "error"
+    still = [{f.channel: f for f in found if f.severity == "error"} for found in each]
+    never = [f for channel, f in still[0].items() if all(channel in other for other in still)]
+    return (*never, *(f for found in each for f in found if f.severity != "error"))
 
 
 def inspect(experiment: Experiment, channels: Sequence[str]) -> tuple[Finding, ...]:
-    """Run every check over the named channels.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        Recording to look at.
-    channels : sequence of str
-        Channels to look at; each is expected to move.
-
-    Returns
-    -------
-    tuple of Finding
-        In the order of the channels; empty where nothing was found.
-
-    Raises
-    ------
-    InputError
-        If a channel is missing.
-    """
-    findings = (check(experiment, channel) for channel in channels for check in CHECKS)
+    """Run every check over the named channels, each of which is expected to move."""
+    checks = (find_constant, find_stuck, find_clipping)
+    findings = (check(experiment, channel) for channel in channels for check in checks)
     return tuple(finding for finding in findings if finding is not None)
 
 
@@ -149,10 +119,6 @@ def find_clipping(experiment: Experiment, channel: str) -> Finding | None:
                 f"{count} of {len(values)} samples, as if clipped; check the measuring range.",
             )
     return None
-
-
-#: The checks `inspect` runs, in this order.
-CHECKS: tuple[Check, ...] = (find_constant, find_stuck, find_clipping)
 
 
 def _values(experiment: Experiment, channel: str) -> FloatArray:

@@ -9,17 +9,19 @@ import polars as pl
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 
-_WRITERS: dict[str, Callable[[pl.DataFrame, Path], object]] = {
-    ".csv": lambda table, path: table.write_csv(path),
-    ".parquet": lambda table, path: table.write_parquet(path),
+_WRITERS: dict[str, Callable[..., object]] = {
+    ".csv": pl.DataFrame.write_csv,
+    ".parquet": pl.DataFrame.write_parquet,
 }
 
 
-def require_suffix(path: Path) -> Callable[[pl.DataFrame, Path], object]:
-    """Return the writer for a path, or refuse its suffix with an `InputError`."""
+def require_suffix(path: Path) -> Callable[..., object]:
+    """Return the writer for a path, refusing another suffix."""
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
-        raise InputError(f"{path}: suffix {path.suffix!r} came; use {' or '.join(_WRITERS)}.")
+        raise InputError(
+            f"{path}: the suffix must be {' or '.join(_WRITERS)}, got {path.suffix!r}."
+        )
     return writer
 
 

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -65,6 +66,59 @@ class Decoded(Mapping[str, Column]):
         return len(self._decoders)
 
 
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """One channel of a group, decoded when asked for; its unit is empty where the file gives none.
+
+    ``times`` (time,) are in s, None where the file knows none but those in a column.
+    """
+
+    group: str
+    name: str
+    unit: str
+    decode: Callable[[], Column]
+    times: Column | None
+
+
+def table_of(file: str, signals: Sequence[Signal]) -> Table:
+    """Put the channels of all groups into one table, ``group/name`` where a name comes twice.
+
+    Columns are decoded when asked for. Times in s become columns, shared by the channels that were
+    sampled together: ``t``, then ``t_2``. Channels without times have the column of their group
+    that is called t, time or Zeit for a clock. Refuses a group with two channels of one name.
+    """
+    times: dict[str, Column] = {}
+    own = [None if signal.times is None else _clock(times, signal.times) for signal in signals]
+    often = Counter([*times, *(signal.name for signal in signals)])
+    names = [f"{s.group}/{s.name}" if often[s.name] > 1 else s.name for s in signals]
+    names = clean_names(file, [*times, *names])[len(times) :]
+    decoders: dict[str, Callable[[], Column]] = {}
+    decoders |= {name: partial(np.asarray, values) for name, values in times.items()}
+    decoders |= dict(zip(names, (signal.decode for signal in signals), strict=True))
+    units = dict.fromkeys(times, "s")
+    units |= {name: s.unit for name, s in zip(names, signals, strict=True) if s.unit}
+    clocks = {name: name for name in times}
+    groups: dict[str, dict[str, str]] = {}
+    for name, signal, clock in zip(names, signals, own, strict=True):
+        if clock is None:
+            groups.setdefault(signal.group, {})[signal.name] = name
+        else:
+            clocks[name] = clock
+    for members in groups.values():
+        clocks |= clocks_within(members)
+    return Table(Decoded(decoders), units, clocks)
+
+
+def _clock(known: dict[str, Column], times: Column) -> str:
+    """Return the name of these times, which are added where they are new."""
+    for name, clock in known.items():
+        if times is clock or np.array_equal(times, clock):
+            return name
+    name = f"{TIME}_{len(known) + 1}" if known else TIME
+    known[name] = times
+    return name
+
+
 def clocks_within(members: Mapping[str, str]) -> dict[str, str]:
     """Tie the columns of a group to its column of times, which is called t, time or Zeit.
 
@@ -76,10 +130,7 @@ def clocks_within(members: Mapping[str, str]) -> dict[str, str]:
 
 
 def clean_names(file: str, names: Sequence[str]) -> list[str]:
-    """Strip the spaces around column names, escape what is not printable, refuse unusable ones.
-
-    A name that is empty or appears twice is unusable.
-    """
+    """Strip and escape column names; refuse one that is empty or comes twice."""
     stripped = [printable(name.strip()) for name in names]
     if "" in stripped:
         raise InputError(

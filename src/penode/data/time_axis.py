@@ -1,4 +1,7 @@
-"""The time step of a recording, the gaps in it, and the refusal of times that are not uniform."""
+"""Times: the step of a recording, gaps in it, what is not uniform, one clock for several rates."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +19,17 @@ _GAP = 1.5
 _ROUNDING = 1e-6
 #: Largest time in s, some 30 000 years.
 LARGEST_TIME = 1e12
+# Largest turn in rad between two samples of an angle that can still be interpolated.
+_LARGEST_TURN = np.pi / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """SI values of one channel and their times in s, both of shape (time,)."""
+
+    times: FloatArray
+    values: FloatArray
+    is_angle: bool
 
 
 def uniform_stretches(
@@ -37,8 +51,8 @@ def uniform_stretches(
     if abs(steps[odd] - steps[0]) > STEP_TOLERANCE * steps[0]:
         raise InputError(
             f"{file}: the time step is {steps[0]:.6g} s from data row {spans[0][0] + 1} and "
-            f"{steps[odd]:.6g} s from data row {spans[odd][0] + 1}, where one was wanted; export "
-            "each rate to a file of its own."
+            f"{steps[odd]:.6g} s from data row {spans[odd][0] + 1}; export each rate to a file of "
+            "its own."
         )
     lengths = np.array([b - a - 1 for a, b in spans])
     return float(steps @ lengths / lengths.sum()), spans
@@ -100,14 +114,14 @@ def uniform_step(file: str, t: FloatArray, before: int = 0) -> float:
     """
     if len(t) < MINIMUM_SAMPLES:
         raise InputError(
-            f"{file}: only {len(t)} samples came where at least {MINIMUM_SAMPLES} were wanted; "
+            f"{file}: a recording must have at least {MINIMUM_SAMPLES} samples, got {len(t)}; "
             "record for longer."
         )
     largest = max(float(np.abs(piece).max()) for piece in pieces(t))
     if largest > LARGEST_TIME:
         raise InputError(
-            f"{file}: t reaches {largest:.3g} s where at most {LARGEST_TIME:.0e} s was wanted; "
-            "export t in s, or name its unit in a mapping."
+            f"{file}: t must be at most {LARGEST_TIME:.0e} s, got {largest:.3g} s; export t in "
+            "s, or name its unit in a mapping."
         )
     least, most = _ends_of_steps(t)
     if least > 0.0 and most - least <= STEP_TOLERANCE * least:
@@ -203,3 +217,62 @@ def _irregular(file: str, steps: FloatArray, k: int, before: int) -> InputError:
         "export t with more digits, or, where a steady clock sampled and only the stamps jitter, "
         "give row number times time step as t."
     )
+
+
+# --- one clock for several ----------------------------------------------------------------------
+
+
+def on_one_clock(
+    file: str, sampled: Mapping[str, Sampled], resample: bool
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return the common times in s and the channels at them.
+
+    ``resample`` allows interpolation at the times of the fastest channel, or at uniform ones where
+    these jitter. Refuses clocks that differ without it, a gap in the times of one of several, and
+    an angle that turns too far in a sample to be interpolated.
+    """
+    first, *others = sampled
+    times = sampled[first].times
+    clocks = {name: sampled[name].times for name in others}
+    odd = [n for n, own in clocks.items() if own is not times and not np.array_equal(own, times)]
+    if not odd:
+        uniform = regular_times(times) if resample else times
+        return uniform, {n: _at(file, n, uniform, channel) for n, channel in sampled.items()}
+    if not resample:
+        raise InputError(
+            f"{file}: channel {first} has {_pace(times)} and channel {odd[0]} "
+            f'{_pace(clocks[odd[0]])}; ask for resample = "linear", which interpolates '
+            "all channels at the times of the fastest."
+        )
+    clocks = {name: regular_times(channel.times) for name, channel in sampled.items()}
+    steps = {name: uniform_step(file, clock) for name, clock in clocks.items()}
+    fastest = min(steps, key=lambda name: steps[name])
+    times, slack = clocks[fastest], _ROUNDING * steps[fastest]
+    begin = max(channel.times[0] for channel in sampled.values()) - slack
+    end = min(channel.times[-1] for channel in sampled.values()) + slack
+    times = times[(times >= begin) & (times <= end)]
+    return times, {name: _at(file, name, times, channel) for name, channel in sampled.items()}
+
+
+def _pace(times: FloatArray) -> str:
+    step = (times[-1] - times[0]) / max(len(times) - 1, 1)
+    return f"{len(times)} samples, one every {step:.6g} s from {times[0]:.6g} s"
+
+
+def _at(file: str, name: str, times: FloatArray, channel: Sampled) -> FloatArray:
+    """Interpolate a channel linearly; an angle is unwrapped first where it has to be."""
+    values = channel.values
+    if times is channel.times:
+        return values
+    inside = np.isin(times, channel.times)
+    if inside.all():
+        return values[np.isin(channel.times, times)]
+    if channel.is_angle:
+        values = np.unwrap(values)
+        turn = float(np.abs(np.delete(np.diff(values), gaps_in(channel.times))).max())
+        if turn > _LARGEST_TURN:
+            raise InputError(
+                f"{file}: channel {name} turns {turn:.3g} rad between two of its samples where "
+                f"less than {_LARGEST_TURN:.3g} can be interpolated; record it faster."
+            )
+    return np.asarray(np.interp(times, channel.times, values))

@@ -58,46 +58,24 @@ UNITS: Mapping[str, Unit] = MappingProxyType(
     }
 )
 _ALIASES = {
-    "-": "1",
-    "pu": "1",
-    "p.u.": "1",
-    "per unit": "1",
-    "°C": "degC",
-    "\N{DEGREE CELSIUS}": "degC",
-    "C": "degC",
-    "celsius": "degC",
-    "Celsius": "degC",
-    "kelvin": "K",
-    "Kelvin": "K",
-    "°F": "degF",
-    "sec": "s",
-    "second": "s",
-    "seconds": "s",
-    "Sekunden": "s",
-    "µs": "us",
-    "μs": "us",  # the Greek letter, not the micro sign
-    "Volt": "V",
-    "volt": "V",
-    "Amp": "A",
-    "Ampere": "A",
-    "°": "deg",
-    "Grad": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "rev": "turn",
-    "U": "turn",
-    "1/s": "Hz",
-    "rev/s": "Hz",
-    "RPM": "rpm",
-    "1/min": "rpm",
-    "min-1": "rpm",
-    "min^-1": "rpm",
-    "U/min": "rpm",
-    "rev/min": "rpm",
-    "r/min": "rpm",
-    "rads/s": "rad/s",
-    "rad*s^-1": "rad/s",
-    "°/s": "deg/s",
+    alias: name
+    for name, aliases in {
+        "1": ("-", "pu", "p.u.", "per unit"),
+        "degC": ("°C", "\N{DEGREE CELSIUS}", "C", "celsius", "Celsius"),
+        "K": ("kelvin", "Kelvin"),
+        "degF": ("°F",),
+        "s": ("sec", "second", "seconds", "Sekunden"),
+        "us": ("\N{MICRO SIGN}s", "\N{GREEK SMALL LETTER MU}s"),
+        "V": ("Volt", "volt"),
+        "A": ("Amp", "Ampere"),
+        "deg": ("°", "Grad", "degree", "degrees"),
+        "turn": ("rev", "U"),
+        "Hz": ("1/s", "rev/s"),
+        "rpm": ("RPM", "1/min", "min-1", "min^-1", "U/min", "rev/min", "r/min"),
+        "rad/s": ("rads/s", "rad*s^-1"),
+        "deg/s": ("°/s",),
+    }.items()
+    for alias in aliases
 }
 
 
@@ -114,7 +92,7 @@ def find_unit(where: str, text: str) -> Unit:
     if name is None:
         spellings = [*_ALIASES, *UNITS]
         raise InputError(
-            f"{where}: unit {text!r} came{did_you_mean(text, spellings)}; give one of "
+            f"{where}: unknown unit {text!r}{did_you_mean(text, spellings)}; use one of "
             f"{', '.join(UNITS)}, and scale for what is left."
         )
     return UNITS[name]

@@ -19,20 +19,7 @@ class Placement(Protocol):
     """Where windows start within one recording."""
 
     def starts(self, first: int, last: int, horizon: int) -> IntArray:
-        """Place the windows of one recording.
-
-        Parameters
-        ----------
-        first, last : int
-            First and last admissible start, both included.
-        horizon : int
-            Steps predicted from each start.
-
-        Returns
-        -------
-        ndarray of int64, shape (window,)
-            Starts in ascending order, all within ``first .. last``.
-        """
+        """Return starts (window,) in ascending order, all within ``first .. last``."""
         ...
 
 
@@ -68,27 +55,14 @@ class Jittered:
 
     def __post_init__(self) -> None:
         if self.seed < 0:
-            raise InputError(f"seed {self.seed} came where 0 or more was wanted; change the seed.")
+            raise InputError(f"seed must be >= 0, got {self.seed}.")
         if self.stride is not None and self.stride < 1:
-            raise InputError(f"stride {self.stride} came where 1 or more was wanted.")
+            raise InputError(f"stride must be >= 1, got {self.stride}.")
         if self.fewest < 1:
             raise InputError(f"fewest must be >= 1 window, got {self.fewest}.")
 
     def starts(self, first: int, last: int, horizon: int) -> IntArray:
-        """Place one window in each stratum; the last stratum may be shorter than the others.
-
-        Parameters
-        ----------
-        first, last : int
-            First and last admissible start, both included.
-        horizon : int
-            Steps predicted from each start.
-
-        Returns
-        -------
-        ndarray of int64, shape (ceil((last - first + 1) / stratum),)
-            Starts in ascending order.
-        """
+        """Place one window in each stratum; the last stratum may be shorter than the others."""
         room = max((last - first + 1) // self.fewest, 1)
         stratum = self.stride or min(max(horizon, self.shortest), room)
         lower = np.arange(first, last + 1, stratum, dtype=np.int64)
@@ -103,20 +77,7 @@ class Contiguous:
     """Windows end to end: each starts where the one before it ends."""
 
     def starts(self, first: int, last: int, horizon: int) -> IntArray:
-        """Place windows at ``first``, ``first + horizon``, ``first + 2 horizon``, ...
-
-        Parameters
-        ----------
-        first, last : int
-            First and last admissible start, both included.
-        horizon : int
-            Steps predicted from each start.
-
-        Returns
-        -------
-        ndarray of int64, shape (window,)
-            Starts in ascending order.
-        """
+        """Place windows at ``first``, ``first + horizon``, ``first + 2 horizon``, ..."""
         return np.arange(first, last + 1, horizon, dtype=np.int64)
 
 
@@ -178,10 +139,6 @@ class Windows:
         return replace(self, starts=self.starts[chosen], recording=self.recording[chosen])
 
 
-def _as_recorded(inputs: FloatArray) -> FloatArray:
-    return inputs
-
-
 def cut(  # noqa: PLR0913 (two of them are rarely given)
     experiments: Sequence[Experiment],
     state_names: Sequence[str],
@@ -190,7 +147,7 @@ def cut(  # noqa: PLR0913 (two of them are rarely given)
     *,
     past: int = 1,
     placement: Placement = DEFAULT_PLACEMENT,
-    prepared: Callable[[FloatArray], FloatArray] = _as_recorded,
+    prepared: Callable[[FloatArray], FloatArray] = np.asarray,
 ) -> Windows:
     """Cut recordings into windows; no window crosses from one recording into the next.
 
@@ -226,7 +183,9 @@ def cut(  # noqa: PLR0913 (two of them are rarely given)
         it, where it has gaps), lacks a channel or holds a value that is not finite, the time steps
         differ by more than 1e-4 (relative), or `horizon` or `past` is below 1.
     """
-    _check_counts(horizon, past)
+    for word, count in (("horizon", horizon), ("past", past)):
+        if count < 1:
+            raise InputError(f"{word} must be >= 1, got {count}.")
     _check_time_steps(experiments)
     starts, recording, offset = [], [], 0
     check_lengths(experiments, horizon, past)
@@ -248,18 +207,10 @@ def cut(  # noqa: PLR0913 (two of them are rarely given)
     )
 
 
-def _check_counts(horizon: int, past: int) -> None:
-    for word, count in (("horizon", horizon), ("past", past)):
-        if count < 1:
-            raise InputError(
-                f"{word} {count} came where 1 sample or more was wanted; raise {word} to 1 or more."
-            )
-
-
 def _check_time_steps(experiments: Sequence[Experiment]) -> None:
     """Refuse recordings that cannot be cut together."""
     if not experiments:
-        raise InputError("no recording came where at least one was wanted; give a recording.")
+        raise InputError("there must be one recording at least to cut windows from.")
     first = experiments[0]
     for other in experiments[1:]:
         difference = abs(other.time_step - first.time_step)
@@ -276,8 +227,8 @@ def _placed(placement: Placement, first: int, last: int, horizon: int) -> IntArr
     inside = starts.size and starts[0] >= first and starts[-1] <= last
     if not inside or (np.diff(starts) < 0).any():
         raise InputError(
-            f"{placement}: starts came that leave {first} .. {last} or do not ascend; "
-            "return at least one start within these bounds, in ascending order."
+            f"{placement}: starts must lie within {first} .. {last}, at least one, in ascending "
+            "order."
         )
     return starts
 

@@ -2,11 +2,11 @@
 
 import inspect
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import Field
 from functools import partial
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import equinox as eqx
 
@@ -84,39 +84,18 @@ class Model(eqx.Module):
         """
 
     def learned(self, x: JaxArray) -> JaxArray:
-        """Return the output of the learned part at given states.
+        """Return the output (output, batch) of the learned part at states (state, batch).
 
         Training stops when this map stands still over the excited region, and its deviation is
-        weighed when the horizon is chosen. The default is an empty map.
-
-        Parameters
-        ----------
-        x : array, shape (state, batch)
-            States, SI units.
-
-        Returns
-        -------
-        array, shape (output, batch)
-            Output of the learned map, any unit.
+        weighed when the horizon is chosen. The default is an empty map; any unit will do.
         """
         return x[:0]
 
     def corrected(self, measured: JaxArray) -> JaxArray:
-        """Return the states behind what the sensors read; by default they read the states.
+        """Return the states behind what the sensors read, (state, batch); by default the same.
 
-        A model of sensor offsets, say, returns ``measured - self.offset`` with a field
-        declared by `penode.nuisance`. Predictions start from these states and are compared with
-        them.
-
-        Parameters
-        ----------
-        measured : array, shape (state, batch)
-            Recorded states, SI units.
-
-        Returns
-        -------
-        array, shape (state, batch)
-            States, SI units.
+        A model of sensor offsets, say, returns ``measured - self.offset`` with a field declared by
+        `penode.nuisance`. Predictions start from these states and are compared with them.
         """
         return measured
 
@@ -124,17 +103,7 @@ class Model(eqx.Module):
         """Return what the equation balances: s in ds/dt = supply, by default the states.
 
         A machine stores flux linkage: a residual in this domain weighs voltages, one in the
-        states' weighs currents.
-
-        Parameters
-        ----------
-        x : array, shape (state, batch)
-            States, SI units.
-
-        Returns
-        -------
-        array, shape (state, batch)
-            Stored quantity, any unit.
+        states' weighs currents. States are (state, batch), and so is what is stored, of any unit.
         """
         return x
 
@@ -152,4 +121,16 @@ def _number(name: str, value: Any) -> Any:
     try:
         return None if value is None else float(value)
     except (TypeError, ValueError):
-        raise InputError(f"{name} = {value!r} came; give one number.") from None
+        raise InputError(f"{name} must be one number, got {value!r}.") from None
+
+
+class LearnedMap(Protocol):
+    """A map from n inputs to m outputs, an `equinox.Module` of trained and static fields."""
+
+    def value_and_jacobian(self, x: JaxArray) -> tuple[JaxArray, JaxArray]:
+        """Return the value (m, batch) and its Jacobian (m, n, batch) at x (n, batch)."""
+
+
+def floats(values: Iterable[float]) -> tuple[float, ...]:
+    """Return plain numbers as a tuple: static fields are compared and hashed."""
+    return tuple(map(float, values))

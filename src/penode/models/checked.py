@@ -1,7 +1,9 @@
-"""A model's methods run once on shapes alone, so that a mistake in them is one sentence."""
+"""What a model declares, and its methods run once on shapes alone: a mistake is one sentence."""
 
+import dataclasses
+import inspect
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -12,7 +14,6 @@ from jax.extend.core import Literal
 from penode.arrays import float64
 from penode.errors import InputError, did_you_mean
 from penode.models.base import Model
-from penode.models.declared import require_declared
 from penode.models.inputs import Inputs
 from penode.models.layout import Layout
 from penode.models.parameters import with_batch_axis
@@ -21,40 +22,25 @@ from penode.models.users_code import failing_line
 #: Length of the batch axis: no model has as many rows of anything.
 _BATCH = 9973
 
-#: What stands in the message of an error -> what is wrong, and the fix.
-_KNOWN: tuple[tuple[str, str], ...] = (
-    (
-        "truth value",
-        "if, while, and, or, not, min and max cannot ask for values that are not known yet; "
-        "choose with jnp.where(condition, a, b), jnp.minimum or jnp.maximum",
-    ),
-    (
-        "boolean conversion",
-        "if, while, and, or, not, min and max cannot ask for values that are not known yet; "
-        "choose with jnp.where(condition, a, b), jnp.minimum or jnp.maximum",
-    ),
-    ("__array__()", "NumPy cannot compute with traced arrays; use the function of jax.numpy"),
-    (
-        "converted to Python scalars",
-        "math and float need a number, but an array came; use the function of jax.numpy",
-    ),
-    ("immutable", "arrays cannot be changed in place; stack rows with jnp.stack([...])"),
-    (
-        "'Inputs'",
-        'u is no array but has the inputs by name; take one, as in u["{input}"] or u[0]',
-    ),
-    ("string indexing", "x has no names{instead}"),
-    (
-        "same shape",
-        "its rows differ in shape; bring each to that of x[0], as in 0 * x[0] + 1.0",
-    ),
-    (
-        "different numbers of dimensions",
-        "its rows differ in shape; bring each to that of x[0], as in 0 * x[0] + 1.0",
-    ),
+_BRANCH = (
+    "if, while, and, or, not, min and max cannot ask for values that are not known yet; "
+    "choose with jnp.where(condition, a, b), jnp.minimum or jnp.maximum"
 )
-
-
+_ROWS = "its rows differ in shape; bring each to that of x[0], as in 0 * x[0] + 1.0"
+#: What stands in the message of an error -> what is wrong, and the fix.
+_KNOWN = {
+    "truth value": _BRANCH,
+    "boolean conversion": _BRANCH,
+    "__array__()": "NumPy cannot compute with traced arrays; use the function of jax.numpy",
+    "converted to Python scalars": (
+        "math and float need a number, not an array; use the function of jax.numpy"
+    ),
+    "immutable": "arrays cannot be changed in place; stack rows with jnp.stack([...])",
+    "'Inputs'": 'u is no array but has the inputs by name; take one, as in u["{input}"] or u[0]',
+    "string indexing": "x has no names{instead}",
+    "same shape": _ROWS,
+    "different numbers of dimensions": _ROWS,
+}
 #: What JAX computes an index with that was given as a number.
 _FOLDED: dict[str, Callable[..., Any]] = {
     "lt": operator.lt,
@@ -65,14 +51,13 @@ _FOLDED: dict[str, Callable[..., Any]] = {
 
 def require_sound(model: Any) -> None:
     """Refuse a model with a mistake that shapes alone show; nothing is compiled."""
-    require_declared(model)
+    layout = _declared(model)
     kind, rows = type(model), len(model.states)
     acting: set[int] = set()
     with float64():
         for name in ("derivative", "corrected", "learned", "stored"):
             if name == "derivative" or getattr(kind, name) is not getattr(Model, name):
                 acting |= _traced(model, name, None if name in ("learned", "stored") else rows)
-    layout = Layout(model)
     for place, (name, setting) in enumerate(zip(layout.names, layout.settings, strict=True)):
         if (setting.physical or setting.per_experiment) and place not in acting:
             raise InputError(
@@ -110,9 +95,9 @@ def _require_rows(place: str, result: Any, model: Model, rows: int | None) -> No
     """Refuse a result that is no real array of one row for each state."""
     states = ", ".join(model.states)
     if not isinstance(result, (jax.Array, np.ndarray)):
-        came = "nothing" if result is None else f"a {type(result).__name__}"
+        kind = "nothing" if result is None else f"a {type(result).__name__}"
         raise InputError(
-            f"{place} returns {came}; return one array with a row for each of the states {states}: "
+            f"{place} returns {kind}; return one array with a row for each of the states {states}: "
             "jnp.stack([...])."
         )
     fits = result.ndim == 2 and result.shape[1] in (1, _BATCH) and rows in (None, len(result))
@@ -120,8 +105,8 @@ def _require_rows(place: str, result: Any, model: Model, rows: int | None) -> No
         wanted = f"({rows or 'rows'}, batch)"
         each = f", a row for each of the states {states}" if rows else ""
         raise InputError(
-            f"{place} returns shape {_shown(result.shape)} where {wanted} was wanted{each}; "
-            "put the rows together with jnp.stack([...])."
+            f"{place} must return shape {wanted}{each}, got {_shown(result.shape)}; put the rows "
+            "together with jnp.stack([...])."
         )
     if jnp.issubdtype(result.dtype, jnp.complexfloating):
         raise InputError(f"{place} returns complex numbers; return real ones, as with jnp.real.")
@@ -144,7 +129,7 @@ def _sentence(place: str, error: Exception, model: Model) -> str:
     if asked in model.inputs:
         instead = f", but u has: u[{asked!r}]"
     names = {"input": (*model.inputs, "name")[0], "instead": instead}
-    for sign, fix in _KNOWN:
+    for sign, fix in _KNOWN.items():
         if sign in text:
             return f"{where}: {fix.format(**names)}."
     return f"{where}: {type(error).__name__}: {first or 'it fails'}; fix that line."
@@ -187,3 +172,102 @@ def _require_bounds(place: str, program: Any) -> None:
                     )
         elif kind in _FOLDED and None not in given:
             known[step.outvars[0]] = _FOLDED[kind](*given)
+
+
+# --- what it declares -----------------------------------------------------------------------------
+
+
+def _declared(model: Any) -> Layout[Any]:
+    """Return a model's layout; refuse what is none, or whose names, units or fields say nothing."""
+    if isinstance(model, type) and issubclass(model, Model):
+        fields = ", ".join(f"{f.name}=..." for f in dataclasses.fields(model))
+        raise InputError(
+            f"a model must have its start values, got the class {model.__name__}; write "
+            f"{model.__name__}({fields})."
+        )
+    if not isinstance(model, Model):
+        kind = getattr(model, "__name__", type(model).__name__)
+        raise InputError(f"a model must be an instance of a subclass of penode.Model, got {kind}.")
+    for name in ("states", "state_units", "inputs", "unmeasured"):
+        _require_names(model, name)
+    _require_agreement(model)
+    _require_arguments(model)
+    layout = Layout(model)
+    for name, setting, leaf in zip(
+        layout.names, layout.settings, jax.tree.leaves(model), strict=True
+    ):
+        if setting.physical and leaf.shape:
+            raise InputError(
+                f"{name} has shape {leaf.shape}, but a physical parameter is one number; declare "
+                "one for each, or the field with penode.parameter()."
+            )
+    layout.raw(model)
+    return layout
+
+
+def _require_names(model: Model, field: str) -> None:
+    """Refuse what is no tuple of text."""
+    kind, names = type(model).__name__, getattr(model, field, None)
+    if names is None:
+        raise InputError(f'{kind} has no {field}; write them as a tuple: {field} = ("...",).')
+    if isinstance(names, str):
+        raise InputError(
+            f"{kind}.{field} is the text {names!r}; write a tuple, with a comma where it has one "
+            f"entry: {field} = ({names!r},)."
+        )
+    odd = [n for n in names if not isinstance(n, str)] if isinstance(names, Sequence) else [names]
+    if odd:
+        raise InputError(f"{kind}.{field} has {odd[0]!r} where text was wanted; put it in quotes.")
+
+
+def _require_agreement(model: Model) -> None:
+    """Refuse names that stand twice or name nothing, and units that are not one a state."""
+    kind, states = type(model).__name__, ", ".join(model.states)
+    if not model.states:
+        raise InputError(f'{kind}.states is empty; name one state at least: states = ("x",).')
+    if len(model.state_units) != len(model.states):
+        raise InputError(
+            f"{kind}.state_units are {', '.join(model.state_units) or 'none'}, but the states are "
+            f"{states}; give each state its SI unit."
+        )
+    channels = [*model.states, *model.inputs]
+    twice = [name for k, name in enumerate(channels) if name in channels[:k]]
+    if twice:
+        raise InputError(
+            f"{kind}: {twice[0]} stands twice among the states {states} and the inputs "
+            f"{', '.join(model.inputs)}; give each channel a name of its own."
+        )
+    unknown = [name for name in model.unmeasured if name not in model.states]
+    if unknown:
+        raise InputError(
+            f"{kind}.unmeasured names {unknown[0]}{did_you_mean(unknown[0], model.states)}, but "
+            f"the states are {states}; name some of them."
+        )
+    if len(set(model.unmeasured)) == len(model.states):
+        raise InputError(
+            f"no state of {kind} is measured; name those that no sensor measures, and no others, "
+            "in `unmeasured`."
+        )
+
+
+def _require_arguments(model: Model) -> None:
+    """Refuse a derivative whose arguments are not a state and an input, in this order."""
+    kind = type(model)
+    try:
+        given = list(inspect.signature(model.derivative).parameters.values())
+    except (TypeError, ValueError):
+        return
+    places = [p for p in given if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    names = [p.name for p in places]
+    needed = [p for p in places if p.default is p.empty]
+    every = any(p.kind is p.VAR_POSITIONAL for p in given)
+    if len(needed) > 2 or (len(places) < 2 and not every):
+        raise InputError(
+            f"{kind.__name__}.derivative takes {', '.join(names) or 'nothing'} beside self; write "
+            "derivative(self, x, u), and make time, where it acts, one of the inputs."
+        )
+    if names[:2] == ["u", "x"]:
+        raise InputError(
+            f"{kind.__name__}.derivative(self, u, x) has its arguments exchanged; write "
+            "derivative(self, x, u): states first, then inputs."
+        )

@@ -7,7 +7,7 @@ import numpy as np
 
 from penode.arrays import JaxArray, Leaf
 from penode.errors import InputError
-from penode.models.learned_map import LearnedMap, floats
+from penode.models.base import LearnedMap, floats
 from penode.models.networks import dense
 from penode.models.parameters import parameter
 from penode.models.transforms import PositiveDefinite
@@ -41,15 +41,8 @@ class LinearSkip(eqx.Module):
 class QuadraticSkip(eqx.Module):
     """A potential beside a convex quadratic one: network(x) + linear x + x' matrix x / 2.
 
-    Under a `Gradient` it is the linear, reciprocal part of a map, which goes on where the network
-    says nothing.
-
-    Attributes
-    ----------
-    network : LearnedMap
-        n inputs, one output.
-    linear : array, shape (n,)
-    matrix : array, shape (n, n), symmetric positive definite
+    Under a `Gradient` it is the linear, reciprocal part of a map, which goes on where the network,
+    of n inputs and one output, says nothing; linear is (n,), matrix (n, n), positive definite.
     """
 
     network: LearnedMap
@@ -81,11 +74,6 @@ class Gradient(eqx.Module):
         """Return the gradient (n, batch) and the Hessian (n, n, batch) at x (n, batch).
 
         The gradient is the potential's closed form, the Hessian its forward derivative.
-
-        Raises
-        ------
-        InputError
-            If the potential has not one output.
         """
         inputs = x.shape[0]
         units = jnp.eye(inputs, dtype=x.dtype)[:, :, None]
@@ -98,8 +86,8 @@ class Gradient(eqx.Module):
         slopes = self.potential.value_and_jacobian(x)[1]
         if slopes.shape[0] != 1:
             raise InputError(
-                f"a {type(self.potential).__name__} with {slopes.shape[0]} outputs came as a "
-                "potential; want one output, whose gradient is taken."
+                f"a potential must have one output, got a {type(self.potential).__name__} with "
+                f"{slopes.shape[0]}."
             )
         return slopes[0]
 
@@ -130,18 +118,11 @@ class Scaled(eqx.Module):
         scales = np.array([*self.input_scale, *self.output_scale])
         if not np.isfinite(scales).all() or (scales == 0).any():
             raise InputError(
-                f"scales {self.input_scale} and {self.output_scale} came; want finite ones that "
-                "are not zero."
+                f"scales must be finite and not 0, got {self.input_scale} and {self.output_scale}."
             )
 
     def value_and_jacobian(self, x: JaxArray) -> tuple[JaxArray, JaxArray]:
-        """Return the value (m, batch) and its Jacobian (m, n, batch) at x (n, batch).
-
-        Raises
-        ------
-        InputError
-            If there is not one scale an input and one an output.
-        """
+        """Return the value (m, batch) and its Jacobian (m, n, batch) at x (n, batch)."""
         inner = _column(self.input_scale, x.shape[0], "input")
         value, jacobian = self.network.value_and_jacobian(x / inner)
         outer = _column(self.output_scale, value.shape[0], "output")
@@ -150,5 +131,5 @@ class Scaled(eqx.Module):
 
 def _column(scale: tuple[float, ...], count: int, side: str) -> JaxArray:
     if len(scale) != count:
-        raise InputError(f"{side}_scale {scale} came; want {count}, one an {side}.")
+        raise InputError(f"{side}_scale must be {count} numbers, one an {side}, got {scale}.")
     return jnp.array(scale)[:, None]

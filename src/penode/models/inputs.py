@@ -14,18 +14,9 @@ from penode.errors import InputError
 class Inputs(eqx.Module):
     """The input u of a model: ``u["omega_el"]``, or ``u[2]`` in the order of `Model.inputs`.
 
-    Attributes
-    ----------
-    values : array, shape (input, batch)
-        SI units.
-    names : tuple of str
-        Of the rows.
-    span : tuple of float, or None
-        The part of the sample that these values represent, from its beginning to its end, in units
-        after the moment they belong to: (0, 0) for the moment alone, None where a solver's stages
-        represent no part of the sample.
-    unit : float or scalar array
-        Of the span, in s.
+    The values (input, batch) are in SI units, a row for each of the names. They represent a part of
+    the sample: its ``span`` from beginning to end, in units of so many s after the moment they
+    belong to; (0, 0) is the moment alone, None where a solver's stages represent no part.
     """
 
     values: JaxArray
@@ -34,17 +25,7 @@ class Inputs(eqx.Module):
     unit: float | JaxArray = 1.0
 
     def __getitem__(self, which: str | int | tuple[str, ...]) -> JaxArray:
-        """Return one row (batch,), or the rows (row, batch) of several names.
-
-        Raises
-        ------
-        KeyError
-            If there is no row of that name.
-        IndexError
-            If there is no row at that place.
-        TypeError
-            If neither a name nor a place is given.
-        """
+        """Return one row (batch,), or the rows (row, batch) of several names."""
         if isinstance(which, str):
             return self.values[self._place(which)]
         if isinstance(which, tuple):
@@ -57,7 +38,7 @@ class Inputs(eqx.Module):
             if not -len(self.names) <= which < len(self.names):
                 raise IndexError(f"no input {which}; the model's inputs are {self._listed}")
             return self.values[which]
-        raise TypeError(f"u[{which!r}] came; give the name of an input or its place.")
+        raise TypeError(f"an input is taken by its name or place, got u[{which!r}].")
 
     def __iter__(self) -> Iterator[JaxArray]:
         """Iterate over the rows, so that ``u_d, u_q, speed = u`` works."""
@@ -75,15 +56,7 @@ class Inputs(eqx.Module):
     def part_for(self, purpose: str) -> tuple[Any, Any]:
         """Return the middle of the part of the sample and half its length, in s.
 
-        Parameters
-        ----------
-        purpose : str
-            What needs it, for the message.
-
-        Raises
-        ------
-        InputError
-            If the solver's stages represent no part of the sample.
+        Refuses stages of a solver that represent no part; ``purpose`` says what needs it.
         """
         if self.span is None:
             raise InputError(

@@ -26,24 +26,10 @@ class Layout(Generic[AnyModule]):
     to the vector of values, and the transforms enter once, as the Jacobian between the two.
     Layouts of models of one structure are equal: one compiled program serves them all.
 
-    Parameters
-    ----------
-    model : Model
-        Structure, shapes and settings are taken from it; its values are not kept.
-    experiments : int
-        Recordings, each with its own value of every nuisance.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Of each parameter. One that is reported has the name of its field, ``R`` and not
-        ``terms[0].R``, where no other such has it too; all others have their dotted path.
-    settings : tuple of Setting
-        One for each name.
-    size : int
-        Length of the raw vector.
-    experiments : int
-        Recordings.
+    Structure, shapes and settings are the model's, its values are not kept; each of the recordings
+    (`experiments`) has its own value of every nuisance. `names` and `settings` are one a parameter.
+    One that is reported has the name of its field, ``R`` and not ``terms[0].R``, where no other
+    such has it too; all others have their dotted path. `size` is the length of the raw vector.
     """
 
     def __init__(self, model: AnyModule, experiments: int = 1):
@@ -121,15 +107,10 @@ class Layout(Generic[AnyModule]):
         return self.model_of(self.split(values), shares)
 
     def model_of(self, parts: Parts, shares: JaxArray | None = None) -> AnyModule:
-        """Return the model of each parameter's values, batch axis last on every parameter.
+        """Return the model of each parameter's values (part, batch), batch axis last on every one.
 
-        Parameters
-        ----------
-        parts : tuple of arrays, shape (part, batch)
-            As `split` gives them.
-        shares : array, shape (experiment, batch), optional
-            How much of each recording's nuisances a column of the batch has: 1 for its own and 0
-            for the others. Without it every column has their mean.
+        Shares (experiment, batch) say how much of each recording's nuisances a column of the batch
+        has: 1 for its own and 0 for the others. Without them every column has their mean.
         """
         if shares is None:
             shares = jnp.full((self.experiments, 1), 1.0 / self.experiments)
@@ -144,11 +125,7 @@ class Layout(Generic[AnyModule]):
     def plain_model(self, raw: FloatArray, experiment: int | None = None) -> AnyModule:
         """Return the model of one raw vector (size,) with NumPy values and no batch axis.
 
-        Parameters
-        ----------
-        raw : ndarray, shape (size,)
-        experiment : int, optional
-            Recording whose nuisances the model has; without it their mean.
+        It has the nuisances of one recording, or their mean.
         """
         shares = np.full((self.experiments, 1), 1.0 / self.experiments)
         if experiment is not None:
@@ -192,13 +169,7 @@ class Layout(Generic[AnyModule]):
         return jnp.concatenate([values[:0], *picked])
 
     def with_physical(self, raw: FloatArray, values: FloatArray) -> FloatArray:
-        """Return a raw vector (size,) with its physical parameters set to values (physical,).
-
-        Raises
-        ------
-        InputError
-            If a value is not admissible.
-        """
+        """Return a raw vector (size,) with its physical parameters set to values (physical,)."""
         updated, first = raw.copy(), 0
         for name, (setting, at, shape, _) in zip(self.names, self._entries(), strict=True):
             if setting.physical:
@@ -230,13 +201,7 @@ class Layout(Generic[AnyModule]):
         return chosen
 
     def members(self, groups: Sequence[str] | None) -> BoolArray:
-        """Return which raw entries, shape (size,), belong to the groups (all for None).
-
-        Raises
-        ------
-        InputError
-            If the model has no parameter of a group.
-        """
+        """Return which raw entries, shape (size,), belong to the groups (all for None)."""
         return self._members(groups, self._raw)
 
     def value_members(self, groups: Sequence[str] | None) -> BoolArray:
@@ -248,8 +213,7 @@ class Layout(Generic[AnyModule]):
         missing = sorted(set(groups or ()) - available)
         if missing:
             raise InputError(
-                f"group {', '.join(missing)} came; the model's groups are "
-                f"{', '.join(sorted(available))}."
+                f"the groups must be of {', '.join(sorted(available))}, got {', '.join(missing)}."
             )
         chosen = np.zeros(places[-1].stop if places else 0, dtype=np.bool_)
         for setting, at in zip(self.settings, places, strict=True):
@@ -287,7 +251,7 @@ def _inverse(name: str, transform: Transform, value: FloatArray) -> FloatArray:
         raw = np.full(1, np.nan)
     if not np.isfinite(raw).all():
         kind = "finite" if isinstance(transform, Identity) else type(transform).__name__
-        raise InputError(f"{name} = {value} came; want {kind} values.")
+        raise InputError(f"{name} must have {kind} values, got {value}.")
     return raw
 
 

@@ -66,7 +66,7 @@ def _float64(value: Any) -> FloatArray | None:
         return None if value is None else np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(
-            f"{value!r} came as the value of a parameter; give a number or an array of numbers."
+            f"the value of a parameter must be a number or an array of numbers, got {value!r}."
         ) from None
 
 
@@ -122,22 +122,12 @@ def physical(
 
     Parameters
     ----------
-    unit : str
-        SI unit.
-    transform : Transform
-        Constraint.
-    prior : Normal, optional
-        Belief about it.
-    default : float, optional
-        Value of a field that is not given.
+    unit, transform, prior, default
+        As of `parameter`.
     meaning : str
         What it is, in a few words for a report, such as ``"stator resistance"``.
     lowest : float
         A fit whose interval is not above it is implausible; no constraint on training.
-
-    Returns
-    -------
-    dataclass field
     """
     setting = Setting(unit, "physical", True, transform, prior, meaning=meaning, lowest=lowest)
     return _declare(setting, default)
@@ -147,20 +137,8 @@ def nuisance(unit: str, transform: Transform = _UNCONSTRAINED, prior: Normal | N
     """Declare a parameter of which every recording has its own value, such as a sensor offset.
 
     It moves with the group ``"nuisance"``. The fit keeps the values of every recording in
-    ``Fit.nuisances``; its model has their mean.
-
-    Parameters
-    ----------
-    unit : str
-        SI unit.
-    transform : Transform
-        Constraint, the same in every recording.
-    prior : Normal, optional
-        Belief about every recording's value.
-
-    Returns
-    -------
-    dataclass field
+    ``Fit.nuisances``; its model has their mean. Unit, transform and prior, the same in every
+    recording, are as of `parameter`.
     """
     return _declare(
         Setting(unit, "nuisance", transform=transform, prior=prior, per_experiment=True)
@@ -177,12 +155,12 @@ def _declare(setting: Setting, default: Any = _REQUIRED) -> Any:
 def _undeclarable(unit: Any, transform: Any, prior: Any) -> str:
     """Return what is wrong with a declaration, and the fix; nothing if it is right."""
     if not isinstance(unit, str):
-        came = "no unit came" if unit is _REQUIRED else f"the unit {unit!r} came"
-        return f'{came}; give the SI unit as text, as in penode.physical("kg"), "1" for none.'
+        got = "none" if unit is _REQUIRED else repr(unit)
+        return f'the unit must be text, as in penode.physical("kg"), "1" for none, got {got}.'
     if isinstance(transform, type) or not hasattr(transform, "inverse"):
-        return f"the transform {transform!r} came; give an object, such as Positive()."
+        return f"the transform must be an object, such as Positive(), got {transform!r}."
     if not isinstance(prior, Normal | None):
-        return f"the prior {prior!r} came; give penode.engine.Normal(mean, deviation)."
+        return f"the prior must be penode.engine.Normal(mean, deviation), got {prior!r}."
     return ""
 
 

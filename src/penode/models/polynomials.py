@@ -48,21 +48,13 @@ class Polynomial(eqx.Module):
         terms = len(exponents(self.inputs, self.degree))
         if self.coefficients.ndim != 2 or self.coefficients.shape[1] != terms:
             raise InputError(
-                f"coefficients of shape {self.coefficients.shape} came; {self.inputs} inputs of "
-                f"degree {self.degree} want (m, {terms}), one column a monomial."
+                f"coefficients of {self.inputs} inputs and degree {self.degree} must have shape "
+                f"(m, {terms}), one column a monomial, got {self.coefficients.shape}."
             )
 
     @classmethod
     def zero(cls, inputs: int, outputs: int, degree: int) -> "Polynomial":
-        """Return the polynomial with all coefficients zero.
-
-        Parameters
-        ----------
-        inputs, outputs : int
-            Sizes n and m.
-        degree : int
-            Largest total degree.
-        """
+        """Return the polynomial of n inputs and m outputs with all coefficients zero."""
         return cls(inputs, degree, np.zeros((outputs, len(exponents(inputs, degree)))))
 
     def value_and_jacobian(self, x: JaxArray) -> tuple[JaxArray, JaxArray]:

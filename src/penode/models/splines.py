@@ -9,7 +9,7 @@ import numpy as np
 
 from penode.arrays import JaxArray, Leaf
 from penode.errors import InputError
-from penode.models.learned_map import floats
+from penode.models.base import floats
 from penode.models.parameters import coefficients
 
 
@@ -62,37 +62,25 @@ class Spline(eqx.Module):
     def __check_init__(self) -> None:
         if not len(self.low) == len(self.high) == len(self.cells):
             raise InputError(
-                f"low {self.low}, high {self.high} and cells {self.cells} came; want one of each "
-                "an input."
+                f"low, high and cells must be one an input, got {self.low}, {self.high} and "
+                f"{self.cells}."
             )
-        if not all(
-            math.isfinite(b - a) and b > a for a, b in zip(self.low, self.high, strict=True)
-        ):
-            raise InputError(f"a box from {self.low} to {self.high} came; want low below high.")
+        if not all(0 < b - a < math.inf for a, b in zip(self.low, self.high, strict=True)):
+            raise InputError(f"low must be below high, got a box from {self.low} to {self.high}.")
         if min(self.cells) < 1:
-            raise InputError(f"cells = {self.cells} came; want at least 1 along each input.")
+            raise InputError(f"cells must be >= 1 along each input, got {self.cells}.")
         wanted = tuple(count + 3 for count in self.cells)
         if self.coefficients.shape[1:] != wanted:
             raise InputError(
-                f"coefficients of shape {self.coefficients.shape} came; cells = {self.cells} want "
-                f"{('m', *wanted)}, three more than cells along each input."
+                f"coefficients must have shape {('m', *wanted)}, three more than cells along each "
+                f"input, got {self.coefficients.shape}."
             )
 
     @classmethod
     def zero(
         cls, low: Sequence[float], high: Sequence[float], cells: Sequence[int], outputs: int
     ) -> "Spline":
-        """Return the spline with all coefficients zero.
-
-        Parameters
-        ----------
-        low, high : sequence of n float
-            Corners of the box, in the unit of the inputs.
-        cells : sequence of n int
-            Number of equal cells along each input.
-        outputs : int
-            Size m.
-        """
+        """Return the spline of m outputs with all coefficients zero."""
         shape = (outputs, *(count + 3 for count in cells))
         return cls(floats(low), floats(high), _whole(cells), np.zeros(shape))
 

@@ -24,13 +24,15 @@ class Transform(Protocol):
         """Map a value (*shape) to raw (size,)."""
 
 
-@dataclass(frozen=True)
-class Identity:
-    """Any real value."""
-
+class _EntryByEntry:
     def size(self, shape: tuple[int, ...]) -> int:
         """Return the number of entries."""
         return math.prod(shape)
+
+
+@dataclass(frozen=True)
+class Identity(_EntryByEntry):
+    """Any real value."""
 
     def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
         """Reshape raw (size,) to (*shape)."""
@@ -42,12 +44,8 @@ class Identity:
 
 
 @dataclass(frozen=True)
-class Positive:
+class Positive(_EntryByEntry):
     """Values above zero, as exponentials."""
-
-    def size(self, shape: tuple[int, ...]) -> int:
-        """Return the number of entries."""
-        return math.prod(shape)
 
     def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
         """Exponentiate raw (size,), at least to the smallest number above zero."""
@@ -59,7 +57,7 @@ class Positive:
 
 
 @dataclass(frozen=True)
-class Bounded:
+class Bounded(_EntryByEntry):
     """Values strictly between two bounds, as logistic functions.
 
     Attributes
@@ -73,11 +71,7 @@ class Bounded:
 
     def __post_init__(self) -> None:
         if not self.low < self.high:
-            raise ValueError(f"bounds {self.low} and {self.high} came; want low below high.")
-
-    def size(self, shape: tuple[int, ...]) -> int:
-        """Return the number of entries."""
-        return math.prod(shape)
+            raise ValueError(f"low must be below high, got {self.low} and {self.high}.")
 
     def forward(self, raw: JaxArray, shape: tuple[int, ...]) -> JaxArray:
         """Squeeze raw (size,) between the bounds, a rounding error away from them at most."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment, require_recordings
-from penode.data.memory import require_memory
+from penode.data.gathered import require_memory
 from penode.data.quality import inspect_stretches
 from penode.data.stretches import by_recording, reasons_of
 from penode.errors import InputError

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from penode.data.excerpt import STRETCH, Excerpt, excerpt
 from penode.data.experiment import Experiment
+from penode.data.stretches import STRETCH, Excerpt, excerpt
 from penode.data.windows import Jittered
 from penode.errors import InputError, did_you_mean
 from penode.horizon.held_out import selector_for
@@ -62,7 +62,7 @@ class Study:
         ``"stationary"`` for an inverter without correction of the turn. None decides from the
         data, and whether the voltage acts later than it was recorded.
     samples : int
-        Most samples that are used; of more, stretches are (`penode.data.excerpt`).
+        Most samples that are used; of more, stretches are (`penode.data.stretches`).
     accuracy : Accuracy
         Of the recording chain, for the uncertainty budget; an ordinary bench's by default.
     name_plate : NamePlate

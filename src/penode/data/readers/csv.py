@@ -1,8 +1,8 @@
 """Reader of text files with one header line: comma-separated values and their relatives.
 
 Rows are parsed block by block, so that a long file takes little more memory than its text and its
-numbers. A fast parse takes every well-formed block. What it cannot take is parsed cell by cell,
-slowly, to find the row and channel that a refusal has to name.
+numbers. A block of nothing but numbers is parsed in one go; any other is split row by row first, to
+find the row and channel that a refusal has to name.
 """
 
 import csv
@@ -10,16 +10,15 @@ import gzip
 import io
 import mmap
 import re
-import tempfile
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
 
-from penode.data.gathered import forget, write
-from penode.data.readers.csv_cells import Cells, Dialect, unsplittable
-from penode.data.table import Column, Table, clean_names
+from penode.data.gathered import Gathered, forget, on_disk
+from penode.data.table import Column, Table, cell_error, clean_names
 from penode.data.units import unit_name
 from penode.errors import InputError
 
@@ -57,26 +56,15 @@ def read(file: str, content: bytes | mmap.mmap) -> Table:
     dialect = _dialect(header, second, content.find(b",", body) >= 0)
     names = _header_names(file, header, dialect)
     units = _units(names, second, dialect)
-    cells = Cells(file, names, dialect, 2 if units else 1)
+    rows = _Rows(file, names, dialect, 2 if units else 1)
     for block in _blocks(content, below if units else body):
-        columns = _parse_fast(names, block, dialect, cells.text)
-        if columns is None:
-            cells.parse(io.TextIOWrapper(io.BytesIO(block), encoding="utf-8", newline=""))
-        else:
-            cells.add(columns, block.count(b"\n"))
-    return Table(cells.columns(), units, text=cells.text)
+        rows.add(block)
+    return Table(rows.columns(), units, text=rows.text())
 
 
 def read_packed(file: str, content: bytes) -> Table:
     """Read a CSV file that gzip compressed; refuse it if damaged or more than 1 GiB unpacked."""
-    with tempfile.TemporaryFile(prefix="penode-") as unpacked:
-        size = 0
-        for block in _unpacked(file, content):
-            size += len(block)
-            write(unpacked, block)
-        if size:
-            return read(file, mmap.mmap(unpacked.fileno(), 0, access=mmap.ACCESS_READ))
-    return read(file, b"")
+    return read(file, on_disk(_unpacked(file, content)))
 
 
 def _unpacked(file: str, content: bytes) -> Iterator[bytes]:
@@ -100,7 +88,7 @@ def _unpacked(file: str, content: bytes) -> Iterator[bytes]:
 def _check_text(file: str, content: bytes | mmap.mmap) -> None:
     """Refuse what is not text."""
     if not any(block.strip() for block in _blocks(content, 0)):
-        raise InputError(f"{file}: the file is empty; a header line and data rows were wanted.")
+        raise InputError(f"{file}: the file is empty; it must have a header line and data rows.")
     if content[:4] == b"PAR1":
         raise InputError(
             f"{file}: the content is parquet, not CSV text; rename the file to end in .parquet."
@@ -117,8 +105,7 @@ def _check_text(file: str, content: bytes | mmap.mmap) -> None:
         where = f" (byte {start + error.start + 1})"
     if where is not None:
         raise InputError(
-            f"{file}: the content is binary or not UTF-8 text{where}, where CSV text was wanted; "
-            "export it as CSV in UTF-8."
+            f"{file}: the content is binary or not UTF-8 text{where}; export it as CSV in UTF-8."
         )
 
 
@@ -143,65 +130,209 @@ def _blocks(content: bytes | mmap.mmap, start: int) -> Iterator[bytes]:
             forget(content)
 
 
-def _dialect(header: str, second: str, comma_below: bool) -> Dialect:
+@dataclass(frozen=True)
+class _Dialect:
+    """How the cells of a file are written."""
+
+    separator: str
+    decimal_comma: bool
+
+    def split(self, line: str) -> list[str]:
+        """Split one line into cells."""
+        return next(csv.reader([line.strip(" \r\n")], delimiter=self.separator), [])
+
+    def numbers(self, cells: pl.Series) -> pl.Series:
+        """Return the numbers that cells hold, null where they hold none."""
+        cells = cells.str.strip_chars()
+        if self.decimal_comma:
+            # A point beside decimal commas separates thousands: 1.234 is no number then.
+            cells = cells.str.replace_all(".", "_", literal=True)
+            cells = cells.str.replace_all(",", ".", literal=True)
+        return cells.cast(pl.Float64, strict=False)
+
+
+def _dialect(header: str, second: str, comma_below: bool) -> _Dialect:
     """Return how cells are written, from the header, the line below it and commas in the data."""
     lines = [line for line in (header, second) if line.strip()]
     rare = (mark for mark in _RARE_SEPARATORS if all(mark in line for line in lines))
     separator = next(rare, ",")
-    return Dialect(separator, separator != "," and comma_below)
+    return _Dialect(separator, separator != "," and comma_below)
 
 
-def _header_names(file: str, header: str, dialect: Dialect) -> list[str]:
+def _header_names(file: str, header: str, dialect: _Dialect) -> list[str]:
     """Split the first line into column names."""
     if not header.strip():
         raise InputError(f"{file}: line 1 is blank; make the line of column names the first one.")
     try:
         cells = dialect.split(header)
     except csv.Error as error:
-        raise unsplittable(file, 1, error) from error
-    if all(dialect.number(cell) is not None for cell in cells):
-        raise InputError(
-            f"{file}: line 1 holds numbers where column names were wanted; add a header line."
-        )
+        raise _unsplittable(file, 1, error) from error
+    if not dialect.numbers(pl.Series(cells)).has_nulls():
+        raise InputError(f"{file}: line 1 holds numbers, not column names; add a header line.")
     return clean_names(file, cells)
 
 
-def _units(names: list[str], second: str, dialect: Dialect) -> dict[str, str]:
+def _units(names: list[str], second: str, dialect: _Dialect) -> dict[str, str]:
     """Return the units in the line below the header, none where it is a row of data.
 
     A row of units holds at least one that is known, such as V, and no number but 1.
     """
     try:
-        cells = dialect.split(second)
+        cells = [cell.strip() for cell in dialect.split(second)]
     except csv.Error:
         return {}
     units = {unit_name(cell) for cell in cells} - {None, "1"}
-    numbers = [cell for cell in cells if dialect.number(cell) is not None and cell.strip() != "1"]
-    if len(cells) != len(names) or numbers or not units:
+    other = pl.Series([cell for cell in cells if cell != "1"], dtype=pl.String)
+    if len(cells) != len(names) or dialect.numbers(other).count() or not units:
         return {}
-    return {name: cell.strip() for name, cell in zip(names, cells, strict=True) if cell.strip()}
+    return {name: cell for name, cell in zip(names, cells, strict=True) if cell}
 
 
-def _parse_fast(
-    names: list[str], block: bytes, dialect: Dialect, text: Collection[str]
-) -> dict[str, Column] | None:
-    """Parse rows in one go but for columns of text; None if anything is out of the ordinary."""
-    if (dialect.decimal_comma and b"." in block) or _LONE_QUOTE.search(block):
-        return None
-    try:
-        frame = pl.read_csv(
-            block,
-            has_header=False,
-            schema={name: pl.String() if name in text else pl.Float64() for name in names},
-            separator=dialect.separator,
-            decimal_comma=dialect.decimal_comma,
+class _Channel:
+    """What one column held so far: its values, and whether numbers and words were among them."""
+
+    def __init__(self) -> None:
+        self.values = Gathered()
+        self.number = False
+        # Something else than numbers and truth values.
+        self.other = False
+        # Row among those of the file, line and text of the first cell that is no finite number.
+        self.first: tuple[int, int, str] | None = None
+
+    @property
+    def is_text(self) -> bool:
+        """Whether no row has had a number."""
+        if self.first is None or self.number:
+            return False
+        return self.other and self.first[2].strip() != ""
+
+
+class _Rows:
+    """The parse of a file's rows, block by block, of which the first has ``lines`` above it."""
+
+    def __init__(self, file: str, names: Sequence[str], dialect: _Dialect, lines: int) -> None:
+        self._file, self._dialect = file, dialect
+        self._channels = {name: _Channel() for name in names}
+        self._rows, self._lines = 0, lines
+
+    def add(self, block: bytes) -> None:
+        """Add a block of rows; refuse a row that has not one cell for each column.
+
+        What is wrong with a cell is kept for `columns`: a row of another length is refused first.
+        """
+        columns, lines = self._parsed_at_once(block), [block.count(b"\n")]
+        if columns is None:
+            columns, lines = self._split(block)
+        for channel, cells in zip(self._channels.values(), columns, strict=True):
+            self._add_cells(channel, cells, lines)
+        self._rows += len(columns[0])
+        self._lines += lines[-1]
+
+    def _parsed_at_once(self, block: bytes) -> list[pl.Series] | None:
+        """Return the columns: finite numbers, and cells where earlier blocks held anything else.
+
+        None if that cannot be had.
+        """
+        if (self._dialect.decimal_comma and b"." in block) or _LONE_QUOTE.search(block):
+            return None
+        kinds = {n: pl.String() if c.first else pl.Float64() for n, c in self._channels.items()}
+        try:
+            frame = pl.read_csv(
+                block,
+                has_header=False,
+                schema=kinds,
+                separator=self._dialect.separator,
+                decimal_comma=self._dialect.decimal_comma,
+            ).rechunk()
+        except (pl.exceptions.PolarsError, pl.exceptions.PanicException):
+            return None
+        numbers = frame.select(pl.col(pl.Float64))
+        plain = numbers.width and all(np.isfinite(s.to_numpy()).all() for s in numbers)  # or a gap
+        # A row that is short ends in gaps as well, which words may have.
+        mark, last = self._dialect.separator.encode(), frame[:, -1]
+        short = last.has_nulls() and block.count(mark) != len(frame) * (frame.width - 1)
+        return frame.get_columns() if plain and not short else None
+
+    def _split(self, block: bytes) -> tuple[list[pl.Series], list[int]]:
+        """Return columns of cells, and the line of each row and the last, counted in the block."""
+        text = io.TextIOWrapper(io.BytesIO(block), encoding="utf-8", newline="")
+        reader = csv.reader(text, delimiter=self._dialect.separator)
+        rows: list[list[str]] = []
+        lines: list[int] = []
+        try:
+            for cells in reader:
+                if not "".join(cells).strip() and len(cells) <= 1:
+                    continue  # a blank line
+                rows.append(cells)
+                lines.append(reader.line_num)
+                if len(cells) != len(self._channels):
+                    raise self._other_length(len(rows), lines[-1], len(cells))
+        except csv.Error as error:
+            raise _unsplittable(self._file, self._lines + reader.line_num, error) from error
+        columns = zip(*rows, strict=True) if rows else [()] * len(self._channels)
+        return [pl.Series(cells, dtype=pl.String) for cells in columns], [*lines, reader.line_num]
+
+    def _other_length(self, row: int, line: int, cells: int) -> InputError:
+        fix = "write one cell for each column"
+        if len(self._channels) == 1:
+            fix = "remove lines that stand above the column names"
+        return InputError(
+            f"{self._file}: {_place(self._rows + row, self._lines + line)} has {cells} cells where "
+            f"the header names {len(self._channels)} columns; {fix}."
         )
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException):
-        return None
-    # a missing cell becomes NaN
-    table = {name: frame[name].to_numpy() for name in names if name not in text}
-    plain = all(np.isfinite(values).all() for values in table.values())
-    for name in text:
-        numbers = frame[name].str.strip_chars().str.replace(",", ".", literal=True)
-        plain &= numbers.cast(pl.Float64, strict=False).null_count() == len(frame)
-    return table if plain and table else None
+
+    def _add_cells(self, channel: _Channel, cells: pl.Series, lines: Sequence[int]) -> None:
+        """Add cells to a column; truth values become 1 and 0."""
+        if cells.dtype == pl.Float64:
+            channel.number |= len(cells) > 0
+            channel.values.add(cells.to_numpy())
+            return
+        cells = cells.fill_null("")
+        values = self._dialect.numbers(cells).to_numpy()
+        finite = np.isfinite(values)
+        channel.number |= bool(finite.any())
+        if not finite.all():
+            words = cells.str.strip_chars().str.to_lowercase()
+            truths = words.replace_strict(_TRUTHS, default=None, return_dtype=pl.Float64)
+            values = np.where(finite, values, truths.to_numpy())
+            channel.other |= bool(np.isnan(values).any())
+            if channel.first is None:
+                row = int(np.argmin(finite))
+                channel.first = (self._rows + row + 1, self._lines + lines[row], cells[row])
+        channel.values.add(values)
+
+    def text(self) -> dict[str, tuple[str, str]]:
+        """Return the columns without a number: place and content of the first cell."""
+        return {
+            name: (_place(*c.first[:2]), c.first[2])
+            for name, c in self._channels.items()
+            if c.first and c.is_text
+        }
+
+    def columns(self) -> dict[str, Column]:
+        """Return the columns, those of text left out; refuse a cell that is not a finite number.
+
+        A column may hold truth values only. The message names the first such cell of the first such
+        column.
+        """
+        numeric = {name: c for name, c in self._channels.items() if not c.is_text}
+        for name, channel in numeric.items():
+            if channel.first is not None and (channel.other or channel.number):
+                row, line, cell = channel.first
+                raise cell_error(self._file, _place(row, line), name, cell)
+        return {name: channel.values.whole() for name, channel in numeric.items()}
+
+
+_TRUTHS = {"true": 1.0, "false": 0.0}
+
+
+def _place(row: int, line: int) -> str:
+    return f"data row {row} (line {line})"
+
+
+def _unsplittable(file: str, line: int, error: csv.Error) -> InputError:
+    """Make the refusal of a line, counted from 1, that cannot be split into cells."""
+    return InputError(
+        f"{file}: line {line} cannot be split into cells ({error}); "
+        "look there and above for an unclosed quotation mark."
+    )

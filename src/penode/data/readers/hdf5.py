@@ -2,7 +2,6 @@
 
 import io
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import h5py
@@ -36,11 +35,13 @@ class _Walk:
         self._left = _OBJECTS
 
     def group(self, group: h5py.Group, depth: int) -> dict[str, Any]:
-        """Return what a group holds itself; links may lead to other files."""
-        return {
-            name: self._variable(group[name], depth) if own else None
-            for name, own in _members(group)
-        }
+        """Return what a group holds itself, but MATLAB's own; links may lead to other files."""
+        fields = {}
+        for name in group:
+            if not name.startswith("#"):
+                own = group.get(name, getlink=True).__class__ is h5py.HardLink
+                fields[name] = self._variable(group[name], depth) if own else None
+        return fields
 
     def _variable(self, node: Any, depth: int) -> Any:
         """Return one variable: a struct is a group, a list of structs a group of references."""
@@ -59,50 +60,37 @@ class _Walk:
         kind = node.attrs.get("MATLAB_class", b"")
         if kind == b"cell" or "MATLAB_empty" in node.attrs or not node.size:
             return None
-        short = node.size <= _LIST
         if h5py.check_ref_dtype(node.dtype) is h5py.Reference:
-            return (
-                []
-                if not short
-                else [
-                    self._variable(self._opened[reference], depth + 1) if reference else None
-                    for reference in np.ravel(self._checked(node)[()])
-                ]
-            )
+            references = np.ravel(self._read(node)) if node.size <= _LIST else ()
+            return [
+                self._variable(self._opened[reference], depth + 1) if reference else None
+                for reference in references
+            ]
         if kind == b"char":
-            if not short or node.dtype.kind != "u":
+            if node.size > _LIST or node.dtype.kind != "u":
                 return None
-            return "".join(chr(code) for code in np.ravel(self._checked(node)[()]))
+            return "".join(map(chr, np.ravel(self._read(node))))
         if node.dtype.names == ("real", "imag"):
-            parts = self._checked(node)[()]
+            parts = self._read(node)
             return (parts["real"] + 1j * parts["imag"]).T
-        return self._checked(node)[()].T if node.dtype.kind in "biuf" else None
+        return self._read(node).T if node.dtype.kind in "biuf" else None
 
-    def _checked(self, node: h5py.Dataset) -> h5py.Dataset:
-        """Return a dataset all of whose values are in this file."""
+    def _read(self, node: h5py.Dataset) -> Any:
+        """Return the values of a dataset; HDF5 makes zeros of those that are not stored."""
         if node.is_virtual or node.external:
             raise InputError(
                 f"{self._file}: the values of {node.name} are in another file; copy them into "
                 "this one."
             )
-        if _is_complete(node):
-            return node
-        raise InputError(
-            f"{self._file}: {node.name} declares {node.size} values and holds fewer; copy or save "
-            "it again."
-        )
-
-
-def _members(group: h5py.Group) -> Iterator[tuple[str, bool]]:
-    """Yield the names in a group but MATLAB's own, and whether they are objects and no links."""
-    for name in group:
-        if not name.startswith("#"):
-            yield name, group.get(name, getlink=True).__class__ is h5py.HardLink
-
-
-def _is_complete(node: h5py.Dataset) -> bool:
-    """Return whether all declared values are stored; HDF5 makes zeros of those that are not."""
-    if node.chunks is None:
-        return bool(node.id.get_storage_size() >= node.nbytes)
-    chunks = [math.ceil(n / chunk) for n, chunk in zip(node.shape, node.chunks, strict=True)]
-    return bool(node.id.get_num_chunks() == math.prod(chunks))
+        if node.chunks is None:
+            complete = node.id.get_storage_size() >= node.nbytes
+        else:
+            sides = zip(node.shape, node.chunks, strict=True)
+            chunks = math.prod(math.ceil(side / chunk) for side, chunk in sides)
+            complete = node.id.get_num_chunks() == chunks
+        if not complete:
+            raise InputError(
+                f"{self._file}: {node.name} declares {node.size} values and holds fewer; copy or "
+                "save it again."
+            )
+        return node[()]

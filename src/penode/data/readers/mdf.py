@@ -7,8 +7,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from penode.data.signals import Signal, table_of
-from penode.data.table import Column, Table
+from penode.data.table import Column, Signal, Table, table_of
 from penode.errors import InputError, printable
 
 # Types of conversion (ASAM MDF 4, block CC) that make numbers of numbers: none, linear, rational,
@@ -23,7 +22,7 @@ _TIME = 1
 def read(file: str, source: BinaryIO) -> Table:
     """Read the numeric one-dimensional channels of a closed MDF 4 file, float64, in physical units.
 
-    The times of each channel group are its clock (`penode.data.signals.table_of`). A sample that
+    The times of each channel group are its clock (`penode.data.table.table_of`). A sample that
     the file calls invalid is left out together with its time, which leaves a gap. A formula to
     compute a channel by is refused; a damaged file makes the library raise what it will.
     """
@@ -55,7 +54,9 @@ def _check_kind(file: str, head: bytes) -> None:
         raise InputError(f"{file}: the content is no MDF file; export the recording as MDF 4.")
     version = head[8:16].decode("ascii", "replace").strip("\0 ")
     if not version.startswith("4."):
-        raise InputError(f"{file}: version {version!r} of MDF came; export the recording as MDF 4.")
+        raise InputError(
+            f"{file}: the version of MDF must be 4, got {version!r}; export it as MDF 4."
+        )
 
 
 def _signals(file: str, recording: Any) -> list[Signal]:

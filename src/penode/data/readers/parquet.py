@@ -3,7 +3,7 @@
 import io
 from collections.abc import Callable
 from functools import partial
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 import polars as pl
@@ -22,15 +22,15 @@ def read(file: str, source: BinaryIO) -> Table:
     They are float64 and finite; text and dates are left out.
     """
     _require_plausible(file, source)
-    head = _frame(file, source, n_rows=1)
+    head = _of_polars(file, source, partial(pl.read_parquet, n_rows=1))
     names = clean_names(file, head.columns)
     series = dict(zip(names, head.get_columns(), strict=True))
     text = {name: ("data row 1", str(s[0])) for name, s in series.items() if len(s) and _is_text(s)}
     numbers = {name: s.name for name, s in series.items() if name not in text}
 
     def column(name: str) -> Column:
-        frame = _frame(file, source, columns=[numbers[name]])
-        return _column(file, name, frame.to_series())
+        decode = partial(pl.read_parquet, columns=[numbers[name]])
+        return _column(file, name, _of_polars(file, source, decode).to_series())
 
     return Table(Decoded({name: partial(column, name) for name in numbers}), text=text)
 
@@ -38,7 +38,10 @@ def read(file: str, source: BinaryIO) -> Table:
 def _require_plausible(file: str, source: BinaryIO) -> None:
     """Refuse more rows than the bytes of the file can hold, before any is decoded."""
     size = source.seek(0, io.SEEK_END)
-    rows = int(_of_polars(file, source, _count).item())
+    count = _of_polars(
+        file, source, lambda opened: pl.scan_parquet(opened).select(pl.len()).collect()
+    )
+    rows = int(count.item())
     if rows > _COMPRESSION * size:
         raise InputError(
             f"{file}: {rows} rows are declared in a file of {size} bytes, so it is damaged; copy "
@@ -46,18 +49,9 @@ def _require_plausible(file: str, source: BinaryIO) -> None:
         )
 
 
-def _count(source: BinaryIO) -> pl.DataFrame:
-    return pl.scan_parquet(source).select(pl.len()).collect()
-
-
 def _is_text(series: pl.Series) -> bool:
     """Return whether a column holds words or times of day."""
     return series.dtype in (pl.String, pl.Categorical) or series.dtype.is_temporal()
-
-
-def _frame(file: str, source: BinaryIO, **what: Any) -> pl.DataFrame:
-    """Decode a part of the file."""
-    return _of_polars(file, source, partial(pl.read_parquet, **what))
 
 
 def _of_polars(
@@ -68,7 +62,7 @@ def _of_polars(
     head = source.read(len(_MAGIC))
     source.seek(0)
     if not head:
-        raise InputError(f"{file}: the file is empty; a parquet file was wanted.")
+        raise InputError(f"{file}: the file is empty; record or export it again.")
     if head != _MAGIC:
         raise InputError(
             f"{file}: the content is not parquet; rename a text file to end in .csv, "

@@ -7,8 +7,7 @@ from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
-from penode.data.signals import Signal, table_of
-from penode.data.table import Column, Table
+from penode.data.table import Column, Signal, Table, table_of
 from penode.errors import InputError, printable
 
 # A segment begins with a tag, a mask, a version, and the lengths of all of it and of its header.
@@ -23,7 +22,7 @@ def read(file: str, source: BinaryIO) -> Table:
     """Read the numeric channels of a TDMS file, float64, in the units of the file.
 
     A waveform has its own times for a clock, another channel the time column of its group
-    (`penode.data.signals.table_of`). A damaged file makes the library raise what it will.
+    (`penode.data.table.table_of`). A damaged file makes the library raise what it will.
     """
     size = source.seek(0, io.SEEK_END)
     source.seek(0)

@@ -12,7 +12,7 @@ from penode.errors import InputError
 from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.fit.provenance import provenance_of
 from penode.horizon.loss_weighting import linearised
-from penode.models.learned_map import LearnedMap
+from penode.models.base import LearnedMap
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.model import Machine

@@ -10,7 +10,7 @@ import numpy as np
 
 from penode.arrays import FloatArray, JaxArray, Leaf, float64, on_device
 from penode.errors import InputError
-from penode.models.learned_map import LearnedMap
+from penode.models.base import LearnedMap
 from penode.models.parameters import parameter, with_batch_axis
 from penode.models.polynomials import exponents
 from penode.models.splines import Spline

@@ -12,10 +12,9 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from penode.arrays import BoolArray, FloatArray
-from penode.data.excerpt import excerpt
 from penode.data.experiment import Experiment
 from penode.data.gathered import PIECE
-from penode.data.stretches import SHORTEST, spans_of
+from penode.data.stretches import SHORTEST, excerpt, spans_of
 from penode.pmsm.balance.trial_balance import residual_of
 from penode.pmsm.machine.space_vectors import VOLTAGES, vector_of, with_vector
 from penode.pmsm.recording.channels import electrical, in_dq

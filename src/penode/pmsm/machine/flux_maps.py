@@ -13,8 +13,8 @@ import numpy as np
 
 from penode.arrays import FloatArray, JaxArray, float64
 from penode.errors import InputError
+from penode.models.base import LearnedMap
 from penode.models.compositions import Gradient, QuadraticSkip
-from penode.models.learned_map import LearnedMap
 from penode.models.networks import ConvexGradient, FeatureNetwork, TanhLayers
 from penode.models.polynomials import Polynomial
 from penode.models.splines import Spline

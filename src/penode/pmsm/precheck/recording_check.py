@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from penode.arrays import one_blas_thread
-from penode.data.excerpt import STRETCH, excerpt
 from penode.data.experiment import Experiment
 from penode.data.quality import Finding, inspect_stretches
-from penode.data.stretches import by_recording, reasons_of
+from penode.data.stretches import STRETCH, by_recording, excerpt, reasons_of
 from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
 from penode.pmsm.balance.usable import left_out, require_samples, usable_stretches
 from penode.pmsm.conventions.broken_convention import BrokenConvention
