@@ -11,8 +11,9 @@ Training
     `Loss` with `Prefilter`, scales, weights and domains; penalties; the optimisers
     `LevenbergMarquardt`, `FirstOrder`, `BestOf`.
 Horizon
-    `default_plan`; the selectors `Plateau`, `Longest`, `HeldOut`; `Checkpoint`; `LearnedPrior`; `weight_matrix`, which
-    shows how a horizon weighs the residual; what joins a result: `Imperfection`, `Objection`.
+    `default_plan`; the selectors `Plateau`, `Longest`, `HeldOut`; `Checkpoint`; `LearnedPrior`;
+    `weight_matrix`, which shows how a horizon weighs the residual; what joins a result:
+    `Imperfection`, `Objection`.
 Data and validation
     `read`, `cut`, `excerpt`; `compare`, `power_spectrum`, `find_lines`.
 
