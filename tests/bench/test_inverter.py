@@ -7,8 +7,11 @@ import pytest
 
 from penode.bench.drive import Drive
 from penode.bench.inverter import (
+    CarrierPwm,
+    Circle,
     DeadTime,
     DeviceDrop,
+    Hexagon,
     Inverter,
     RotorHold,
     StationaryHold,
@@ -17,8 +20,6 @@ from penode.bench.inverter import (
 from penode.bench.machines import TRACTION_300A
 from penode.bench.rig import rig_of
 from penode.bench.shaft import HeldShaft
-from penode.bench.switching import CarrierPwm
-from penode.bench.voltage_limits import Circle, Hexagon
 
 LINK = Switching(400.0, 1e-4)
 TURN = np.linspace(0.0, 2 * np.pi, 7200, endpoint=False)

@@ -11,8 +11,9 @@ from scipy.io import savemat
 
 from penode.arrays import float64
 from penode.bench.coenergy_table import SplineCoenergy, tabulate
+from penode.bench.flux_table import read_flux_table
 from penode.bench.machines import TRACTION_300A, torque
-from penode.bench.map_import import import_machine, read_flux_table
+from penode.bench.map_import import import_machine
 from penode.errors import InputError
 
 ANGLES = np.linspace(0.0, np.pi / 3, 12, endpoint=False)

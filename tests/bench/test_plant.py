@@ -9,11 +9,11 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy.integrate import solve_ivp
 
-from penode.bench.current_sensors import CurrentSensors
 from penode.bench.drive import Drive
 from penode.bench.inverter import DeadTime, DeviceDrop, Inverter, Pulses, StationaryHold
 from penode.bench.machines import TRACTION_300A
 from penode.bench.rig import rig_of, substeps
+from penode.bench.sensors import CurrentSensors
 from penode.bench.shaft import FreeShaft, HeldShaft, MovedShaft
 from penode.bench.winding import IronLoss, Warming, Winding
 

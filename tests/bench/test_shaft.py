@@ -11,7 +11,6 @@ from penode.bench.shaft import (
     MovedShaft,
     SpeedPoints,
     SpeedRipple,
-    given_motion,
     shaft_of,
 )
 
@@ -26,7 +25,7 @@ def turned(motion, angle):
 
 
 def test_the_angle_of_a_ramp_is_its_parabola():
-    motion = given_motion(SpeedPoints((0.0, 0.4), (-300.0, 900.0)), INSTANTS, STEP, PAIRS)
+    _, motion = shaft_of(SpeedPoints((0.0, 0.4), (-300.0, 900.0)), INSTANTS, STEP, PAIRS)
     start, rate = np.array([-300.0, 3000.0]) * 2 * np.pi / 60 * PAIRS
     time = INSTANTS[:-1]
     turned(motion, start * time + rate * time**2 / 2)

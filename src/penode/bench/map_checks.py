@@ -75,7 +75,7 @@ def _refuse_holes(table: FluxTable, covered: BoolArray) -> None:
     """Raise if a point without values lies between points with values in its row and column."""
     if not covered.any():
         raise InputError(f"{table.name}: no point of the map has values at every angle.")
-    between = covered == covered
+    between = np.ones_like(covered)
     for axis in (0, 1):
         before = np.logical_or.accumulate(covered, axis=axis)
         after = np.flip(np.logical_or.accumulate(np.flip(covered, axis), axis=axis), axis)
