@@ -33,8 +33,8 @@ def reproduce_command(
     Example: penode reproduce all --out studies --quick
     """
     # Imported here: the plotting library takes a third of a second, and few commands draw.
-    from penode.paper.studies.extent import FULL, QUICK
     from penode.paper.studies.reproduce import chosen_studies, reproduce
+    from penode.paper.studies.variants import FULL, QUICK
 
     names = chosen_studies(study)
     try:

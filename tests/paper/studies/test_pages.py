@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from penode.errors import InputError
-from penode.paper.studies.extent import FULL, QUICK
 from penode.paper.studies.panels import Claim, Matrix, Panel, Series, StudyResult
 from penode.paper.studies.reproduce import STUDIES, chosen_studies, reproduce
 from penode.paper.studies.study_figure import COLOURS, study_figure
-from penode.paper.studies.variants import AXES
+from penode.paper.studies.variants import AXES, FULL, QUICK
 
 
 @pytest.fixture
@@ -85,5 +84,5 @@ def test_a_quick_run_judges_nothing(result, tmp_path, monkeypatch):
 def test_unknown_studies_are_refused():
     assert chosen_studies("all") == list(STUDIES)
     assert chosen_studies("subdomain") == ["subdomain"]
-    with pytest.raises(InputError, match="choose all or one of resistance_vs_horizon"):
+    with pytest.raises(InputError, match="study must be all or one of resistance_vs_horizon"):
         chosen_studies("everything")

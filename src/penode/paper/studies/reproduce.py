@@ -14,17 +14,20 @@ from penode.errors import InputError
 from penode.fit.archive import to_json, write_atomically
 from penode.fit.provenance import versions
 from penode.horizon.ladder import Observer, ignore_events
-from penode.paper.studies.designed import subdomain, well_designed
-from penode.paper.studies.extent import FULL, Extent
-from penode.paper.studies.generalisation import generalisation_vs_horizon
-from penode.paper.studies.method_table import method_table
+from penode.paper.studies.over_horizons import (
+    flux_error_vs_horizon,
+    generalisation_vs_horizon,
+    resistance_vs_horizon,
+    subdomain,
+    testbench_resistance,
+    well_designed,
+)
 from penode.paper.studies.panels import StudyResult
 from penode.paper.studies.results_page import results_page
 from penode.paper.studies.runs import Runs, Say
-from penode.paper.studies.simulated import flux_error_vs_horizon, resistance_vs_horizon
-from penode.paper.studies.solvers import solver_dependence
+from penode.paper.studies.side_by_side import method_table, solver_dependence
 from penode.paper.studies.study_figure import study_figure
-from penode.paper.studies.testbench import testbench_resistance
+from penode.paper.studies.variants import FULL, Extent
 
 #: Name to the study, in the order in which they are computed and shown.
 STUDIES: dict[str, Callable[[Runs], StudyResult]] = {
@@ -52,7 +55,7 @@ def chosen_studies(name: str) -> list[str]:
     if name == "all":
         return list(STUDIES)
     if name not in STUDIES:
-        raise InputError(f"study {name!r} came; choose all or one of {', '.join(STUDIES)}.")
+        raise InputError(f"study must be all or one of {', '.join(STUDIES)}, got {name!r}.")
     return [name]
 
 
@@ -75,14 +78,14 @@ def reproduce(
         began = time.monotonic()
         result = STUDIES[name](runs) if extent.judges else STUDIES[name](runs).unjudged()
         facts = _facts(extent, time.monotonic() - began)
-        write_study(result, folder, facts)
+        _write(result, folder, facts)
         say(f"{name}: {result.outcome}")
         results.append(result)
         write_atomically(page, results_page(results, _facts(extent, runs.spent)))
     return Written(page, tuple(results))
 
 
-def write_study(result: StudyResult, folder: Path, facts: dict[str, Any]) -> None:
+def _write(result: StudyResult, folder: Path, facts: dict[str, Any]) -> None:
     """Write a study's numbers as JSON and CSV, and its figure."""
     document = {
         "name": result.name,
@@ -92,19 +95,14 @@ def write_study(result: StudyResult, folder: Path, facts: dict[str, Any]) -> Non
         "provenance": facts,
     }
     write_atomically(folder / f"{result.name}.json", to_json(document))
-    write_atomically(folder / f"{result.name}.csv", _csv(result.rows))
+    table, columns = io.StringIO(), dict.fromkeys(name for row in result.rows for name in row)
+    writer = csv.DictWriter(table, list(columns), lineterminator="\n")
+    writer.writeheader()
+    for row in result.rows:
+        writer.writerow({k: f"{v:.9g}" if isinstance(v, float) else v for k, v in row.items()})
+    write_atomically(folder / f"{result.name}.csv", table.getvalue())
     picture = folder / "figures" / f"studies_{result.name}.png"
     write_atomically(picture, study_figure(result.panels))
-
-
-def _csv(rows: Sequence[dict[str, object]]) -> str:
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow({k: f"{v:.9g}" if isinstance(v, float) else v for k, v in row.items()})
-    return text.getvalue()
 
 
 def _facts(extent: Extent, seconds: float) -> dict[str, Any]:
