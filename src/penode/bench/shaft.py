@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -80,52 +80,30 @@ class Motion(NamedTuple):
     slope: Leaf
 
 
-class Shaft(Protocol):
-    """What moves the rotor, in electrical quantities."""
+class Shaft(eqx.Module):
+    """What moves the rotor, in electrical quantities.
+
+    A load machine strong enough to keep the given speed, which is straight between samples, or the
+    torques on a free shaft.
+    """
+
+    free: FreeShaft | None = None
+    pole_pairs: float = 1.0
 
     def at_sample(
         self, moved: tuple[JaxArray, JaxArray], given: Motion
     ) -> tuple[JaxArray, JaxArray]:
-        """Return angle (rad) and speed (rad/s) at a sample, from the integrated or the given."""
-
-    def slope(
-        self, torque: Callable[[], JaxArray], omega_el: JaxArray, given: JaxArray
-    ) -> JaxArray:
-        """Return d(omega_el)/dt, rad/s^2: the ``given`` one, or that of the torque a pole pair."""
-
-
-class HeldShaft(eqx.Module):
-    """A load machine strong enough to keep the given speed, which is straight between samples."""
-
-    def at_sample(
-        self, moved: tuple[JaxArray, JaxArray], given: Motion
-    ) -> tuple[JaxArray, JaxArray]:
-        """Return the given angle and speed; see `Shaft`."""
-        return jnp.asarray(given.theta_el), jnp.asarray(given.omega_el)
-
-    def slope(
-        self, torque: Callable[[], JaxArray], omega_el: JaxArray, given: JaxArray
-    ) -> JaxArray:
-        """Return the given acceleration; see `Shaft`."""
-        return given
-
-
-class MovedShaft(eqx.Module):
-    """A free shaft, in electrical quantities."""
-
-    free: FreeShaft
-    pole_pairs: float
-
-    def at_sample(
-        self, moved: tuple[JaxArray, JaxArray], given: Motion
-    ) -> tuple[JaxArray, JaxArray]:
-        """Return the integrated angle and speed; see `Shaft`."""
+        """Return angle (rad) and speed (rad/s) at a sample: the integrated, or the given ones."""
+        if self.free is None:
+            return jnp.asarray(given.theta_el), jnp.asarray(given.omega_el)
         return jnp.mod(moved[0], 2.0 * np.pi * self.pole_pairs), moved[1]
 
     def slope(
         self, torque: Callable[[], JaxArray], omega_el: JaxArray, given: JaxArray
     ) -> JaxArray:
-        """Return what the torques do to the speed; see `Shaft`."""
+        """Return d(omega_el)/dt, rad/s^2: the ``given`` one, or that of the torque a pole pair."""
+        if self.free is None:
+            return given
         mechanical = omega_el / self.pole_pairs
         total = self.pole_pairs * torque()
         return self.pole_pairs * self.free.acceleration(total, mechanical)
@@ -145,14 +123,14 @@ def shaft_of(
     """
     if isinstance(speed, FreeShaft):
         start = _steady_motion(speed.start_rpm, instants, pole_pairs)
-        return MovedShaft(speed, float(pole_pairs)), start
+        return Shaft(speed, float(pole_pairs)), start
     if not callable(speed):
-        return HeldShaft(), _steady_motion(speed, instants, pole_pairs)
+        return Shaft(), _steady_motion(speed, instants, pole_pairs)
     omega = RPM * pole_pairs * np.asarray(speed(instants), dtype=np.float64)
     # The angle is the exact integral of the speed between the samples.
     steps = time_step * (omega[1:] + omega[:-1]) / 2.0
     theta = np.mod(np.concatenate([[0.0], np.cumsum(steps)[:-1]]), 2.0 * np.pi * pole_pairs)
-    return HeldShaft(), Motion(theta, omega[:-1], np.diff(omega) / time_step)
+    return Shaft(), Motion(theta, omega[:-1], np.diff(omega) / time_step)
 
 
 def _steady_motion(rpm: float, instants: FloatArray, pole_pairs: int) -> Motion:

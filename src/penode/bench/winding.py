@@ -56,7 +56,7 @@ class Winding(eqx.Module):
         return rotated(stationary(by_phase), -theta_el)
 
     def warming_rate(self, temperature: JaxArray, copper_loss: JaxArray) -> JaxArray:
-        """Return dT/dt, K/s, as `Warming.rate`; zero for a winding that keeps its temperature."""
+        """Return dT/dt, K/s; see `Warming.rate`; zero for a winding that keeps its temperature."""
         if self.warming is None:
             return jnp.zeros_like(temperature)
         return self.warming.rate(temperature, copper_loss)

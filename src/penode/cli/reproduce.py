@@ -40,14 +40,14 @@ def reproduce_command(
     try:
         with _errors.status("starting ...") as status:
             extent = QUICK if quick else FULL
-            written = reproduce(names, out, extent, _say, lambda event: _show(status, event))
+            page, results = reproduce(names, out, extent, _say, lambda event: _show(status, event))
     except KeyboardInterrupt as error:
         raise Interrupted(
             "Stopped; finished trainings are kept: the same command goes on."
         ) from error
-    for result in written.results:
+    for result in results:
         _output.print(f"{result.name:26s} {result.outcome}", soft_wrap=True, highlight=False)
-    _output.print(f"page  {written.page}", soft_wrap=True, highlight=False)
+    _output.print(f"page  {page}", soft_wrap=True, highlight=False)
 
 
 def _say(text: str) -> None:

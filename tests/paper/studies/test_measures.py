@@ -12,7 +12,7 @@ from penode.fit.fit import Estimate, HorizonChoice, HorizonSummary
 from penode.paper.studies.panels import Series, StudyResult
 from penode.paper.studies.results_page import results_page
 from penode.paper.studies.runs import Measures, Run, measure
-from penode.paper.studies.sums import Trained, in_numbers, limits, listed, milliohm, row
+from penode.paper.studies.summaries import Trained, in_numbers, limits, listed, milliohm, row
 from penode.paper.studies.variants import PAPER
 from penode.validation.comparison import Comparison
 

@@ -21,7 +21,7 @@ from penode.paper.studies import runs as runs_module
 from penode.paper.studies.panels import Claim, Panel, Series, StudyResult
 from penode.paper.studies.recordings import Case
 from penode.paper.studies.reproduce import STUDIES
-from penode.paper.studies.sums import error_percent, row
+from penode.paper.studies.summaries import error_percent, row
 
 
 @pytest.fixture

@@ -50,7 +50,7 @@ class LinearFit:
     resistance: float
     deviation: float
     # Share of the resistance's regressor that no regressor of the map explains.
-    identifiability: float | None
+    identifiability: float
     # Why there is no horizon to choose, as a sentence.
     reason: str
     facts: Mapping[str, Any] = field(default_factory=dict)

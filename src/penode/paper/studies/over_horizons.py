@@ -9,7 +9,7 @@ import numpy as np
 from penode.horizon.loss_weighting import LossWeighting, loss_weighting
 from penode.paper.studies.panels import Panel, Series, StudyResult
 from penode.paper.studies.runs import Measures, Place, Run, Runs
-from penode.paper.studies.sums import (
+from penode.paper.studies.summaries import (
     HORIZON,
     Judged,
     Trained,

@@ -6,7 +6,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -42,14 +42,6 @@ STUDIES: dict[str, Callable[[Runs], StudyResult]] = {
 }
 
 
-@dataclass(frozen=True)
-class Written:
-    """What a reproduction wrote: ``results.md``, and the result of each study."""
-
-    page: Path
-    results: tuple[StudyResult, ...]
-
-
 def chosen_studies(name: str) -> list[str]:
     """Return the names of studies meant by one, or all; refuse a name of none."""
     if name == "all":
@@ -65,8 +57,10 @@ def reproduce(
     extent: Extent = FULL,
     say: Say = print,
     observer: Observer = ignore_events,
-) -> Written:
-    """Compute studies and write them; what is there already is taken over.
+) -> tuple[Path, list[StudyResult]]:
+    """Compute studies and write them; return the page and the result of each.
+
+    What is there already is taken over.
 
     The folder gets ``runs/`` with every trained fit, for each study (a key of `STUDIES`)
     ``NAME.json``, ``NAME.csv`` and ``figures/studies_NAME.png``, and ``results.md``. ``say`` is
@@ -82,7 +76,7 @@ def reproduce(
         say(f"{name}: {result.outcome}")
         results.append(result)
         write_atomically(page, results_page(results, _facts(extent, runs.spent)))
-    return Written(page, tuple(results))
+    return page, results
 
 
 def _write(result: StudyResult, folder: Path, facts: dict[str, Any]) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from penode.paper.studies.panels import StudyResult
-from penode.paper.studies.sums import texts
+from penode.paper.studies.summaries import texts
 
 _WORDS = {True: "Holds", False: "Differs", None: "Not judged"}
 

@@ -11,7 +11,7 @@ from penode.paper.conventional.stationary_averaging import StationaryAveraging
 from penode.paper.conventional.trained_methods import CurrentPredictor, NeuralODE
 from penode.paper.studies.panels import Matrix, StudyResult
 from penode.paper.studies.runs import Method, Run, Runs
-from penode.paper.studies.sums import Value, error_percent, flux_percent, milliohm, row, told
+from penode.paper.studies.summaries import Value, error_percent, flux_percent, milliohm, row, told
 from penode.paper.studies.variants import COENERGY, PAPER
 from penode.predictors.base import Predictor
 from penode.predictors.multistep import AdamsBashforth
