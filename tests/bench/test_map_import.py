@@ -183,8 +183,7 @@ def test_every_layout_gives_back_the_same_flux(tmp_path, known, write):
     assert machine.current_limit == pytest.approx(LIMIT)
     assert machine.magnet_flux_linkage == pytest.approx(57.7e-3, rel=1e-3)
     assert machine.name == "map"
-    assert findings.orders == machine.angle_orders
-    assert set(findings.orders) >= ({6, 12} if write in WITH_ANGLE else set())
+    assert set(machine.angle_orders) >= ({6, 12} if write in WITH_ANGLE else set())
     assert findings.fit_error < 1e-5
     assert findings.smallest_inductance > 100e-6
     assert findings.checks.reciprocity_residual < 2e-6

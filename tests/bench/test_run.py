@@ -16,7 +16,7 @@ from penode.bench.references import Lissajous
 from penode.bench.rig import rig_of
 from penode.bench.run import record, simulate
 from penode.bench.sensors import CurrentSensors, Quantisation
-from penode.bench.shaft import FreeShaft, HeldShaft, SpeedPoints, SpeedRipple
+from penode.bench.shaft import FreeShaft, Shaft, SpeedPoints, SpeedRipple
 from penode.bench.truth import truth_of
 from penode.bench.winding import IronLoss, Warming, Winding
 from penode.errors import InputError
@@ -66,7 +66,7 @@ def ends_by_scipy(run, rows, lag=0):
     """Return the current after each row, from its current and the voltage ``lag`` rows before."""
     voltage, current = run.stack(["u_d", "u_q"]), run.stack(["i_d", "i_q"])
     theta = run.channels["theta_el"]
-    rig = rig_of(TRACTION_300A, Drive(), HeldShaft(), OMEGA)
+    rig = rig_of(TRACTION_300A, Drive(), Shaft(), OMEGA)
     ends = []
     with jax.enable_x64(True):
 

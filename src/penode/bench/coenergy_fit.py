@@ -33,11 +33,13 @@ class SplineFit:
     """A fitted coenergy; errors are rms of psi in Vs."""
 
     table: CoenergyTable
-    # Between the map and the fit, over points, angles and axes.
-    error: float
+    # Between the map and the fit, over points, angles and axes; it contains the part of the map
+    # that is not reciprocal and the harmonics left out.
+    fit_error: float
     # Over the angle, in orders that were not fitted.
     left_out: float
-    # s in H of the part s J i of the mean map, which no coenergy has; it is left out.
+    # s in H of the part s J i of the mean map, which no coenergy has; it is left out. The error of
+    # a resistance over the electrical speed where the map was measured at one speed.
     skew: float
     # Mean of (L_dd + L_qq)/2 over the map's points, H.
     mean_inductance: float

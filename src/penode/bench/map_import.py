@@ -31,21 +31,11 @@ _DOUBTFUL = ("no plateau", "not identifiable", "implausible")
 
 
 @dataclass(frozen=True)
-class MapFindings:
+class MapFindings(SplineFit):
     """What is known about an imported map and what became of it."""
 
     # Reciprocity, symmetry and coverage of the map as it came.
     checks: MapChecks
-    # rms of psi between map and machine, Vs, over points, angles and axes; it contains the part of
-    # the map that is not reciprocal and the harmonics left out.
-    fit_error: float
-    # Harmonics of the electrical angle that the machine has.
-    orders: tuple[int, ...]
-    # rms of the part of psi over the angle in other orders, Vs.
-    left_out: float
-    # s of the map's part s J i, H, which no coenergy has and the machine is left without; the error
-    # of a resistance over the electrical speed where the map was measured at one speed.
-    skew: float
     # Eigenvalue of L within 1.2 times the current limit, at any angle, H.
     smallest_inductance: float
     # A sentence for each finding that makes the machine differ from the map.
@@ -119,14 +109,9 @@ def import_machine(
     fit = fit_splines(table, limit, orders, mirror)
     smallest = _smallest_inductance(fit.table, limit)
     _refuse_not_invertible(table, fit)
+    warnings = tuple(_warnings(table, checks, fit, smallest, mirror))
     findings = MapFindings(
-        checks=checks,
-        fit_error=fit.error,
-        orders=fit.table.orders,
-        left_out=fit.left_out,
-        skew=fit.skew,
-        smallest_inductance=smallest,
-        warnings=tuple(_warnings(table, checks, fit, smallest, mirror)),
+        **vars(fit), checks=checks, smallest_inductance=smallest, warnings=warnings
     )
     return ImportedMachine(_machine(table, fit.table, resistance, pole_pairs, limit), findings)
 
@@ -207,8 +192,8 @@ def _warnings(
         )
     if checks.i_q_range[0] * checks.i_q_range[1] >= 0 and not mirror:
         warnings.append("the map covers one sign of i_q; the other is extrapolated, not mirrored")
-    if fit.error > _WARNED_SHARE * largest:
-        warnings.append(f"the machine differs from the map by {1e3 * fit.error:.3g} mVs rms")
+    if fit.fit_error > _WARNED_SHARE * largest:
+        warnings.append(f"the machine differs from the map by {1e3 * fit.fit_error:.3g} mVs rms")
     if fit.left_out > _WARNED_SHARE * largest:
         warnings.append(
             f"{1e3 * fit.left_out:.3g} mVs rms of psi lie in orders of the angle that were left out"

@@ -40,17 +40,11 @@ _SATURATED_SHARE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A recording and the truth behind it.
+    """A recording and the truth behind it."""
 
-    Attributes
-    ----------
-    experiment : Experiment
-        What the drive recorded.
-    truth : Truth
-        How it was made, and the true values of the sensors' signals.
-    """
-
+    # What the drive recorded.
     experiment: Experiment
+    # How it was made, and the true values of the sensors' signals.
     truth: Truth
 
 

@@ -1,4 +1,4 @@
-"""What is trained: how much of every study, and the steps from the paper's recipe to ours."""
+"""What is trained: the steps from the paper's recipe to ours, and how much of every study."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -21,77 +21,6 @@ from penode.training.second_order import LevenbergMarquardt
 _BATCH = 1000
 #: Of Levenberg-Marquardt at a horizon that is reached from the weak form at once.
 _EVALUATIONS = 80
-
-
-@dataclass(frozen=True)
-class Extent:
-    """Size of the studies: by default all of them, as the paper has it.
-
-    Horizons are in steps, ascending, few where they are not the question. Training grows through
-    ``growth`` with ``growth_steps`` gradient steps of the paper's recipe each, then takes ``steps``
-    at the horizon. ``share`` is the training duration over the paper's, ``unseen_duration`` is in
-    s; ``recordings`` are those of the table of methods.
-    """
-
-    name: str = "full"
-    horizons: tuple[int, ...] = (1, 2, 5, 10, 15, 20, 30, 50, 75, 100)
-    few_horizons: tuple[int, ...] = (1, 10, 100)
-    seeds: tuple[int, ...] = (0, 1, 2)
-    growth: tuple[int, ...] = (1, 2, 5, 10, 20, 50)
-    growth_steps: int = 1500
-    steps: int = 12000
-    share: float = 1.0
-    unseen: int = 8
-    unseen_duration: float = 0.25
-    recordings: tuple[str, ...] = (
-        "simulation",
-        "testbench",
-        "well_designed",
-        "well_designed_testbench",
-        "motor_operation",
-        "operating_points",
-    )
-    #: Steps from the paper's recipe to ours that are taken.
-    variants: tuple[str, ...] = (
-        "paper",
-        "second_order",
-        "jittered",
-        "coenergy",
-        "inverter",
-        "harmonics",
-    )
-    ours: Study = field(default_factory=Study)
-
-    @property
-    def judges(self) -> bool:
-        """Whether results of this size say anything: those of the quick extent do not."""
-        return self.name != "quick"
-
-    @property
-    def longest(self) -> int:
-        """The longest horizon."""
-        return self.horizons[-1]
-
-
-FULL = Extent()
-
-#: The same code, small. What takes time is not training but compiling: a program a structure of
-#: the model, a recording and a length. So there are few structures, and lengths are alike.
-QUICK = Extent(
-    name="quick",
-    horizons=(1, 20),
-    few_horizons=(1,),
-    seeds=(0,),
-    growth=(1,),
-    growth_steps=20,
-    steps=40,
-    share=0.1,
-    unseen=2,
-    unseen_duration=0.2,
-    recordings=("operating_points",),
-    variants=("paper", "inverter"),
-    ours=Study(candidates=(), angle_orders=()),
-)
 
 
 @dataclass(frozen=True)
@@ -128,7 +57,7 @@ class Variant:
         return Start(machine, penalties=penalties)
 
     def plans(
-        self, horizons: Sequence[int], run: Experiment, seed: int, extent: Extent
+        self, horizons: Sequence[int], run: Experiment, seed: int, extent: "Extent"
     ) -> dict[int, Plan]:
         """Return how each horizon is reached: the plan up to it, whose last stage is its own."""
         if self.adam:
@@ -142,7 +71,7 @@ class Variant:
         return {h: replace(plan, stages=stages[: k + 1]) for k, h in enumerate(horizons)}
 
 
-def _paper_plan(horizon: int, run: Experiment, seed: int, extent: Extent) -> Plan:
+def _paper_plan(horizon: int, run: Experiment, seed: int, extent: "Extent") -> Plan:
     """Return the paper's recipe with so many gradient steps, in batches of 1000 samples."""
     batches = max(round(len(run) / _BATCH), 2)
     epochs, growing = (max(steps // batches, 1) for steps in (extent.steps, extent.growth_steps))
@@ -160,3 +89,67 @@ HARMONICS = Variant("harmonics", "+ angle harmonics", "coenergy", True, True, (6
 
 #: From the paper's recipe to ours, each with what those before it have.
 AXES = (PAPER, SECOND_ORDER, JITTERED, COENERGY, INVERTER, HARMONICS)
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Size of the studies: by default all of them, as the paper has it.
+
+    Horizons are in steps, ascending, few where they are not the question. Training grows through
+    ``growth`` with ``growth_steps`` gradient steps of the paper's recipe each, then takes ``steps``
+    at the horizon. ``share`` is the training duration over the paper's, ``unseen_duration`` is in
+    s; ``recordings`` are those of the table of methods.
+    """
+
+    name: str = "full"
+    horizons: tuple[int, ...] = (1, 2, 5, 10, 15, 20, 30, 50, 75, 100)
+    few_horizons: tuple[int, ...] = (1, 10, 100)
+    seeds: tuple[int, ...] = (0, 1, 2)
+    growth: tuple[int, ...] = (1, 2, 5, 10, 20, 50)
+    growth_steps: int = 1500
+    steps: int = 12000
+    share: float = 1.0
+    unseen: int = 8
+    unseen_duration: float = 0.25
+    recordings: tuple[str, ...] = (
+        "simulation",
+        "testbench",
+        "well_designed",
+        "well_designed_testbench",
+        "motor_operation",
+        "operating_points",
+    )
+    #: Steps from the paper's recipe to ours that are taken.
+    variants: tuple[str, ...] = tuple(variant.name for variant in AXES)
+    ours: Study = field(default_factory=Study)
+
+    @property
+    def judges(self) -> bool:
+        """Whether results of this size say anything: those of the quick extent do not."""
+        return self.name != "quick"
+
+    @property
+    def longest(self) -> int:
+        """The longest horizon."""
+        return self.horizons[-1]
+
+
+FULL = Extent()
+
+#: The same code, small. What takes time is not training but compiling: a program a structure of
+#: the model, a recording and a length. So there are few structures, and lengths are alike.
+QUICK = Extent(
+    name="quick",
+    horizons=(1, 20),
+    few_horizons=(1,),
+    seeds=(0,),
+    growth=(1,),
+    growth_steps=20,
+    steps=40,
+    share=0.1,
+    unseen=2,
+    unseen_duration=0.2,
+    recordings=("operating_points",),
+    variants=("paper", "inverter"),
+    ours=Study(candidates=(), angle_orders=()),
+)
