@@ -304,7 +304,7 @@ def test_numbers_and_orders_that_cannot_be_are_refused(tmp_path, known):
 
 def test_files_of_other_kinds_are_refused(tmp_path):
     for suffix, sentence in (
-        (".xlsx", "give one of .csv, .npz, .mat"),
+        (".xlsx", "must be one of .csv, .npz, .mat"),
         (".npz", "not a NumPy archive of numbers"),
         (".mat", "not a MATLAB file"),
         (".csv", "no column holds numbers only"),

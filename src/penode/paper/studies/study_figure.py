@@ -39,8 +39,14 @@ def study_figure(panels: Sequence[Panel | Matrix]) -> bytes:
     for legend in legends:
         legend.set_in_layout(False)
     content = io.BytesIO()
-    whole = {"bbox_inches": "tight", "bbox_extra_artists": legends}
-    figure.savefig(content, format="png", dpi=100, metadata={"Software": None}, **whole)
+    figure.savefig(
+        content,
+        format="png",
+        dpi=100,
+        metadata={"Software": None},
+        bbox_inches="tight",
+        bbox_extra_artists=legends,
+    )
     plt.close(figure)
     return content.getvalue()
 
