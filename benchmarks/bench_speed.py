@@ -13,12 +13,12 @@ from dataclasses import replace
 import numpy as np
 
 from penode.bench import rig
-from penode.bench.current_sensors import CurrentSensors, Quantisation
+from penode.bench.drive import Drive
 from penode.bench.inverter import DeadTime, DeviceDrop, Inverter, StationaryHold
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
-from penode.bench.run import Drive, simulate
-from penode.bench.sensors import Resolver, SpeedSensor
+from penode.bench.run import simulate
+from penode.bench.sensors import CurrentSensors, Quantisation, Resolver, SpeedSensor
 from penode.bench.winding import IronLoss, Warming, Winding
 from penode.data.experiment import Experiment
 

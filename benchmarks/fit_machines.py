@@ -218,10 +218,10 @@ def show(source: Source, shape: Shape, skewed: bool = False) -> float:
     print(f"  skew part {1e6 * skew:.2f} uH, {len(terms) + 4} numbers")
     print(f"    scale_current={shape.scale_current}, magnet_current={shape.magnet_current},")
     print(f"    leakage_d={leak_d:.5g}, leakage_q={leak_q:.5g},")
-    print("    terms=(")
+    print('    terms=_terms("""')
     for order, m, k, c in terms:
-        print(f"        ({order}, {m}, {k}, {c:.5g}),")
-    print("    ),")
+        print(f"        {order} {m} {k} {c:.5g}")
+    print('    """),')
     return float(rms)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.problem import paper_recording
 from penode.arrays import FloatArray
 from penode.horizon.ladder import LadderProblem
-from penode.paper.conventional.paper_recipe import PaperRecipe
+from penode.paper.conventional.trained_methods import PaperRecipe
 from penode.pmsm.balance.start import nominal_start
 from penode.training.first_order import FirstOrder
 from penode.training.plan import Problem
@@ -42,7 +42,7 @@ def main(
     """Print the times of the whole sweep and of one seed's part of it."""
     run = paper_recording(duration)
     starts = [nominal_start([run], seed) for seed in range(seeds)]
-    plans = [PaperRecipe(lambda _, h=h: h, EPOCHS).plan() for h in horizons]
+    plans = [PaperRecipe(h, EPOCHS, growth=()).plan for h in horizons]
     ascent = LadderProblem.of(starts[0], [run], plans[0], lambda event: None)
     stages = [(p.stages[0].optimiser, ascent.problem(p.stages[0], p)) for p in plans]
     raws = np.stack([ascent.objective.layout.raw(start) for start in starts])

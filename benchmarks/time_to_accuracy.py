@@ -1,7 +1,7 @@
 """Time to an answer: penode's default against the paper's training in torchdiffeq.
 
 ``taskset -c 0 python -m benchmarks.time_to_accuracy`` where benchmarks/requirements.txt is
-installed. The paper's training (`penode.paper.conventional.paper_recipe`: Adam, horizon grown to
+installed. The paper's training (`penode.paper.conventional.trained_methods`: Adam, horizon grown to
 100, 20 mini-batches) takes hours in torchdiffeq, so its time is extrapolated: penode runs the
 recipe whole; torchdiffeq runs the first epochs at each horizon from where penode stood then, must
 give the same losses, and is timed; its time is the sum over horizons of epochs times seconds an
@@ -32,7 +32,7 @@ from penode.horizon.ladder import ladder_plan
 from penode.horizon.selection import Longest
 from penode.identify import identify as identify_model
 from penode.models.layout import Layout
-from penode.paper.conventional.paper_recipe import PaperRecipe
+from penode.paper.conventional.trained_methods import PaperRecipe
 from penode.pmsm.balance.start import nominal_start
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.study import identify
@@ -81,7 +81,7 @@ def by_penode(problem: Problem, recipe: PaperRecipe) -> list[Training]:
     """Run the recipe whole."""
     objective, raw, done = problem.objective, problem.raw, []
     reported = Reported(objective.layout, problem.windows(1).states[::200])
-    for stage in recipe.plan().stages:
+    for stage in recipe.plan.stages:
         part = Training(stage.horizon, raw, [], [])
         moving = np.ones(len(raw), dtype=bool)
         made = plan.Problem(objective, reported, problem.windows(stage.horizon), moving)
@@ -120,7 +120,7 @@ def by_torchdiffeq(
 def epoch_times(problem: Problem, recipe: PaperRecipe, done: list[Training]) -> list[float]:
     """Return torchdiffeq's seconds an epoch at each horizon, or refuse if it trains otherwise."""
     seconds = []
-    for stage, part in zip(recipe.plan().stages, done, strict=True):
+    for stage, part in zip(recipe.plan.stages, done, strict=True):
         windows = problem.windows(part.horizon)
         losses, each = by_torchdiffeq(problem, windows, part.start, stage.optimiser)
         error = np.abs(np.array(losses) / part.losses[: len(losses)] - 1).max()
@@ -197,7 +197,7 @@ def main() -> None:
     default, second = timed(by_default, run), timed(by_second_order, run)
     print_machine("default", *default, (run, unseen))
     print_machine("recipe's network, second order", *second, (run, unseen))
-    recipe = PaperRecipe.at(HORIZON)
+    recipe = PaperRecipe(HORIZON)
     problem = problem_of(run, nominal_start([run], recipe.seed), RungeKutta(RK4_38))
     began = clock()
     done = by_penode(problem, recipe)

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from penode.bench.current_sensors import CurrentSensors
 from penode.bench.drive import Drive
 from penode.bench.inverter import DeadTime, Inverter
 from penode.bench.machines import MACHINES, Machine
 from penode.bench.references import MOTOR, WHOLE_DISC, Domain, Lissajous
 from penode.bench.run import simulate
-from penode.bench.sensors import Resolver, SpeedSensor
+from penode.bench.sensors import CurrentSensors, Resolver, SpeedSensor
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.pmsm.conventions.check import check_conventions

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from penode.bench.coenergies import SaturatingCoenergy
-from penode.bench.current_sensors import CurrentSensors
 from penode.bench.drive import DEFAULT_DRIVE, Drive
 from penode.bench.inverter import DeadTime, Inverter
 from penode.bench.machines import TRACTION_300A, Machine
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
+from penode.bench.sensors import CurrentSensors
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 

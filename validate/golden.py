@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 
 from penode.bench.config import load_config
-from penode.bench.current_sensors import CurrentSensors
 from penode.bench.drive import DEFAULT_DRIVE
 from penode.bench.inverter import DeadTime, Inverter, StationaryHold
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
-from penode.bench.sensors import Resolver
+from penode.bench.sensors import CurrentSensors, Resolver
 from penode.bench.winding import IronLoss
 from penode.data.experiment import Experiment
 from penode.data.save import save

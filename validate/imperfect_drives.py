@@ -14,13 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from penode.bench.current_sensors import CurrentSensors
 from penode.bench.drive import Drive
 from penode.bench.inverter import DeviceDrop, Inverter, RotorHold, StationaryHold
 from penode.bench.machines import Machine
 from penode.bench.references import Lissajous
 from penode.bench.run import record
-from penode.bench.sensors import Resolver
+from penode.bench.sensors import CurrentSensors, Resolver
 from penode.bench.winding import IronLoss, Warming, Winding
 from penode.data.experiment import Experiment
 from penode.errors import InputError

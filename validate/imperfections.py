@@ -15,13 +15,12 @@ from dataclasses import replace
 import numpy as np
 
 from penode.bench.coenergy_table import true_flux_map
-from penode.bench.current_sensors import CurrentSensors
 from penode.bench.drive import Drive
 from penode.bench.inverter import DeadTime, DeviceDrop, Inverter, StationaryHold
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import record, simulate
-from penode.bench.sensors import Resolver
+from penode.bench.sensors import CurrentSensors, Resolver
 from penode.bench.winding import IronLoss, Warming, Winding
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit

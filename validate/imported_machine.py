@@ -14,7 +14,8 @@ import numpy as np
 
 from penode.bench.coenergy_table import true_flux_map
 from penode.bench.drive import Drive
-from penode.bench.map_import import ImportedMachine, import_machine, read_flux_table
+from penode.bench.flux_table import read_flux_table
+from penode.bench.map_import import ImportedMachine, import_machine
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
 from penode.pmsm.study import identify

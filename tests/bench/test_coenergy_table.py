@@ -79,7 +79,7 @@ def test_true_flux_map_is_the_mean_over_the_angle():
 
 
 def test_true_flux_map_refuses_currents_outside_its_table():
-    with pytest.raises(InputError, match=r"traction_300A: a current of 400 A .* ends at 375 A"):
+    with pytest.raises(InputError, match=r"traction_300A: .* at most the 375 A .* got 400 A"):
         true_flux_map(TRACTION_300A, np.array([-400.0]), np.array([0.0]))
 
 

@@ -179,7 +179,7 @@ def test_every_kind_can_be_called(choices):
         (
             "amplitude = 100.0",
             "amplitude = 9.0\ndomain = { d = [0.5, -1] }",
-            r"reference\.domain: domain: the d axis came as 0\.5 to -1",
+            r"reference\.domain: domain: the d axis must rise .* got 0\.5 to -1",
         ),
         ("duration", "duratoin", "case.toml: duratoin is unknown .did you mean duration"),
         ("duration = 0.01", "duration = ", "case.toml: not a TOML file"),

@@ -1,14 +1,17 @@
 """The current controller against its own specification."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from penode.bench.current_controller import tuned_controller
+from penode.bench.current_controller import CurrentController
+from penode.bench.drive import Drive
+from penode.bench.inverter import Hexagon
 from penode.bench.machines import TRACTION_300A
 from penode.bench.sensors import Reading
-from penode.bench.voltage_limits import Hexagon
 
 STEP = jax.jit(lambda controller, *inputs: controller.step(*inputs))
 LIMIT = 400.0 / 3**0.5
@@ -16,9 +19,7 @@ LIMIT = 400.0 / 3**0.5
 
 @pytest.fixture
 def controller():
-    return tuned_controller(
-        TRACTION_300A, bandwidth=1000.0, tuning=0.8, dc_voltage=400.0, time_step=1e-4
-    )
+    return CurrentController.tuned(TRACTION_300A, Drive(bandwidth=1000.0, tuning=0.8))
 
 
 def step(controller, integral, reference, current, omega_el):
@@ -68,13 +69,6 @@ def test_the_integral_stops_at_the_limit(controller):
 
 
 def test_on_the_hexagon_a_corner_is_reached(controller):
-    corner = tuned_controller(
-        TRACTION_300A,
-        bandwidth=1000.0,
-        tuning=0.8,
-        dc_voltage=400.0,
-        time_step=1e-4,
-        limit=Hexagon(),
-    )
+    corner = replace(controller, limit=Hexagon())
     voltage, _ = step(corner, [1000.0, 0.0], [0.0, 0.0], [0.0, 0.0], 0.0)
     np.testing.assert_allclose(voltage, [2 / 3 * 400.0, 0.0], rtol=1e-12)

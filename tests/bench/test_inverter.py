@@ -7,8 +7,11 @@ import pytest
 
 from penode.bench.drive import Drive
 from penode.bench.inverter import (
+    CarrierPwm,
+    Circle,
     DeadTime,
     DeviceDrop,
+    Hexagon,
     Inverter,
     RotorHold,
     StationaryHold,
@@ -16,9 +19,7 @@ from penode.bench.inverter import (
 )
 from penode.bench.machines import TRACTION_300A
 from penode.bench.rig import rig_of
-from penode.bench.shaft import HeldShaft
-from penode.bench.switching import CarrierPwm
-from penode.bench.voltage_limits import Circle, Hexagon
+from penode.bench.shaft import Shaft
 
 LINK = Switching(400.0, 1e-4)
 TURN = np.linspace(0.0, 2 * np.pi, 7200, endpoint=False)
@@ -178,7 +179,7 @@ def test_a_machine_on_pulses_samples_the_currents_of_the_averaged_model():
     held = np.stack([vectors.real, vectors.imag], axis=1)
     ends, inside = {}, 0.0
     for hold in (StationaryHold(), CarrierPwm()):
-        rig = rig_of(TRACTION_300A, Drive(inverter=Inverter(hold)), HeldShaft(), omega_el)
+        rig = rig_of(TRACTION_300A, Drive(inverter=Inverter(hold)), Shaft(), omega_el)
 
         def interval(state, vector, rig=rig):
             pulses = rig.inverter.hold.pulses(vector, jnp.zeros(3), None, rig.switching)

@@ -11,8 +11,9 @@ from scipy.io import savemat
 
 from penode.arrays import float64
 from penode.bench.coenergy_table import SplineCoenergy, tabulate
+from penode.bench.flux_table import read_flux_table
 from penode.bench.machines import TRACTION_300A, torque
-from penode.bench.map_import import import_machine, read_flux_table
+from penode.bench.map_import import import_machine
 from penode.errors import InputError
 
 ANGLES = np.linspace(0.0, np.pi / 3, 12, endpoint=False)
@@ -182,8 +183,7 @@ def test_every_layout_gives_back_the_same_flux(tmp_path, known, write):
     assert machine.current_limit == pytest.approx(LIMIT)
     assert machine.magnet_flux_linkage == pytest.approx(57.7e-3, rel=1e-3)
     assert machine.name == "map"
-    assert findings.orders == machine.angle_orders
-    assert set(findings.orders) >= ({6, 12} if write in WITH_ANGLE else set())
+    assert set(machine.angle_orders) >= ({6, 12} if write in WITH_ANGLE else set())
     assert findings.fit_error < 1e-5
     assert findings.smallest_inductance > 100e-6
     assert findings.checks.reciprocity_residual < 2e-6
@@ -304,7 +304,7 @@ def test_numbers_and_orders_that_cannot_be_are_refused(tmp_path, known):
 
 def test_files_of_other_kinds_are_refused(tmp_path):
     for suffix, sentence in (
-        (".xlsx", "give one of .csv, .npz, .mat"),
+        (".xlsx", "must be one of .csv, .npz, .mat"),
         (".npz", "not a NumPy archive of numbers"),
         (".mat", "not a MATLAB file"),
         (".csv", "no column holds numbers only"),

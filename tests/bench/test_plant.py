@@ -9,18 +9,18 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy.integrate import solve_ivp
 
-from penode.bench.current_sensors import CurrentSensors
 from penode.bench.drive import Drive
 from penode.bench.inverter import DeadTime, DeviceDrop, Inverter, Pulses, StationaryHold
 from penode.bench.machines import TRACTION_300A
 from penode.bench.rig import rig_of, substeps
-from penode.bench.shaft import FreeShaft, HeldShaft, MovedShaft
+from penode.bench.sensors import CurrentSensors
+from penode.bench.shaft import FreeShaft, Shaft
 from penode.bench.winding import IronLoss, Warming, Winding
 
 STEP = 1e-4
 START = np.array([-120.0, 150.0])
-HELD = HeldShaft()
-LOADED = MovedShaft(FreeShaft(0.02, load_torque=40.0, friction=0.01), 5.0)
+HELD = Shaft()
+LOADED = Shaft(FreeShaft(0.02, load_torque=40.0, friction=0.01), 5.0)
 EVERYTHING = Drive(
     inverter=Inverter(StationaryHold(), devices=DeviceDrop(1.0, 1e-3, current_scale=60.0)),
     current_sensors=CurrentSensors(cutoff_hz=2000.0),

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 from scipy.special import jv
 
-from penode.bench.current_sensors import CurrentSensors, Quantisation
-from penode.bench.sensors import Draws, Resolver, Sensors, SpeedSensor, Terminals
+from penode.bench.sensors import (
+    CurrentSensors,
+    Draws,
+    Quantisation,
+    Resolver,
+    Sensors,
+    SpeedSensor,
+    Terminals,
+)
 
 TURN = np.linspace(0.0, 2 * np.pi, 720, endpoint=False)
 CURRENT = np.array([-120.0, 160.0])

@@ -10,12 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from penode.bench.current_sensors import CurrentSensors
 from penode.bench.drive import Drive
 from penode.bench.inverter import DeadTime, DeviceDrop, Inverter
 from penode.bench.machines import TRACTION_300A
 from penode.bench.run import record, simulate
-from penode.bench.sensors import Resolver, SpeedSensor
+from penode.bench.sensors import CurrentSensors, Resolver, SpeedSensor
 from penode.bench.winding import Winding
 
 ROWS = 400

@@ -144,7 +144,7 @@ def test_leaving_the_recorded_currents_is_told(result, penode, tmp_path):
         ('"result"', "7", ["result", "7", "a table with map or result"]),
         ('result = "result"', 'result = "result", map = "a.csv"', ["a table with map or result"]),
         ('result = "result"', 'result = "."', ["result.json", "penode identify"]),
-        ('"result"', '"result", inductance_d = -1e-4', ["inductance_d", "above zero"]),
+        ('"result"', '"result", inductance_d = -1e-4', ["inductance_d", "> 0"]),
         ('"result"', '"result", poles = 4', ["poles", "pole_pairs"]),
     ],
 )

@@ -13,13 +13,12 @@ import pytest
 
 from penode import Experiment
 from penode.arrays import float64
-from penode.bench.current_sensors import CurrentSensors
 from penode.bench.drive import Drive
 from penode.bench.inverter import Inverter, StationaryHold
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import record
-from penode.bench.sensors import Resolver
+from penode.bench.sensors import CurrentSensors, Resolver
 from penode.pmsm.balance.calibration import Calibration
 from penode.pmsm.recording.accuracy import Accuracy
 

@@ -16,7 +16,7 @@ from penode.data.load import load
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.fit.outcome import AVERAGED
-from penode.paper.conventional.coenergy_least_squares import CoenergyLeastSquares
+from penode.paper.conventional.linear_methods import CoenergyLeastSquares
 from validate.command import identify
 from validate.identified import Identified, outcome
 from validate.ledger import Ledger, Record

@@ -1,4 +1,4 @@
-"""Closed forms of a machine's coenergy W(i_d, i_q, theta_el).
+"""Closed forms of a machine's coenergy W(i_d, i_q, theta_el), J, of currents in A and rad.
 
 Neither is a sum of hyperbolic functions of linear combinations of the currents, so a map learned in
 that class has no exact copy of the truth.
@@ -26,62 +26,35 @@ class SaturatingCoenergy:
             - psi_x i_d (i_q/e)^2 / (1 + (i_q/e)^2)
             + sqrt(1 + (i_d^2 + i_q^2)/i_h^2) sum_n (d_n i_d cos n theta + q_n i_q sin n theta)
 
-    Square roots and quotients on purpose: a map learned as a sum of hyperbolic functions has no
-    exact copy of it. The mirror symmetry ``W(i_d, -i_q, -theta) = W(i_d, i_q, theta)`` of a machine
-    without skew holds term by term, and ``W(0, 0, theta)`` is constant (no cogging torque).
-
-    Attributes
-    ----------
-    magnet_flux : float
-        psi_0, the part of the magnet's flux linkage outside the saturating iron, in Vs.
-    leakage_d, leakage_q : float
-        L_d and L_q, the inductances that stay under saturation, in H.
-    shared_flux : float
-        psi_s, the saturation flux linkage of the iron shared by both axes, in Vs.
-    shared_current_d, shared_current_q : float
-        a and b, the currents at which the shared iron saturates, in A.
-    magnet_current : float
-        i_f, the magnet's excitation of the shared iron, in A.
-    own_flux, own_current : float
-        psi_t in Vs and c in A, saturation flux linkage and current of the q axis' own iron.
-    cross_flux, cross_current : float
-        psi_x in Vs and e in A, the d flux linkage lost under q current and where it is lost.
-    harmonics : tuple of (int, float, float)
-        ``(n, d_n, q_n)``: order of the electrical angle (a multiple of 6), and the amplitudes of
-        psi_d and psi_q at no current, in Vs.
-    harmonic_current : float
-        i_h, the current at which the harmonics have grown by 40 to 110 %, in A.
+    The mirror symmetry ``W(i_d, -i_q, -theta) = W(i_d, i_q, theta)`` of a machine without skew
+    holds term by term, and ``W(0, 0, theta)`` is constant (no cogging torque).
     """
 
+    # psi_0, the part of the magnet's flux linkage outside the saturating iron, Vs.
     magnet_flux: float
+    # L_d and L_q, which stay under saturation, H.
     leakage_d: float
     leakage_q: float
+    # psi_s, the saturation flux linkage of the iron shared by both axes, Vs.
     shared_flux: float
+    # a and b, the currents at which the shared iron saturates, A.
     shared_current_d: float
     shared_current_q: float
+    # i_f, A.
     magnet_current: float
+    # psi_t, Vs, and c, A, of the q axis' own iron.
     own_flux: float
     own_current: float
+    # psi_x, Vs, the d flux linkage lost under q current, and e, A, where it is lost.
     cross_flux: float
     cross_current: float
+    # (n, d_n, q_n): order of the angle, a multiple of 6, and amplitudes at no current, Vs.
     harmonics: tuple[tuple[int, float, float], ...]
+    # i_h, at which the harmonics have grown by 40 to 110 %, A.
     harmonic_current: float
 
     def __call__(self, i_d: JaxArray, i_q: JaxArray, theta_el: JaxArray) -> JaxArray:
-        """Return the coenergy W of the dq frame.
-
-        Parameters
-        ----------
-        i_d, i_q : array, any shapes that broadcast
-            Currents in A.
-        theta_el : array
-            Electrical angle of the d axis in rad.
-
-        Returns
-        -------
-        array of the broadcast shape
-            Coenergy in J.
-        """
+        """Return the coenergy, of the shape to which the arguments broadcast."""
         x = (i_d + self.magnet_current) / self.shared_current_d
         y = i_q / self.shared_current_q
         shared = self.shared_flux * self.shared_current_d * jnp.sqrt(1 + x**2 + y**2)
@@ -114,24 +87,16 @@ class HarmonicCoenergy:
     ``L i + const(direction)``, so the machine saturates sanely outside the map it was fitted to.
     The mirror symmetry ``W(i_d, -i_q, -theta) = W(i_d, i_q, theta)`` of a machine without skew
     holds term by term. Harmonics of W without current are taken off: there is no cogging torque.
-
-    Attributes
-    ----------
-    scale_current : float
-        I, the current at which the iron saturates, in A.
-    magnet_current : float
-        i_f, the magnet's excitation, in A.
-    leakage_d, leakage_q : float
-        L_d and L_q in H.
-    terms : tuple of (int, int, int, float)
-        ``(n, m, k, c)``: order of the electrical angle, powers of v and of its squared
-        length, flux linkage in Vs.
     """
 
+    # I, at which the iron saturates, A.
     scale_current: float
+    # i_f, A.
     magnet_current: float
+    # L_d and L_q, H.
     leakage_d: float
     leakage_q: float
+    # (n, m, k, c): order of the angle, powers of v and of its squared length, flux linkage in Vs.
     terms: tuple[tuple[int, int, int, float], ...]
 
     @property
@@ -140,20 +105,7 @@ class HarmonicCoenergy:
         return tuple(sorted({n for n, _, _, _ in self.terms} - {0}))
 
     def __call__(self, i_d: JaxArray, i_q: JaxArray, theta_el: JaxArray) -> JaxArray:
-        """Return the coenergy W of the dq frame.
-
-        Parameters
-        ----------
-        i_d, i_q : array, any shapes that broadcast
-            Currents in A.
-        theta_el : array
-            Electrical angle of the d axis in rad.
-
-        Returns
-        -------
-        array of the broadcast shape
-            Coenergy in J.
-        """
+        """Return the coenergy, of the shape to which the arguments broadcast."""
         x = (i_d + self.magnet_current) / self.scale_current
         y = i_q / self.scale_current
         rho = jnp.sqrt(1 + x**2 + y**2)

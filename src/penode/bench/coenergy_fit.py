@@ -9,9 +9,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array, vstack
 
 from penode.arrays import FloatArray
-from penode.bench.coenergy_table import REACH, CoenergyTable
+from penode.bench.coenergy_table import DERIVE, REACH, SPLINES, CoenergyTable
 from penode.bench.flux_table import FluxTable
-from penode.bench.uniform_splines import cell_splines
 from penode.errors import InputError
 
 # Cells to one current limit; REACH times this is a whole number, so the middle knot is at 0 A.
@@ -34,11 +33,13 @@ class SplineFit:
     """A fitted coenergy; errors are rms of psi in Vs."""
 
     table: CoenergyTable
-    # Between the map and the fit, over points, angles and axes.
-    error: float
+    # Between the map and the fit, over points, angles and axes; it contains the part of the map
+    # that is not reciprocal and the harmonics left out.
+    fit_error: float
     # Over the angle, in orders that were not fitted.
     left_out: float
-    # s in H of the part s J i of the mean map, which no coenergy has; it is left out.
+    # s in H of the part s J i of the mean map, which no coenergy has; it is left out. The error of
+    # a resistance over the electrical speed where the map was measured at one speed.
     skew: float
     # Mean of (L_dd + L_qq)/2 over the map's points, H.
     mean_inductance: float
@@ -53,11 +54,14 @@ def fit_splines(
     image in i_q belongs to the map.
     """
     orders = _resolved(table, orders)
-    currents, flux = _points(table, REACH * limit)
+    reach = REACH * limit
+    inside = table.covered & (np.maximum(np.abs(table.i_d), np.abs(table.i_q)) <= reach)
+    currents = np.stack([table.i_d[inside], table.i_q[inside]], axis=1)
+    flux = np.stack([table.psi_d[inside], table.psi_q[inside]])
     if len(currents) < _LEAST_POINTS:
         raise InputError(
-            f"{table.name}: {len(currents)} points of the map lie within {REACH * limit:.4g} A, at "
-            f"least {_LEAST_POINTS} are wanted; raise the current limit."
+            f"{table.name}: {len(currents)} points of the map lie within {reach:.4g} A, at least "
+            f"{_LEAST_POINTS} are wanted; raise the current limit."
         )
     waves = _waves(table.theta_el, orders)
     amplitudes = flux @ np.linalg.pinv(waves).T
@@ -65,7 +69,8 @@ def fit_splines(
     if mirror:
         currents, amplitudes = _with_mirror_image(currents, amplitudes, len(orders))
     spacing, cells = limit / _CELLS, round(2 * REACH * _CELLS)
-    rows = _flux_rows(currents, spacing, cells)
+    by_axis = [_rows(currents, spacing, cells, order) for order in ((1, 0), (0, 1))]
+    rows = csr_array(vstack(by_axis))
     target = np.concatenate(list(amplitudes))
     turned = np.concatenate([-currents[:, 1], currents[:, 0]])
     solved = _solve(rows, np.column_stack([target, turned]), cells, spacing)
@@ -119,13 +124,6 @@ def _waves(theta: FloatArray, orders: tuple[int, ...]) -> FloatArray:
     return np.concatenate([np.ones((len(theta), 1)), np.cos(phase), np.sin(phase)], axis=1)
 
 
-def _points(table: FluxTable, reach: float) -> tuple[FloatArray, FloatArray]:
-    """Return the currents (point, 2) and fluxes (2, point, angle) within a square."""
-    inside = table.covered & (np.maximum(np.abs(table.i_d), np.abs(table.i_q)) <= reach)
-    currents = np.stack([table.i_d[inside], table.i_q[inside]], axis=1)
-    return currents, np.stack([table.psi_d[inside], table.psi_q[inside]])
-
-
 def _with_mirror_image(
     currents: FloatArray, amplitudes: FloatArray, orders: int
 ) -> tuple[FloatArray, FloatArray]:
@@ -141,8 +139,8 @@ def _rows(
 ) -> csr_array:
     """Return the sparse matrix from coefficients to a derivative of W, (point, coefficient)."""
     position = currents / spacing + cells / 2
-    along_d, numbers_d = cell_splines(position[:, 0], cells, derivatives[0])
-    along_q, numbers_q = cell_splines(position[:, 1], cells, derivatives[1])
+    along_d, numbers_d = _cell_splines(position[:, 0], cells, derivatives[0])
+    along_q, numbers_q = _cell_splines(position[:, 1], cells, derivatives[1])
     values = along_d[:, :, None] * along_q[:, None, :] / spacing ** sum(derivatives)
     numbers = numbers_d[:, :, None] * (cells + 5) + numbers_q[:, None, :]
     starts = 36 * np.arange(len(currents) + 1)
@@ -150,10 +148,18 @@ def _rows(
     return csr_array((values.ravel(), numbers.ravel(), starts), shape=shape)
 
 
-def _flux_rows(currents: FloatArray, spacing: float, cells: int) -> csr_array:
-    """Return the sparse matrix from coefficients to psi_d, then psi_q, (2 point, coefficient)."""
-    orders = ((1, 0), (0, 1))
-    return csr_array(vstack([_rows(currents, spacing, cells, order) for order in orders]))
+def _cell_splines(
+    position: FloatArray, cells: int, derivative: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return values and numbers (point, 6) of the splines that are not zero at `position` (point,).
+
+    Positions are in spacings, 0 to `cells`; of the ``cells + 5`` splines the values are
+    derivatives by the position.
+    """
+    cell = np.clip(np.floor(position), 0, cells - 1)
+    powers = np.power((position - cell)[:, None], np.arange(6))
+    polynomials = np.linalg.matrix_power(DERIVE, derivative) @ SPLINES
+    return powers @ polynomials, cell[:, None].astype(int) + np.arange(6)
 
 
 def _solve(rows: csr_array, flux: FloatArray, cells: int, spacing: float) -> FloatArray:

@@ -17,14 +17,31 @@ import numpy as np
 
 from penode.arrays import FloatArray, JaxArray, float64
 from penode.bench.machines import Machine
-from penode.bench.uniform_splines import DERIVE, SPLINES
 from penode.errors import InputError
 
 #: Half width of a machine's table over its current limit.
 REACH = 1.25
 
-# Cells of the table to one current limit.
+#: Cells of the table to one current limit.
 _CELLS = 60
+
+#: Quintic B-splines on evenly spaced knots: column j is the polynomial of the j-th of the six that
+#: are not zero in a cell, row n its coefficient of the n-th power of the position 0..1 in the cell.
+SPLINES: FloatArray = (
+    np.array(
+        [
+            [1, 26, 66, 26, 1, 0],
+            [-5, -50, 0, 50, 5, 0],
+            [10, 20, -60, 20, 10, 0],
+            [-10, 20, 0, -20, 10, 0],
+            [5, -20, 30, -20, 5, 0],
+            [-1, 5, -10, 10, -5, 1],
+        ]
+    )
+    / 120.0
+)
+#: ``DERIVE @ polynomials`` are their derivatives by the position within the cell.
+DERIVE: FloatArray = np.diag(np.arange(1.0, 6.0), k=1)
 
 _SPLINE_DERIVATIVES = np.stack([SPLINES, DERIVE @ SPLINES, DERIVE @ DERIVE @ SPLINES])
 
@@ -40,20 +57,13 @@ class Flux(NamedTuple):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class CoenergyTable:
-    """Coenergy over (i_d, i_q, theta_el), interpolated by quintic splines and a Fourier series.
+    """Coenergy over (i_d, i_q, theta_el), interpolated by quintic splines and a Fourier series."""
 
-    Attributes
-    ----------
-    coefficients : ndarray, shape (node_d + 4, node_q + 4, 1 + 2 order)
-        Spline coefficients of the mean coenergy, of its cosine and of its sine terms, in J.
-    spacing : float
-        Distance of the nodes in A; the middle node is at no current.
-    orders : tuple of int
-        Harmonics of the electrical angle.
-    """
-
+    # Of the mean coenergy, its cosine and its sine terms, J: (node_d + 4, node_q + 4, 1 + 2 order).
     coefficients: FloatArray
+    # Distance of the nodes, A; the middle node is at no current.
     spacing: float
+    # Harmonics of the electrical angle.
     orders: tuple[int, ...] = field(metadata={"static": True})
 
     @property
@@ -62,19 +72,15 @@ class CoenergyTable:
         cells: int = self.coefficients.shape[0] - 5
         return self.spacing * cells / 2
 
+    @property
+    def mean(self) -> "CoenergyTable":
+        """The mean over the angle."""
+        return CoenergyTable(self.coefficients[..., :1], self.spacing, ())
+
     def __call__(self, current: JaxArray, theta_el: JaxArray) -> Flux:
-        """Look up the machine; outside the table the outermost cells are continued.
+        """Return the flux at currents (2,), A, and an angle, rad.
 
-        Parameters
-        ----------
-        current : array, shape (2,)
-            i_d and i_q in A.
-        theta_el : array, shape ()
-            Electrical angle of the d axis in rad.
-
-        Returns
-        -------
-        Flux
+        Outside the table the outermost cells are continued.
         """
         w = self._derivatives(current, theta_el)
         return Flux(
@@ -84,42 +90,17 @@ class CoenergyTable:
         )
 
     def coenergy(self, current: JaxArray, theta_el: JaxArray) -> JaxArray:
-        """Return the coenergy W of the dq frame; that of the three phases is 3/2 W.
+        """Return the coenergy W of the dq frame, J; that of the three phases is 3/2 W.
 
         The energy stored in the field is ``3/2 (psi_d i_d + psi_q i_q - W)``.
-
-        Parameters
-        ----------
-        current : array, shape (2,)
-            i_d and i_q in A.
-        theta_el : array, shape ()
-            Electrical angle of the d axis in rad.
-
-        Returns
-        -------
-        array, shape ()
-            Coenergy in J, of which `Flux.linkage` is the exact derivative by the current.
         """
         return self._derivatives(current, theta_el)[0, 0, 0]
 
     def coenergy_angle_slope(self, current: JaxArray, theta_el: JaxArray) -> JaxArray:
-        """Return dW/dtheta_el at constant dq currents, the harmonics' part of the torque.
+        """Return dW/dtheta_el at constant dq currents, J/rad: the harmonics' part of the torque.
 
         ``torque = 3/2 p (psi_d i_q - psi_q i_d + dW/dtheta_el)``: like the cross product it takes
         the factor 3/2 of the amplitude-invariant transform and the pole pairs p.
-
-        Parameters
-        ----------
-        current : array, shape (2,)
-            i_d and i_q in A.
-        theta_el : array, shape ()
-            Electrical angle of the d axis in rad.
-
-        Returns
-        -------
-        array, shape ()
-            Slope in J/rad (electrical), of which `Flux.angle_slope` is the exact derivative by the
-            current.
         """
         return self._derivatives(current, theta_el)[0, 0, 1]
 
@@ -144,31 +125,12 @@ class CoenergyTable:
 
 @dataclass(frozen=True, eq=False)
 class SplineCoenergy:
-    """A table as the coenergy of a machine: what an imported map becomes.
-
-    Attributes
-    ----------
-    table : CoenergyTable
-        Its reach is 1.25 times the current limit of the machine.
-    """
+    """A table, to 1.25 times the current limit, as the coenergy of a machine from a map."""
 
     table: CoenergyTable
 
     def __call__(self, i_d: JaxArray, i_q: JaxArray, theta_el: JaxArray) -> JaxArray:
-        """Return the coenergy W of the dq frame.
-
-        Parameters
-        ----------
-        i_d, i_q : array, any shapes that broadcast
-            Currents in A.
-        theta_el : array
-            Electrical angle of the d axis in rad.
-
-        Returns
-        -------
-        array of the broadcast shape
-            Coenergy in J.
-        """
+        """Return the coenergy, J, of the shape to which the arguments (A, rad) broadcast."""
         i_d, i_q, theta_el = jnp.broadcast_arrays(i_d, i_q, theta_el)
         look_up = jnp.vectorize(self.table.coenergy, signature="(n),()->()")
         coenergy: JaxArray = look_up(jnp.stack([i_d, i_q], axis=-1), theta_el)
@@ -177,19 +139,11 @@ class SplineCoenergy:
 
 @lru_cache(maxsize=8)
 def tabulate(machine: Machine) -> CoenergyTable:
-    """Sample a machine's coenergy to a table.
+    """Sample a machine's coenergy to a table, which is kept, for a machine is immutable.
 
-    Parameters
-    ----------
-    machine : Machine
-        The machine. Its table is kept, for a machine is immutable.
-
-    Returns
-    -------
-    CoenergyTable
-        Nodes every 1/60 of the current limit, to 1.25 times the limit in either axis. For the
-        built-in machines psi is within 2e-9 Vs and L within 4e-9 H of the coenergy's derivatives
-        (1e-10 for `TRACTION_300A`). A machine imported from a map is its own table.
+    It has nodes every 1/60 of the current limit, to 1.25 times the limit in either axis. For the
+    built-in machines psi is within 2e-9 Vs and L within 4e-9 H of the coenergy's derivatives
+    (1e-10 for `TRACTION_300A`). A machine imported from a map is its own table.
     """
     if isinstance(machine.coenergy, SplineCoenergy):
         return machine.coenergy.table
@@ -225,18 +179,13 @@ def true_flux_map(machine: Machine, i_d: FloatArray, i_q: FloatArray) -> FloatAr
     -------
     ndarray, the broadcast shape + (2,)
         psi_d and psi_q in Vs.
-
-    Raises
-    ------
-    InputError
-        If a current lies outside the machine's table.
     """
     table = tabulate(machine)
     currents = np.stack(np.broadcast_arrays(i_d, i_q), axis=-1).astype(np.float64)
     if not np.all(np.abs(currents) <= table.reach):
         raise InputError(
-            f"{machine.name}: a current of {np.abs(currents).max():.4g} A was asked for, but its "
-            f"table ends at {table.reach:.4g} A; give currents inside it."
+            f"{machine.name}: currents must be at most the {table.reach:.4g} A of its table, got "
+            f"{np.abs(currents).max():.4g} A."
         )
     with float64():
         linkage = _mean_linkage(table, jnp.asarray(currents.reshape(-1, 2)))
@@ -246,8 +195,7 @@ def true_flux_map(machine: Machine, i_d: FloatArray, i_q: FloatArray) -> FloatAr
 @jax.jit
 def _mean_linkage(table: CoenergyTable, currents: JaxArray) -> JaxArray:
     """Return the mean of psi over the angle, (batch, 2): the order 0 of the table alone."""
-    mean = CoenergyTable(table.coefficients[..., :1], table.spacing, ())
-    return jax.vmap(mean, (0, None))(currents, jnp.zeros(())).linkage
+    return jax.vmap(table.mean, (0, None))(currents, jnp.zeros(())).linkage
 
 
 def _waves(theta_el: JaxArray, orders: tuple[int, ...]) -> JaxArray:

@@ -13,10 +13,17 @@ from typing import Any
 import msgspec
 
 from penode.bench.drive import Drive
-from penode.bench.identified import identified_machine
-from penode.bench.inverter import Hold, RotorHold, StationaryHold
+from penode.bench.inverter import (
+    CarrierPwm,
+    Circle,
+    Hexagon,
+    Hold,
+    RotorHold,
+    StationaryHold,
+    VoltageLimit,
+)
 from penode.bench.machines import Machine, machine
-from penode.bench.map_import import ImportedMachine, import_machine
+from penode.bench.map_import import ImportedMachine, identified_machine, import_machine
 from penode.bench.references import (
     GENERATOR,
     MOTOR,
@@ -31,8 +38,6 @@ from penode.bench.references import (
 )
 from penode.bench.run import Recording, record
 from penode.bench.shaft import FreeShaft, Speed, SpeedPoints, SpeedRipple
-from penode.bench.switching import CarrierPwm
-from penode.bench.voltage_limits import Circle, Hexagon, VoltageLimit
 from penode.data.toml_file import FINITE, NATURAL, held_against, read_toml
 from penode.errors import InputError
 

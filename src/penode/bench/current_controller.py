@@ -5,12 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray, JaxArray
+from penode.bench.drive import Drive
+from penode.bench.inverter import VoltageLimit
 from penode.bench.machines import Machine
 from penode.bench.phases import quarter_turned
 from penode.bench.sensors import Reading
-from penode.bench.voltage_limits import Circle, VoltageLimit
-
-_CIRCLE = Circle()
 
 
 class CurrentController(eqx.Module):
@@ -24,50 +23,41 @@ class CurrentController(eqx.Module):
 
     A machine that is as believed gets both closed-loop poles at -bandwidth. The term in
     u - u_wanted stops the integral z where the limit bites.
-
-    Attributes
-    ----------
-    inductance : ndarray, shape (2,)
-        Believed L_d and L_q in H.
-    magnet_flux_linkage : float
-        Believed psi_PM in Vs.
-    bandwidth : float
-        Closed-loop bandwidth in rad/s.
-    limit : VoltageLimit
-        The voltages it keeps to.
-    dc_voltage : float
-        Voltage of the dc link in V.
-    time_step : float
-        Sampling interval T in s.
     """
 
+    # Believed L_d and L_q (2,), H.
     inductance: FloatArray
+    # Believed psi_PM, Vs.
     magnet_flux_linkage: float
+    # Of the closed loop, rad/s.
     bandwidth: float
     limit: VoltageLimit
+    # Of the dc link, V.
     dc_voltage: float
+    # Sampling interval T, s.
     time_step: float
+
+    @classmethod
+    def tuned(cls, machine: Machine, drive: Drive) -> "CurrentController":
+        """Return a drive's controller, tuned from the machine's data sheet.
+
+        A machine whose inductance were the believed one would get the drive's bandwidth.
+        """
+        return cls(
+            inductance=drive.tuning * np.array([machine.inductance_d, machine.inductance_q]),
+            magnet_flux_linkage=machine.magnet_flux_linkage,
+            bandwidth=drive.bandwidth,
+            limit=drive.inverter.limit,
+            dc_voltage=drive.dc_voltage,
+            time_step=drive.time_step,
+        )
 
     def step(
         self, integral: JaxArray, reference: JaxArray, reading: Reading, angle: JaxArray
     ) -> tuple[JaxArray, JaxArray]:
-        """Return the voltage for an interval, and the integral after it.
+        """Return the dq voltage (2,), V, to be held, and the integral z (2,), V, after it.
 
-        Parameters
-        ----------
-        integral : array, shape (2,)
-            Integral part z in V.
-        reference : array, shape (2,)
-            Wanted dq currents at the sampling instant in A.
-        reading : Reading
-            Measured currents in A and electrical speed in rad/s.
-        angle : array, shape ()
-            Electrical angle in rad at which the voltage is to be sent to the phases.
-
-        Returns
-        -------
-        voltage, integral : array, shape (2,)
-            dq voltage in V to be held, next z in V.
+        The wanted currents are in A; at `angle`, rad, the voltage is sent to the phases.
         """
         inductance = jnp.asarray(self.inductance)
         gain = 2.0 * self.bandwidth * inductance
@@ -79,43 +69,6 @@ class CurrentController(eqx.Module):
         return voltage, integral + self.time_step * rise
 
     def induced(self, current: JaxArray, omega_el: JaxArray) -> JaxArray:
-        """Return the voltage that the controller believes rotation induces.
-
-        Parameters
-        ----------
-        current : array, shape (2,)
-            i_d and i_q in A.
-        omega_el : array, shape ()
-            Electrical speed in rad/s.
-
-        Returns
-        -------
-        array, shape (2,)
-            ``omega J (L i + psi_PM)`` in V.
-        """
+        """Return what rotation is believed to induce, ``omega J (L i + psi_PM)`` (2,), V."""
         magnet = jnp.stack([self.magnet_flux_linkage, 0.0])
         return omega_el * quarter_turned(jnp.asarray(self.inductance) * current + magnet)
-
-
-def tuned_controller(
-    machine: Machine,
-    *,
-    bandwidth: float,
-    tuning: float,
-    dc_voltage: float,
-    time_step: float,
-    limit: VoltageLimit = _CIRCLE,
-) -> CurrentController:
-    """Tune a controller from the data sheet to a bandwidth in rad/s, approximately.
-
-    `tuning` is the believed inductance over that of the data sheet; a machine with the believed
-    one would get the bandwidth.
-    """
-    return CurrentController(
-        inductance=tuning * np.array([machine.inductance_d, machine.inductance_q]),
-        magnet_flux_linkage=machine.magnet_flux_linkage,
-        bandwidth=bandwidth,
-        limit=limit,
-        dc_voltage=dc_voltage,
-        time_step=time_step,
-    )

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from penode.bench.current_sensors import CurrentSensors
 from penode.bench.inverter import Inverter
-from penode.bench.sensors import Resolver, SpeedSensor
+from penode.bench.sensors import CurrentSensors, Resolver, SpeedSensor
 from penode.bench.winding import IronLoss, Winding
 
 

@@ -97,21 +97,10 @@ class Machine:
 
 
 def torque(machine: Machine, i_d: FloatArray, i_q: FloatArray, theta_el: FloatArray) -> FloatArray:
-    """Return the air-gap torque, ``3/2 p (psi_d i_q - psi_q i_d + dW/dtheta)``.
+    """Return the air-gap torque (time,), Nm, positive when it drives the rotor forward.
 
-    Parameters
-    ----------
-    machine : Machine
-        The machine.
-    i_d, i_q : ndarray, shape (time,)
-        Currents in A.
-    theta_el : ndarray, shape (time,)
-        Electrical angle of the d axis in rad.
-
-    Returns
-    -------
-    ndarray, shape (time,)
-        Torque in Nm, positive when it drives the rotor forward.
+    ``3/2 p (psi_d i_q - psi_q i_d + dW/dtheta)`` of currents in A and the electrical angle in rad,
+    (time,) each.
     """
     gradient = jax.grad(machine.coenergy, argnums=(0, 1, 2))
     with float64():
@@ -202,22 +191,7 @@ MACHINES: dict[str, Machine] = {
 
 
 def machine(name: str) -> Machine:
-    """Return a built-in machine by its name.
-
-    Parameters
-    ----------
-    name : str
-        A key of `MACHINES`.
-
-    Returns
-    -------
-    Machine
-
-    Raises
-    ------
-    InputError
-        If there is no machine of that name; the message lists those there are.
-    """
+    """Return a built-in machine by its name, a key of `MACHINES`."""
     if name not in MACHINES:
         raise InputError(
             f"there is no built-in machine {name!r}; choose one of {', '.join(MACHINES)}."

@@ -75,7 +75,7 @@ def _refuse_holes(table: FluxTable, covered: BoolArray) -> None:
     """Raise if a point without values lies between points with values in its row and column."""
     if not covered.any():
         raise InputError(f"{table.name}: no point of the map has values at every angle.")
-    between = covered == covered
+    between = np.ones_like(covered)
     for axis in (0, 1):
         before = np.logical_or.accumulate(covered, axis=axis)
         after = np.flip(np.logical_or.accumulate(np.flip(covered, axis), axis=axis), axis)
@@ -105,7 +105,7 @@ def _refuse_singular(table: FluxTable, inductance: FloatArray, cells: BoolArray)
             f"{table.name}: psi cannot be inverted in {singular.sum()} of {singular.size} cells "
             f"(det L <= 0 or L_dd <= 0), the first at i_d = {table.i_d[row, column]:.4g} A, "
             f"i_q = {table.i_q[row, column]:.4g} A; look for a transposed matrix, swapped axes, "
-            "another sign convention or outliers, and mend the map at the source."
+            "another sign convention or outliers, and correct the map at its source."
         )
 
 

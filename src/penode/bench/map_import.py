@@ -1,31 +1,23 @@
-"""Makes a machine of the bench from a user's own flux map."""
+"""Makes a machine of the bench from a user's own flux map, or from what an identification wrote."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
 from penode.arrays import FloatArray, JaxArray, float64, on_device
 from penode.bench.coenergy_fit import SplineFit, fit_splines
 from penode.bench.coenergy_table import CoenergyTable, SplineCoenergy
-from penode.bench.flux_table import FluxTable
+from penode.bench.flux_table import FluxTable, read_flux_table
 from penode.bench.machines import Machine
 from penode.bench.map_checks import MapChecks, check_map
-from penode.bench.map_files import csv, mat, npz
-from penode.bench.map_layouts import flux_table
 from penode.errors import InputError
-
-#: Readers by the suffix of the file.
-MAP_READERS: dict[str, Callable[[Path], dict[str, NDArray[Any]]]] = {
-    ".csv": csv.read,
-    ".npz": npz.read,
-    ".mat": mat.read,
-}
 
 # A reciprocity residual above this share of the mean inductance, and an asymmetry or a part of psi
 # left out above this share of the largest psi, are reported.
@@ -34,37 +26,19 @@ _WARNED_SHARE = 0.01
 # Disc, over the current limit, on which the machine has to be invertible.
 _INVERTIBLE_REACH = 1.2
 
+# Verdicts under which R and the map must not be used.
+_DOUBTFUL = ("no plateau", "not identifiable", "implausible")
+
 
 @dataclass(frozen=True)
-class MapFindings:
-    """What is known about an imported map and what became of it.
+class MapFindings(SplineFit):
+    """What is known about an imported map and what became of it."""
 
-    Attributes
-    ----------
-    checks : MapChecks
-        Reciprocity, symmetry and coverage of the map as it came.
-    fit_error : float
-        rms of psi between the map and the machine in Vs, over points, angles and axes; it contains
-        the part of the map that is not reciprocal and the harmonics left out.
-    orders : tuple of int
-        Harmonics of the electrical angle that the machine has.
-    left_out : float
-        rms of the part of psi over the angle in other orders in Vs.
-    skew : float
-        s in H of the map's part s J i, which no coenergy has; (resistance error) / (electrical
-        speed) where the map was measured at one speed. It is left out of the machine.
-    smallest_inductance : float
-        Smallest eigenvalue of L within 1.2 times the current limit, at any angle, in H.
-    warnings : tuple of str
-        A sentence for each finding that makes the machine differ from the map.
-    """
-
+    # Reciprocity, symmetry and coverage of the map as it came.
     checks: MapChecks
-    fit_error: float
-    orders: tuple[int, ...]
-    left_out: float
-    skew: float
+    # Eigenvalue of L within 1.2 times the current limit, at any angle, H.
     smallest_inductance: float
+    # A sentence for each finding that makes the machine differ from the map.
     warnings: tuple[str, ...]
 
 
@@ -72,32 +46,12 @@ class MapFindings:
 class ImportedMachine:
     """A machine and what was found on the way.
 
-    Attributes
-    ----------
-    machine : Machine
-        Its temperature coefficients, voltage and speed are the defaults; change them with
-        `dataclasses.replace`.
-    findings : MapFindings
-        What the map is like and how well the machine reproduces it.
+    Its temperature coefficients, voltage and speed are the defaults; change them with
+    `dataclasses.replace`.
     """
 
     machine: Machine
     findings: MapFindings
-
-
-def read_flux_table(path: str | Path, *, pole_pairs: int) -> FluxTable:
-    """Read a flux map from a CSV, npz or mat file; `map_layouts` lists the names it may use.
-
-    The pole pairs are for angles that the file has in mechanical degrees.
-    """
-    path = Path(path)
-    reader = MAP_READERS.get(path.suffix.lower())
-    if reader is None:
-        raise InputError(
-            f"{path}: a flux map in a {path.suffix or 'file without suffix'} is not known; give "
-            f"one of {', '.join(MAP_READERS)}."
-        )
-    return flux_table(str(path), reader(path), pole_pairs)
 
 
 def import_machine(
@@ -117,7 +71,7 @@ def import_machine(
     Parameters
     ----------
     path : str or Path
-        CSV, npz or mat file, see `read_flux_table`.
+        CSV, npz or mat file; `penode.bench.flux_table` lists the names of columns it may use.
     resistance : float
         Resistance of one phase in ohm.
     pole_pairs : int
@@ -134,15 +88,13 @@ def import_machine(
     Returns
     -------
     ImportedMachine
+        ``machine``, and ``findings`` with ``warnings``, a sentence each.
 
     Raises
     ------
     InputError
-        If the file holds no usable flux map (see `read_flux_table`, `check_map`), a number is not
-        above zero, the angles cannot resolve the orders, or the machine would not be invertible
-        where the map covers it.
-    OSError
-        If the file cannot be opened.
+        If the file holds no usable flux map, a number is not above zero, the angles cannot resolve
+        the orders, or the machine would not be invertible where the map covers it.
     """
     if not (resistance >= 0 and pole_pairs >= 1 and (current_limit is None or current_limit > 0)):
         raise InputError(
@@ -151,27 +103,17 @@ def import_machine(
         )
     table = read_flux_table(path, pole_pairs=pole_pairs)
     checks = check_map(table)
-    limit = _covered_current(table) if current_limit is None else current_limit
+    covered = table.covered
+    reach = float(min(np.abs(axis[covered]).max() for axis in (table.i_d, table.i_q)))
+    limit = reach if current_limit is None else current_limit
     fit = fit_splines(table, limit, orders, mirror)
     smallest = _smallest_inductance(fit.table, limit)
     _refuse_not_invertible(table, fit)
-    machine = _machine(table, fit.table, resistance, pole_pairs, limit)
+    warnings = tuple(_warnings(table, checks, fit, smallest, mirror))
     findings = MapFindings(
-        checks=checks,
-        fit_error=fit.error,
-        orders=fit.table.orders,
-        left_out=fit.left_out,
-        skew=fit.skew,
-        smallest_inductance=smallest,
-        warnings=tuple(_warnings(table, checks, fit, smallest, mirror)),
+        **vars(fit), checks=checks, smallest_inductance=smallest, warnings=warnings
     )
-    return ImportedMachine(machine, findings)
-
-
-def _covered_current(table: FluxTable) -> float:
-    """Return the smaller of the largest covered |i_d| and |i_q| in A."""
-    covered = table.covered
-    return float(min(np.abs(axis[covered]).max() for axis in (table.i_d, table.i_q)))
+    return ImportedMachine(_machine(table, fit.table, resistance, pole_pairs, limit), findings)
 
 
 def _inductance_at(table: CoenergyTable, currents: FloatArray) -> FloatArray:
@@ -216,9 +158,8 @@ def _machine(
     table: FluxTable, coenergy: CoenergyTable, resistance: float, pole_pairs: int, limit: float
 ) -> Machine:
     """Return the machine; its data-sheet values are those at no current."""
-    mean = CoenergyTable(coenergy.coefficients[..., :1], coenergy.spacing, ())
     with float64():
-        rest = mean(jnp.zeros(2), jnp.zeros(()))
+        rest = coenergy.mean(jnp.zeros(2), jnp.zeros(()))
     return Machine(
         name=Path(table.name).stem,
         resistance=resistance,
@@ -251,8 +192,8 @@ def _warnings(
         )
     if checks.i_q_range[0] * checks.i_q_range[1] >= 0 and not mirror:
         warnings.append("the map covers one sign of i_q; the other is extrapolated, not mirrored")
-    if fit.error > _WARNED_SHARE * largest:
-        warnings.append(f"the machine differs from the map by {1e3 * fit.error:.3g} mVs rms")
+    if fit.fit_error > _WARNED_SHARE * largest:
+        warnings.append(f"the machine differs from the map by {1e3 * fit.fit_error:.3g} mVs rms")
     if fit.left_out > _WARNED_SHARE * largest:
         warnings.append(
             f"{1e3 * fit.left_out:.3g} mVs rms of psi lie in orders of the angle that were left out"
@@ -263,3 +204,107 @@ def _warnings(
             "limit; stay inside the map, or lower the current limit"
         )
     return warnings
+
+
+def identified_machine(
+    folder: str | Path,
+    *,
+    resistance: float | None = None,
+    pole_pairs: int | None = None,
+    current_limit: float | None = None,
+    inductance_d: float | None = None,
+    inductance_q: float | None = None,
+) -> ImportedMachine:
+    """Make a machine of ``flux_map.csv`` and ``result.json`` in a folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder that ``penode identify`` wrote.
+    resistance : float, optional
+        In ohm; by default the one identified.
+    pole_pairs : int, optional
+        By default those given to the identification.
+    current_limit : float, optional
+        Largest permitted current, peak value, in A; by default the largest that the map covers
+        along the axis it covers less.
+    inductance_d, inductance_q : float, optional
+        In H, of the data sheet: what the current controller is tuned from; by default those of the
+        map at no current.
+
+    Returns
+    -------
+    ImportedMachine
+        Named after the folder, without harmonics of the angle. A doubtful verdict is a warning.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or not what an identification of a machine writes, if the pole
+        pairs are not given, or the map is unusable (see `import_machine`).
+    """
+    folder = Path(folder)
+    source = folder / "flux_map.csv"
+    result = _read_result(folder / "result.json")
+    if not source.is_file():
+        raise InputError(f"{source}: no such file; give a folder that penode identify wrote.")
+    _require_same_result(source, result)
+    if pole_pairs is None:
+        pole_pairs = result.get("provenance", {}).get("pole_pairs")
+    if pole_pairs is None:
+        raise InputError(
+            f"{folder}: the identification was not given the pole pairs; add pole_pairs = N beside "
+            "result."
+        )
+    data_sheet = {"inductance_d": inductance_d, "inductance_q": inductance_q}
+    given: dict[str, Any] = {k: value for k, value in data_sheet.items() if value is not None}
+    for name, value in given.items():
+        if not value > 0:
+            raise InputError(f"{folder}: {name} must be > 0 H, got {value}.")
+    verdict, doubts = result.get("horizon", {}).get("verdict"), list[str]()
+    if resistance is None:
+        resistance = _resistance(folder, result)
+        if verdict in _DOUBTFUL:
+            doubts.append(f"the verdict of {folder} is {verdict!r}: its R and its map are doubtful")
+    imported = import_machine(
+        source, resistance=resistance, pole_pairs=pole_pairs, current_limit=current_limit
+    )
+    warnings = (*doubts, *imported.findings.warnings)
+    return ImportedMachine(
+        replace(imported.machine, name=folder.resolve().name, **given),
+        replace(imported.findings, warnings=warnings),
+    )
+
+
+def _read_result(path: Path) -> Mapping[str, Any]:
+    try:
+        result = json.loads(path.read_text())
+    except OSError as error:
+        raise InputError(
+            f"{path}: no such file; give a folder that penode identify wrote."
+        ) from error
+    except ValueError as error:
+        raise InputError(f"{path}: not JSON ({error}); identify again.") from error
+    if not isinstance(result, dict):
+        raise InputError(f"{path}: not a result of penode identify; give its folder.")
+    return result
+
+
+def _require_same_result(source: Path, result: Mapping[str, Any]) -> None:
+    """Refuse a map other than the one that the result was written with."""
+    files = result.get("files")
+    digest = files.get(source.name) if isinstance(files, dict) else None
+    if digest is not None and digest != hashlib.sha256(source.read_bytes()).hexdigest():
+        raise InputError(
+            f"{source}: not the file that result.json beside it was written with; put back the one "
+            "that was, or run the identification again."
+        )
+
+
+def _resistance(folder: Path, result: Mapping[str, Any]) -> float:
+    try:
+        return float(result["parameters"]["R"]["value"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{folder}: result.json has no R; add resistance, in ohm, beside result."
+        ) from error

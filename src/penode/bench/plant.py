@@ -14,10 +14,9 @@ import jax.numpy as jnp
 
 from penode.arrays import JaxArray
 from penode.bench.coenergy_table import CoenergyTable, Flux
-from penode.bench.current_sensors import CurrentSensors
 from penode.bench.inverter import Pulses
 from penode.bench.phases import quarter_turned
-from penode.bench.sensors import Terminals
+from penode.bench.sensors import CurrentSensors, Terminals
 from penode.bench.shaft import Motion, Shaft
 from penode.bench.winding import IronLoss, Winding
 

@@ -19,18 +19,9 @@ Reference: TypeAlias = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class Domain:
-    """A part of the current disc, in shares of what the disc permits.
+    """A part of the current disc: smallest and largest i_d and i_q within -1 and 1.
 
-    Attributes
-    ----------
-    d, q : tuple of two floats
-        Smallest and largest i_d and i_q within -1 and 1: i_q over the radius, i_d over what i_q
-        leaves of it.
-
-    Raises
-    ------
-    InputError
-        If a pair does not rise within -1 and 1.
+    i_q is over the radius, i_d over what i_q leaves of it.
     """
 
     d: tuple[float, float] = (-1.0, 1.0)
@@ -40,8 +31,7 @@ class Domain:
         for axis, (low, high) in {"d": self.d, "q": self.q}.items():
             if not -1.0 <= low < high <= 1.0:
                 raise InputError(
-                    f"domain: the {axis} axis came as {low:g} to {high:g}; give two rising numbers "
-                    f"within -1 and 1."
+                    f"domain: the {axis} axis must rise within -1 and 1, got {low:g} to {high:g}."
                 )
 
 
@@ -77,18 +67,7 @@ class Lissajous:
     domain: Domain = WHOLE_DISC
 
     def __call__(self, time: FloatArray) -> FloatArray:
-        """Return the reference at the given times.
-
-        Parameters
-        ----------
-        time : ndarray, shape (time,)
-            Times in s.
-
-        Returns
-        -------
-        ndarray, shape (time, 2)
-            i_d and i_q in A.
-        """
+        """Return i_d and i_q (time, 2), A, at times in s."""
         i_q = self.amplitude * _swing(self.domain.q, self.rate_q * time)
         left = np.sqrt(self.amplitude**2 - i_q**2)
         return np.stack([left * _swing(self.domain.d, self.rate_d * time), i_q], axis=1)
@@ -96,35 +75,17 @@ class Lissajous:
 
 @dataclass(frozen=True)
 class Spiral:
-    """Circles whose radius swings between nothing and the amplitude: ``I |sin(pi t / T)|``.
+    """Circles whose radius swings between nothing and the amplitude: ``I |sin(pi t / T)|``."""
 
-    Attributes
-    ----------
-    amplitude : float
-        Largest radius I in A.
-    rate : float
-        Angular frequency of the circles in rad/s; negative turns the other way.
-    period : float
-        Time T from the centre out and back in s.
-    """
-
+    # Largest radius I, A.
     amplitude: float
+    # Angular frequency of the circles, rad/s; negative turns the other way.
     rate: float
+    # Time T from the centre out and back, s.
     period: float
 
     def __call__(self, time: FloatArray) -> FloatArray:
-        """Return the reference at the given times.
-
-        Parameters
-        ----------
-        time : ndarray, shape (time,)
-            Times in s.
-
-        Returns
-        -------
-        ndarray, shape (time, 2)
-            i_d and i_q in A.
-        """
+        """Return i_d and i_q (time, 2), A, at times in s."""
         radius = self.amplitude * np.abs(np.sin(np.pi * time / self.period))
         angle = self.rate * time
         return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
@@ -140,11 +101,6 @@ class Steps:
         i_d and i_q in A.
     dwell : float
         Time at each point in s.
-
-    Raises
-    ------
-    InputError
-        If there is no point, or no time at one.
     """
 
     points: tuple[tuple[float, float], ...]
@@ -153,8 +109,8 @@ class Steps:
     def __post_init__(self) -> None:
         if not self.points or not self.dwell > 0:
             raise InputError(
-                f"steps: {len(self.points)} points for {self.dwell:g} s each were given; give at "
-                f"least one pair of i_d and i_q in A, and a time above zero in s."
+                f"steps: at least one point and a dwell above zero are needed, got "
+                f"{len(self.points)} points for {self.dwell:g} s each."
             )
 
     @property
@@ -163,18 +119,7 @@ class Steps:
         return len(self.points) * self.dwell
 
     def __call__(self, time: FloatArray) -> FloatArray:
-        """Return the reference at the given times.
-
-        Parameters
-        ----------
-        time : ndarray, shape (time,)
-            Times in s.
-
-        Returns
-        -------
-        ndarray, shape (time, 2)
-            i_d and i_q in A.
-        """
+        """Return i_d and i_q (time, 2), A, at times in s."""
         # A sample that falls on a step by rounding belongs to the point that begins there.
         index = np.floor(time / self.dwell + 1e-9).astype(int) % len(self.points)
         rows: FloatArray = np.asarray(self.points, dtype=np.float64)[index]
@@ -196,18 +141,9 @@ def stationary_grid(
         Time at each point in s.
     domain : Domain
         The part of the disc, its bounds here in shares of the radius in both axes.
-
-    Returns
-    -------
-    Steps
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two points to an axis, or no time at one.
     """
     if points < 2:
-        raise InputError(f"stationary grid: {points} points an axis were given; give at least 2.")
+        raise InputError(f"stationary grid: points an axis must be >= 2, got {points}.")
     i_d = amplitude * np.linspace(*domain.d, points)
     i_q = amplitude * np.linspace(*domain.q, points)
     snake = [
@@ -240,18 +176,7 @@ class Injection:
     point: tuple[float, float] = (0.0, 0.0)
 
     def __call__(self, time: FloatArray) -> FloatArray:
-        """Return the reference at the given times.
-
-        Parameters
-        ----------
-        time : ndarray, shape (time,)
-            Times in s.
-
-        Returns
-        -------
-        ndarray, shape (time, 2)
-            i_d and i_q in A.
-        """
+        """Return i_d and i_q (time, 2), A, at times in s."""
         wave = np.sin(2 * np.pi * self.frequency * np.asarray(time, dtype=np.float64))
         rows: FloatArray = np.asarray(self.point) + wave[:, None] * np.asarray(self.amplitude)
         return rows

@@ -11,7 +11,7 @@ import numpy as np
 
 from penode.arrays import JaxArray
 from penode.bench.coenergy_table import tabulate
-from penode.bench.current_controller import CurrentController, tuned_controller
+from penode.bench.current_controller import CurrentController
 from penode.bench.drive import Drive
 from penode.bench.inverter import Inverter, Switching
 from penode.bench.machines import Machine
@@ -80,26 +80,19 @@ class Rig(eqx.Module):
         plant = self.plant.at_sample(state.plant, row.motion)
         truth = self.plant.terminals(plant)
         reading = self.sensors.read(truth, row.draws)
-        angle = self._command_angle(reading)
+        turn = reading.omega_el * self.switching.period
+        angle = self.inverter.hold.command_angle(reading.theta_el, turn)
         voltage, integral = self.controller.step(state.integral, row.reference, reading, angle)
         sent = rotated(voltage, angle - self.inverter.hold.frame_angle(truth.theta_el))
-        acting, waiting = _delayed(state.waiting, sent)
-        after = self._interval(plant, acting, truth, row.motion.slope)
+        line = jnp.concatenate([state.waiting, sent[None]])
+        phase_currents = phases(rotated(truth.current, truth.theta_el))
+        pulses = self.inverter.hold.pulses(
+            line[0], phase_currents, self.inverter.dead_time, self.switching
+        )
+        after = self.plant.advance(plant, pulses, self.voltages, row.motion.slope)
         used = self.inverter.limit.used(voltage, angle, self.switching.dc_voltage)
         sampled = Sampled(voltage, reading, truth, plant.temperature, used)
-        return LoopState(after, integral, waiting), sampled
-
-    def _command_angle(self, reading: Reading) -> JaxArray:
-        turn = reading.omega_el * self.switching.period
-        return self.inverter.hold.command_angle(reading.theta_el, turn)
-
-    def _interval(
-        self, plant: State, acting: JaxArray, truth: Terminals, acceleration: JaxArray
-    ) -> State:
-        """Return the plant at the end of an interval in which a voltage acts."""
-        sampled = phases(rotated(truth.current, truth.theta_el))
-        pulses = self.inverter.hold.pulses(acting, sampled, self.inverter.dead_time, self.switching)
-        return self.plant.advance(plant, pulses, self.voltages, acceleration)
+        return LoopState(after, integral, line[1:]), sampled
 
     def voltages(self, vector: JaxArray) -> VoltageAt:
         """Return the function from current (2,), A, and angle, rad, to terminal voltage (2,), V.
@@ -113,22 +106,8 @@ class Rig(eqx.Module):
         return voltage_at
 
 
-def _delayed(waiting: JaxArray, sent: JaxArray) -> tuple[JaxArray, JaxArray]:
-    """Return the voltage that acts now and those that go on waiting."""
-    line = jnp.concatenate([waiting, sent[None]])
-    return line[0], line[1:]
-
-
 def rig_of(machine: Machine, drive: Drive, shaft: Shaft, fastest: float) -> Rig:
     """Return a drive's blocks, integrated finely enough for an electrical speed in rad/s."""
-    controller = tuned_controller(
-        machine,
-        bandwidth=drive.bandwidth,
-        tuning=drive.tuning,
-        dc_voltage=drive.dc_voltage,
-        time_step=drive.time_step,
-        limit=drive.inverter.limit,
-    )
     sensors = Sensors(
         current=drive.current_sensors,
         resolver=drive.resolver,
@@ -137,12 +116,13 @@ def rig_of(machine: Machine, drive: Drive, shaft: Shaft, fastest: float) -> Rig:
         pole_pairs=float(machine.pole_pairs),
     )
     switching = Switching(drive.dc_voltage, drive.time_step)
-    plant = plant_of(machine, drive, shaft, fastest)
+    controller = CurrentController.tuned(machine, drive)
+    plant = _plant(machine, drive, shaft, substeps(machine, drive, fastest))
     return Rig(controller, drive.inverter, switching, plant, sensors)
 
 
-def plant_of(machine: Machine, drive: Drive, shaft: Shaft, fastest: float) -> Plant:
-    """Return a machine's plant, integrated finely enough for an electrical speed in rad/s."""
+def _plant(machine: Machine, drive: Drive, shaft: Shaft, steps: int) -> Plant:
+    """Return a machine's plant, integrated in so many steps a pulse."""
     copper = Copper(machine.resistance, machine.copper_coefficient, machine.reference_temperature)
     warm = drive.magnet_temperature
     filtered = drive.current_sensors is not None and drive.current_sensors.cutoff_hz is not None
@@ -154,7 +134,7 @@ def plant_of(machine: Machine, drive: Drive, shaft: Shaft, fastest: float) -> Pl
         iron_loss=drive.iron_loss,
         shaft=shaft,
         sensors=drive.current_sensors if filtered else None,
-        substeps=substeps(machine, drive, fastest),
+        substeps=steps,
     )
 
 

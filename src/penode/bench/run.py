@@ -18,6 +18,7 @@ from penode.bench.admission import (
     check_drive,
     check_speed,
     reference_rows,
+    refuse_unstable,
     sampling_instants,
 )
 from penode.bench.drive import DEFAULT_DRIVE, Drive
@@ -26,12 +27,9 @@ from penode.bench.references import Reference
 from penode.bench.rig import LoopState, Rig, Row, Sampled, rig_of
 from penode.bench.sensors import Draws
 from penode.bench.shaft import FreeShaft, Motion, Speed, shaft_of
-from penode.bench.stability import refuse_unstable
 from penode.bench.truth import Trace, Truth
 from penode.data.experiment import Experiment, Source
 from penode.errors import InputError
-
-__all__ = ["DEFAULT_DRIVE", "Drive", "Recording", "record", "simulate"]
 
 # Rows that one call of the compiled loop works on: what bounds its memory, whatever the length.
 _CHUNK = 1000
@@ -42,17 +40,11 @@ _SATURATED_SHARE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A recording and the truth behind it.
+    """A recording and the truth behind it."""
 
-    Attributes
-    ----------
-    experiment : Experiment
-        What the drive recorded.
-    truth : Truth
-        How it was made, and the true values of the sensors' signals.
-    """
-
+    # What the drive recorded.
     experiment: Experiment
+    # How it was made, and the true values of the sensors' signals.
     truth: Truth
 
 
@@ -112,21 +104,10 @@ def record(
     drive: Drive = DEFAULT_DRIVE,
     seed: int = 0,
 ) -> Recording:
-    """Record a drive as `simulate` does, and keep the truth beside the recording.
+    """Record a drive as `simulate` does, and keep the truth beside the recording; see `simulate`.
 
-    Parameters
-    ----------
-    machine, reference, speed_rpm, duration, drive, seed
-        As in `simulate`: speed in rpm, duration in s.
-
-    Returns
-    -------
-    Recording
-
-    Raises
-    ------
-    InputError
-        As in `simulate`.
+    The truth has ``flux_map(i_d, i_q)``, ``resistance``, ``phase_resistances``, ``mean_speed_rpm``
+    and, as ``trace``, true currents, angle, speed and temperature.
     """
     name = _name(machine, speed_rpm)
     check_drive(name, drive)
@@ -141,9 +122,8 @@ def record(
     _refuse_saturated(name, sampled, drive.dc_voltage)
     _refuse_diverged(name, sampled, rig.plant.table.reach, drive.time_step)
     truth = sampled.truth
-    trace = Trace(
-        *map(np.asarray, (truth.current, truth.theta_el, truth.omega_el, sampled.temperature))
-    )
+    traced = (truth.current, truth.theta_el, truth.omega_el, sampled.temperature)
+    trace = Trace(*map(np.asarray, traced))
     made = Truth(machine, drive, speed_rpm, reference, duration, seed, trace)
     return Recording(_experiment(name, drive, sampled), made)
 
@@ -203,24 +183,19 @@ def _run(rig: Rig, chunks: Iterator[tuple[Row, int]]) -> Sampled:
 @jax.jit
 def _chunk(rig: Rig, state: LoopState, rows: Row) -> tuple[LoopState, Sampled]:
     """Return the loop after the rows, and what each yields."""
-
-    def sample(state: LoopState, row: Row) -> tuple[LoopState, Sampled]:
-        return rig.sample(state, row)
-
-    return jax.lax.scan(sample, state, rows)
+    return jax.lax.scan(lambda state, row: rig.sample(state, row), state, rows)
 
 
 def _experiment(name: str, drive: Drive, sampled: Sampled) -> Experiment:
     """Return the recording as the file will hold it."""
-    reading = jax.tree.map(np.asarray, sampled.reading)
-    voltage = np.asarray(sampled.voltage)
+    reading, voltage = sampled.reading, np.asarray(sampled.voltage)
     angle = np.mod(reading.theta_el, 2 * np.pi)
     channels = {
         "u_d": voltage[:, 0],
         "u_q": voltage[:, 1],
-        "i_d": reading.current[:, 0],
-        "i_q": reading.current[:, 1],
-        "omega_el": reading.omega_el,
+        "i_d": np.asarray(reading.current)[:, 0],
+        "i_q": np.asarray(reading.current)[:, 1],
+        "omega_el": np.asarray(reading.omega_el),
         # A tiny negative angle rounds to 2 pi itself.
         "theta_el": np.where(angle < 2 * np.pi, angle, 0.0),
     }

@@ -19,73 +19,37 @@ SCHEMA = 1
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """True values of the sensors' signals at the sampling instants.
+    """True values of the sensors' signals at the sampling instants."""
 
-    Attributes
-    ----------
-    current : ndarray, shape (time, 2)
-        Terminal i_d and i_q in A, in the true rotor frame.
-    theta_el : ndarray, shape (time,)
-        Electrical angle in rad, within one mechanical turn.
-    omega_el : ndarray, shape (time,)
-        Electrical speed in rad/s.
-    temperature : ndarray, shape (time,)
-        Winding temperature in degrees Celsius.
-    """
-
+    # Terminal i_d and i_q (time, 2), A, in the true rotor frame.
     current: FloatArray
+    # Electrical, within one mechanical turn: (time,), rad and rad/s.
     theta_el: FloatArray
     omega_el: FloatArray
+    # Of the winding (time,), degC.
     temperature: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """How a recording was made.
-
-    Attributes
-    ----------
-    machine : Machine
-        The machine.
-    drive : Drive
-        Everything around it, imperfections included.
-    speed : float, callable or FreeShaft
-        The speed in rpm as it was asked for.
-    reference : callable
-        The current reference in A over the time in s.
-    duration : float
-        Length of the recording in s.
-    seed : int
-        Seed of the noise.
-    trace : Trace
-        True currents in A, angle in rad, speed in rad/s and temperature in degrees Celsius.
-    """
+    """How a recording was made."""
 
     machine: Machine
+    # Everything around it, imperfections included.
     drive: Drive
+    # As it was asked for, rpm.
     speed: Speed
     reference: Reference
+    # s.
     duration: float
+    # Of the noise.
     seed: int
     trace: Trace
 
     def flux_map(self, i_d: FloatArray, i_q: FloatArray) -> FloatArray:
         """Return the flux linkage a map without angle should find, at the magnets' temperature.
 
-        Parameters
-        ----------
-        i_d, i_q : ndarray, any shapes that broadcast
-            Currents in A.
-
-        Returns
-        -------
-        ndarray, the broadcast shape + (2,)
-            psi_d and psi_q in Vs.
-
-        Raises
-        ------
-        InputError
-            If a current lies outside the machine's table.
+        psi_d and psi_q in Vs, the currents' broadcast shape + (2,); see `true_flux_map`.
         """
         warm = self.drive.magnet_temperature
         change = 0.0 if warm is None else self.machine.magnet_flux_change(warm)
@@ -120,14 +84,10 @@ def truth_of(truth: Truth) -> dict[str, Any]:
     lost = 0.0
     if inverter.dead_time is not None:
         lost = truth.drive.dc_voltage * inverter.dead_time.duration / truth.drive.time_step
+    as_given = ("machine", "drive", "reference", "speed", "duration", "seed")
     return {
         "schema": SCHEMA,
-        "machine": plain(truth.machine),
-        "drive": plain(truth.drive),
-        "reference": plain(truth.reference),
-        "speed": plain(truth.speed),
-        "duration": truth.duration,
-        "seed": truth.seed,
+        **{name: plain(getattr(truth, name)) for name in as_given},
         "resistance": truth.resistance,
         "phase_resistances": truth.phase_resistances.tolist(),
         "temperature": [float(temperature[0]), float(temperature[-1])],

@@ -11,36 +11,17 @@ class Warming(eqx.Module):
     """First-order thermal model of the winding, fed by its own copper loss.
 
     ``C dT/dt = 3/2 i' R(T) i - (T - T_ambient) / R_th``
-
-    Attributes
-    ----------
-    heat_capacity : float
-        C in J/K.
-    thermal_resistance : float
-        R_th from the winding to the coolant in K/W.
-    ambient : float
-        Temperature of the coolant in degrees Celsius.
     """
 
+    # C, J/K.
     heat_capacity: float
+    # R_th from the winding to the coolant, K/W.
     thermal_resistance: float
+    # Of the coolant, degC.
     ambient: float = 20.0
 
     def rate(self, temperature: JaxArray, copper_loss: JaxArray) -> JaxArray:
-        """Return dT/dt.
-
-        Parameters
-        ----------
-        temperature : array, shape ()
-            Winding temperature in degrees Celsius.
-        copper_loss : array, shape ()
-            Loss of the three phases in W.
-
-        Returns
-        -------
-        array, shape ()
-            Rise of the temperature in K/s.
-        """
+        """Return dT/dt, K/s, at a temperature in degC and a loss of the three phases in W."""
         cooling = (temperature - self.ambient) / self.thermal_resistance
         return (copper_loss - cooling) / self.heat_capacity
 
@@ -68,40 +49,14 @@ class Winding(eqx.Module):
     warming: Warming | None = None
 
     def relative_drop(self, current: JaxArray, theta_el: JaxArray) -> JaxArray:
-        """Return the voltage drop of phases that have 1 ohm times their factor.
-
-        Parameters
-        ----------
-        current : array, shape (2,)
-            Terminal i_d and i_q in A.
-        theta_el : array, shape ()
-            Electrical angle of the d axis in rad.
-
-        Returns
-        -------
-        array, shape (2,)
-            Voltage drop in V.
-        """
+        """Return the voltage (2,), V, at phases of 1 ohm times their factor; currents (2,), A."""
         if self.phase_factors is None:
             return current
         by_phase = jnp.stack(self.phase_factors) * phases(rotated(current, theta_el))
         return rotated(stationary(by_phase), -theta_el)
 
     def warming_rate(self, temperature: JaxArray, copper_loss: JaxArray) -> JaxArray:
-        """Return dT/dt, zero for a winding that keeps its temperature.
-
-        Parameters
-        ----------
-        temperature : array, shape ()
-            Winding temperature in degrees Celsius.
-        copper_loss : array, shape ()
-            Loss of the three phases in W.
-
-        Returns
-        -------
-        array, shape ()
-            Rise of the temperature in K/s.
-        """
+        """Return dT/dt, K/s; see `Warming.rate`; zero for a winding that keeps its temperature."""
         if self.warming is None:
             return jnp.zeros_like(temperature)
         return self.warming.rate(temperature, copper_loss)
@@ -114,26 +69,11 @@ class IronLoss(eqx.Module):
     ``3/2 |omega psi|^2 / R_Fe``, so it grows with the square of the speed as eddy currents do.
     Morimoto et al., Loss minimization control of permanent magnet synchronous motor drives, IEEE
     Trans. Ind. Electron. 41 (1994) 511, doi:10.1109/41.315269.
-
-    Attributes
-    ----------
-    resistance : float
-        R_Fe in ohm; the smaller, the larger the loss.
     """
 
+    # R_Fe, ohm; the smaller, the larger the loss.
     resistance: float
 
     def current(self, induced: JaxArray) -> JaxArray:
-        """Return the current that the iron draws.
-
-        Parameters
-        ----------
-        induced : array, shape (2,)
-            omega J psi in V.
-
-        Returns
-        -------
-        array, shape (2,)
-            In A.
-        """
+        """Return the current (2,), A, that the iron draws at omega J psi (2,), V."""
         return induced / self.resistance

@@ -30,20 +30,20 @@ def reproduce_command(
     Example: penode reproduce all --out studies --quick
     """
     # Imported here: the plotting library takes a third of a second, and few commands draw.
-    from penode.paper.studies.extent import FULL, QUICK
     from penode.paper.studies.reproduce import chosen_studies, reproduce
+    from penode.paper.studies.variants import FULL, QUICK
 
     names = chosen_studies(study)
     try:
         with ERRORS.status("starting ...") as status:
             extent = QUICK if quick else FULL
-            written = reproduce(names, out, extent, say, lambda event: _show(status, event))
+            page, results = reproduce(names, out, extent, say, lambda event: _show(status, event))
     except KeyboardInterrupt as error:
         raise Interrupted(
             "Stopped; finished trainings are kept: the same command goes on."
         ) from error
-    rows: list[Row] = [(result.name, result.outcome) for result in written.results]
-    print_rows([*rows, ("page", str(written.page))])
+    rows: list[Row] = [(result.name, result.outcome) for result in results]
+    print_rows([*rows, ("page", str(page))])
 
 
 def _show(status: Status, event: Mapping[str, Any]) -> None:

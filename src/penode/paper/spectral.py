@@ -112,25 +112,20 @@ class Spectral:
         low, high = rungs[agreeing[0]].horizon, rungs[agreeing[-1]].horizon
         reason = (
             f"From H = {low} to {high} neither lines of the residual nor noise on the starts bias "
-            f"the estimate by more than chance; H = {chosen} is the shortest of the surest."
+            f"the estimate by more than chance; H = {chosen} is the shortest whose expected error "
+            f"is as small as any."
         )
         return Choice(index, "plateau" if chosen > 1 else "H = 1 suffices", reason, agreeing)
 
     def forecast(self, rungs: Sequence[HorizonFit]) -> BiasForecast:
-        """Return the bias of the physical parameters that is to be expected at each rung.
-
-        Parameters
-        ----------
-        rungs : sequence of HorizonFit
-            Shortest horizon first.
-        """
+        """Return the bias of the physical parameters to expect at each rung, shortest first."""
         physical = len(rungs[0].influence)
         chance = np.stack([rung.working[:physical] for rung in rungs])
         truth = rungs[int(np.argmin(self._worst(rungs)))]
         lines, noise = self._disturbances(truth)
         biases = partial(_Reference.of(truth, self.loss).biases, rungs)
         quiet = _simulated(truth, [np.zeros_like(part) for part in lines])
-        both = [biases(_on_sensors(quiet, [sign * part for part in noise])) for sign in (1, -1)]
+        both = [biases(quiet + sign * np.concatenate(noise)) for sign in (1, -1)]
         prior = biases(quiet)  # what penalties alone would do
         return BiasForecast(
             horizons=tuple(rung.horizon for rung in rungs),
@@ -230,10 +225,6 @@ def _disturbed(
 
     start = jnp.stack([states[:, past - 1 - j][:, None] for j in range(past)])
     return rollout(step, start, states.shape[1] - past, visit, states)
-
-
-def _on_sensors(states: FloatArray, noise: Sequence[FloatArray]) -> FloatArray:
-    return np.asarray(states + np.concatenate(list(noise)))
 
 
 @dataclass(frozen=True, eq=False)

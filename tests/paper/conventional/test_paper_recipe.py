@@ -7,7 +7,7 @@ from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
 from penode.data.windows import Contiguous
-from penode.paper.conventional.paper_recipe import Growing, PaperRecipe
+from penode.paper.conventional.trained_methods import PaperRecipe
 from penode.pmsm.balance.start import nominal_start
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")
@@ -18,20 +18,12 @@ def run():
     return simulate(TRACTION_300A, Lissajous(200.0, 60.0, 65.0), speed_rpm=1500.0, duration=0.2)
 
 
-def test_the_horizon_grows_and_stays():
-    schedule = Growing(20, steps=(1, 5, 20, 50), epochs=3)
-    assert schedule.growth == 6
-    assert [schedule(epoch) for epoch in range(9)] == [1, 1, 1, 5, 5, 5, 20, 20, 20]
-
-
 def test_one_step_training_has_nothing_to_grow():
-    assert Growing(1).growth == 0
-    assert Growing(1)(0) == 1
+    assert [stage.horizon for stage in PaperRecipe(1).plan.stages] == [1]
 
 
-def test_the_plan_follows_the_schedule():
-    recipe = PaperRecipe.at(10, seed=3, epochs=40)
-    plan = recipe.plan()
+def test_the_horizon_grows_and_stays():
+    plan = PaperRecipe(10, seed=3, epochs=40).plan
     assert isinstance(plan.placement, Contiguous)
     told = [(stage.horizon, stage.optimiser.epochs) for stage in plan.stages]
     assert told == [(1, 75), (2, 75), (5, 75), (10, 40)]
@@ -64,7 +56,7 @@ def test_the_recipe_trains(run):
         if event["event"] == "evaluation":
             losses.append(event["loss"])
 
-    fit = PaperRecipe(Growing(5, steps=(1,), epochs=5), epochs=15, batches=4).identify(
+    fit = PaperRecipe(5, epochs=10, batches=4, growth=(1,), growth_epochs=5).identify(
         [run], observer=note
     )
     assert fit.horizon.selected == 5

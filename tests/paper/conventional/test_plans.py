@@ -6,8 +6,7 @@ import pytest
 from penode.data.experiment import Experiment
 from penode.data.windows import Contiguous
 from penode.errors import InputError
-from penode.paper.conventional.current_predictor import CurrentPredictor
-from penode.paper.conventional.neural_ode import NeuralODE
+from penode.paper.conventional.trained_methods import CurrentPredictor, NeuralODE
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER, RK4
@@ -68,10 +67,6 @@ def test_the_neural_ode_trains_at_its_horizon(fast_run):
 
 
 def test_bad_input_is_told(unseen_run):
-    with pytest.raises(InputError, match="horizon 0 came"):
-        NeuralODE(0)
-    with pytest.raises(InputError, match="choose one of dq, stationary"):
-        NeuralODE(hold="round")
     blind = Experiment(
         "blind", 1e-4, {n: v for n, v in unseen_run.channels.items() if n != "theta_el"}
     )

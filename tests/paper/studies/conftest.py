@@ -5,10 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from penode.paper.studies.extent import FULL, Extent
-from penode.paper.studies.measures import Measures
 from penode.paper.studies.recordings import CASES
-from penode.paper.studies.runs import Run
+from penode.paper.studies.runs import Measures, Run
+from penode.paper.studies.variants import FULL, Extent
 
 GOOD = Measures(
     resistance=0.01,

@@ -1,7 +1,7 @@
 """What is measured of a fit, and how it is summed up in rows, series, words and tables."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,22 +9,11 @@ import pytest
 
 from penode.bench.machines import COMSOL_300A
 from penode.fit.fit import Estimate, HorizonChoice, HorizonSummary
-from penode.paper.studies.measures import Measures, measure
 from penode.paper.studies.panels import Series, StudyResult
 from penode.paper.studies.results_page import results_page
-from penode.paper.studies.runs import Run
-from penode.paper.studies.summaries import (
-    at,
-    in_numbers,
-    limits,
-    listed,
-    mean_at,
-    milliohm,
-    over_horizon,
-    row,
-    spread,
-    star,
-)
+from penode.paper.studies.runs import Measures, Run, measure
+from penode.paper.studies.summaries import Trained, in_numbers, limits, listed, milliohm, row
+from penode.paper.studies.variants import PAPER
 from penode.validation.comparison import Comparison
 
 SHIFT = np.array([-2e-3, 4e-4])
@@ -85,7 +74,7 @@ def test_one_unseen_run_that_diverges_does_not_decide_the_median(measures):
 
 
 def test_measures_survive_a_file_that_knows_no_infinity(measures):
-    text = json.dumps(measures.plain()).replace("Infinity", "null")
+    text = json.dumps(asdict(measures)).replace("Infinity", "null")
     assert Measures.restored(json.loads(text)) == measures
 
 
@@ -123,14 +112,16 @@ def test_series_leave_refused_runs_out_and_means_are_those_of_a_horizon(run, mea
     gone = replace(run, horizon=10, measures=None, refusal="diverged.")
     runs = [replace(run, horizon=10), replace(run, horizon=10, measures=other), gone]
     runs.append(replace(run, horizon=20, measures=other))
-    assert at(runs, 10, milliohm) == pytest.approx([10.0, 14.0])
-    assert mean_at(runs, 10, milliohm) == pytest.approx(12.0)
-    assert np.isnan(mean_at(runs, 30, milliohm))
-    series = over_horizon(SimpleNamespace(label="The paper", name="paper"), runs, milliohm)
+    seen = Trained("slow", {"paper": runs}, run)
+    assert seen.at(PAPER, 10, milliohm) == pytest.approx([10.0, 14.0])
+    assert seen.mean(PAPER, 10, milliohm) == pytest.approx(12.0)
+    assert seen.spread(PAPER, 10, milliohm) == pytest.approx(4.0)
+    assert np.isnan([seen.mean(PAPER, 30, milliohm), seen.spread(PAPER, 30, milliohm)]).all()
+    (series,) = seen.series(milliohm)
     assert (series.x, series.colour) == ([10.0, 10.0, 20.0], "paper")
     assert series.y == pytest.approx([10.0, 14.0, 14.0])
-    assert "chose H = 8" in star(run, milliohm).label
-    assert len(star(gone, milliohm).x) == 0
+    assert "chose H = 8" in seen.star(milliohm).label
+    assert len(replace(seen, ours=gone).star(milliohm).x) == 0
 
 
 def test_limits_show_the_recipe_and_the_truth_but_nothing_infinite():
@@ -145,8 +136,6 @@ def test_words_have_the_numbers_in_their_units(measures):
     said = in_numbers(measures)
     assert said.startswith("R 10.000 ± 0.100 mΩ (+25.00 %), map 2.53 % of ψ_PM, H = 8")
     assert listed([0.12345, -20.0], digits=2) == "0.12, -20"
-    assert spread([3.0, -1.0, 2.0]) == 4.0
-    assert np.isnan(spread([]))
 
 
 def test_the_page_writes_lost_numbers_as_words_and_links_to_its_sections():

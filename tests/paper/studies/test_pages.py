@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from penode.errors import InputError
-from penode.paper.studies.extent import FULL, QUICK
 from penode.paper.studies.panels import Claim, Matrix, Panel, Series, StudyResult
 from penode.paper.studies.reproduce import STUDIES, chosen_studies, reproduce
 from penode.paper.studies.study_figure import COLOURS, study_figure
-from penode.paper.studies.variants import AXES
+from penode.paper.studies.variants import AXES, FULL, QUICK
 
 
 @pytest.fixture
@@ -43,8 +42,8 @@ def test_every_variant_has_its_colour():
 @pytest.mark.parametrize("extent", [QUICK, FULL])
 def test_everything_is_written(result, extent, tmp_path, monkeypatch):
     monkeypatch.setitem(STUDIES, "small", lambda runs: result)
-    written = reproduce(["small"], tmp_path, extent, lambda text: None)
-    page = written.page.read_text()
+    written, _ = reproduce(["small"], tmp_path, extent, lambda text: None)
+    page = written.read_text()
     assert "(figures/studies_small.png)" in page
     assert "| paper | 2 |" in page
     assert "| none | – |" in page
@@ -61,7 +60,7 @@ def test_everything_is_written(result, extent, tmp_path, monkeypatch):
 def test_the_page_lists_what_holds(result, tmp_path, monkeypatch):
     monkeypatch.setitem(STUDIES, "small", lambda runs: result)
     said = []
-    page = reproduce(["small"], tmp_path, FULL, said.append).page.read_text()
+    page = reproduce(["small"], tmp_path, FULL, said.append)[0].read_text()
     assert said == ["small: 1 of 2 statements hold"]
     assert "| [A small study](#a-small-study) | 1 | 1 |" in page
     assert "- **Holds.** R is negative.\n  -70 mΩ." in page
@@ -71,7 +70,7 @@ def test_the_page_lists_what_holds(result, tmp_path, monkeypatch):
 def test_a_quick_run_judges_nothing(result, tmp_path, monkeypatch):
     monkeypatch.setitem(STUDIES, "small", lambda runs: result)
     said = []
-    page = reproduce(["small"], tmp_path, QUICK, said.append).page.read_text()
+    page = reproduce(["small"], tmp_path, QUICK, said.append)[0].read_text()
     sentence = "quick numbers prove nothing, and its statements are not judged"
     assert said == [f"small: ran; {sentence}"]
     assert "| [A small study](#a-small-study) | not judged | not judged |" in page
@@ -85,5 +84,5 @@ def test_a_quick_run_judges_nothing(result, tmp_path, monkeypatch):
 def test_unknown_studies_are_refused():
     assert chosen_studies("all") == list(STUDIES)
     assert chosen_studies("subdomain") == ["subdomain"]
-    with pytest.raises(InputError, match="choose all or one of resistance_vs_horizon"):
+    with pytest.raises(InputError, match="study must be all or one of resistance_vs_horizon"):
         chosen_studies("everything")

@@ -15,8 +15,8 @@ from penode.bench.references import Lissajous
 from penode.bench.run import record
 from penode.cli.console import Interrupted
 from penode.cli.main import app, main
-from penode.paper.conventional.flux_predictor import FluxPredictor
 from penode.paper.conventional.linear_maps import polynomial
+from penode.paper.conventional.linear_methods import FluxPredictor
 from penode.paper.studies import runs as runs_module
 from penode.paper.studies.panels import Claim, Panel, Series, StudyResult
 from penode.paper.studies.recordings import Case
@@ -36,7 +36,7 @@ def small(monkeypatch):
         degrees = (1, 3)
         found = [
             runs.by_method(
-                "simulation", f"degree{n}", FluxPredictor(polynomial(n, reciprocal=True))
+                "simulation", f"degree{n}", FluxPredictor(polynomial(n, reciprocal=True)).identify
             )
             for n in degrees
         ]
@@ -75,7 +75,7 @@ def test_an_unknown_study_is_told_in_one_sentence(monkeypatch, tmp_path, capsys)
     with pytest.raises(SystemExit) as left:
         main()
     assert left.value.code == 2
-    assert "study 'figure3' came; choose all or one of" in capsys.readouterr().err
+    assert "study must be all or one of" in capsys.readouterr().err
     assert not (tmp_path / "x").exists()
 
 

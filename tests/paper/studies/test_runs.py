@@ -1,7 +1,7 @@
 """Runs are kept as they end, and taken over where they were made the same way."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -10,14 +10,12 @@ from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import record
 from penode.errors import InputError
-from penode.paper.conventional.flux_predictor import FluxPredictor
 from penode.paper.conventional.linear_maps import polynomial
+from penode.paper.conventional.linear_methods import FluxPredictor
 from penode.paper.studies import runs as module
-from penode.paper.studies.extent import FULL, QUICK
-from penode.paper.studies.measures import Measures, measure
 from penode.paper.studies.recordings import CASES, Case, fingerprint
-from penode.paper.studies.runs import Place, Runs
-from penode.paper.studies.variants import AXES, PAPER, SECOND_ORDER
+from penode.paper.studies.runs import Measures, Place, Runs, measure
+from penode.paper.studies.variants import AXES, FULL, PAPER, QUICK, SECOND_ORDER
 from penode.training.first_order import FirstOrder
 
 
@@ -48,7 +46,7 @@ def test_a_method_is_trained_once_and_measured_against_the_truth(runs, case):
             calls.append(1)
             return super().identify(*arguments)
 
-    method = Counted(polynomial(3, reciprocal=True))
+    method = Counted(polynomial(3, reciprocal=True)).identify
     first = runs.by_method("simulation", "flux", method)
     again = Runs(runs.folder, QUICK, runs.said.append).by_method("simulation", "flux", method)
     assert calls == [1]
@@ -66,7 +64,7 @@ def test_a_method_is_trained_once_and_measured_against_the_truth(runs, case):
 
 
 def test_a_run_made_with_other_sizes_is_made_anew(runs):
-    method = FluxPredictor(polynomial(2))
+    method = FluxPredictor(polynomial(2)).identify
     runs.by_method("simulation", "flux", method)
     longer = Runs(runs.folder, replace(QUICK, share=0.2), runs.said.append)
     longer.by_method("simulation", "flux", method)
@@ -89,11 +87,10 @@ def test_every_case_has_a_fingerprint_of_its_own(monkeypatch):
 
 
 def test_a_refusal_is_kept_as_a_sentence(runs):
-    class Refusing:
-        def identify(self, experiments, validation, observer):
-            raise InputError("it never dwells.")
+    def refusing(experiments, validation, observer):
+        raise InputError("it never dwells.")
 
-    run = runs.by_method("simulation", "picky", Refusing())
+    run = runs.by_method("simulation", "picky", refusing)
     assert run.measures is None
     assert run.refusal == "it never dwells."
     assert Runs(runs.folder, QUICK, print).by_method("simulation", "picky", None) == run
@@ -102,13 +99,12 @@ def test_a_refusal_is_kept_as_a_sentence(runs):
 
 
 def test_an_interrupted_run_leaves_those_before(runs):
-    class Stopped:
-        def identify(self, experiments, validation, observer):
-            raise KeyboardInterrupt
+    def stopped(experiments, validation, observer):
+        raise KeyboardInterrupt
 
-    runs.by_method("simulation", "flux", FluxPredictor(polynomial(2)))
+    runs.by_method("simulation", "flux", FluxPredictor(polynomial(2)).identify)
     with pytest.raises(KeyboardInterrupt):
-        runs.by_method("simulation", "stopped", Stopped())
+        runs.by_method("simulation", "stopped", stopped)
     assert not list(runs.folder.glob("simulation/stopped/**/run.json"))
     assert list(runs.folder.glob("simulation/flux/**/run.json"))
 
@@ -117,7 +113,7 @@ def test_measures_that_are_infinite_survive_the_file(case):
     found = Measures(
         0.01, np.inf, 0.01, 1, "fixed", 1e-3, 0.05, 3.0, 1.0, {"a": 2.0}, {"a": np.inf}, {}
     )
-    record_ = json.loads(json.dumps(found.plain(), default=str).replace("Infinity", "null"))
+    record_ = json.loads(json.dumps(asdict(found), default=str).replace("Infinity", "null"))
     assert Measures.restored(record_) == found
     fit = FluxPredictor(polynomial(2)).identify([case.experiment], case.validation)
     assert measure(fit, case.recording).unseen_one_step > 0

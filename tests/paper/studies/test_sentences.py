@@ -2,10 +2,14 @@
 
 import pytest
 
-from penode.paper.studies.designed import subdomain, well_designed
-from penode.paper.studies.generalisation import generalisation_vs_horizon
-from penode.paper.studies.method_table import LABELS, method_table
-from penode.paper.studies.simulated import flux_error_vs_horizon, resistance_vs_horizon
+from penode.paper.studies.over_horizons import (
+    flux_error_vs_horizon,
+    generalisation_vs_horizon,
+    resistance_vs_horizon,
+    subdomain,
+    well_designed,
+)
+from penode.paper.studies.side_by_side import METHODS, method_table
 
 
 def told(study, runs):
@@ -87,9 +91,9 @@ def test_the_table_has_every_method_on_every_recording_and_dashes(made_up):
     made_up.changes["stationary_averaging"] = lambda h, s: "it never dwells."
     made_up.changes["neural_ode_1"] = lambda h, s: {"resistance": -0.05}
     result = method_table(made_up)
-    assert len(result.rows) == len(LABELS) * len(made_up.extent.recordings)
+    assert len(result.rows) == len(METHODS) * len(made_up.extent.recordings)
     errors = result.panels[0]
-    assert errors.rows == tuple(LABELS.values())
+    assert errors.rows == tuple(label for label, _ in METHODS.values())
     by_method = dict(zip(errors.rows, errors.values, strict=True))
     assert by_method["neural ODE, H = 1"] == pytest.approx([600.0] * 6)
     assert all(value != value for value in by_method["stationary averaging"])

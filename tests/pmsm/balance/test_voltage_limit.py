@@ -12,10 +12,9 @@ import pytest
 
 from penode.bench import run as bench_run
 from penode.bench.drive import Drive
-from penode.bench.inverter import Inverter
+from penode.bench.inverter import Circle, Hexagon, Inverter
 from penode.bench.machines import TRACTION_300A
 from penode.bench.run import simulate
-from penode.bench.voltage_limits import Circle, Hexagon
 from penode.errors import InputError
 from penode.pmsm.balance.usable import usable_stretches
 from penode.pmsm.balance.voltage_limit import below_limit

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from penode.bench.current_sensors import CurrentSensors
 from penode.bench.drive import Drive
 from penode.bench.inverter import DeadTime, Inverter
 from penode.bench.machines import BRUSA_250A, COMSOL_300A, TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
-from penode.bench.sensors import Resolver, SpeedSensor
+from penode.bench.sensors import CurrentSensors, Resolver, SpeedSensor
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.calibration import AS_RECORDED
 from penode.pmsm.balance.trial_balance import imitated_lag

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 from scipy.io import loadmat
 
-from penode.bench.map_import import read_flux_table
+from penode.bench.flux_table import read_flux_table
 from penode.errors import InputError
 from penode.pmsm.exports.formats import FORMATS, export
 from penode.pmsm.machine.flux_grid import read_grid

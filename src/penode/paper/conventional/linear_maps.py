@@ -175,4 +175,4 @@ def spline(cells: int = 4) -> LinearMap:
 
 def _at_least(count: int, least: int, what: str) -> None:
     if count < least:
-        raise InputError(f"{what} {count} came; give a whole number from {least}.")
+        raise InputError(f"{what} must be >= {least}, got {count}.")

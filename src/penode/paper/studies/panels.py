@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 class Series:
     """Points of one kind, with a label (empty for none in the legend) and a colour of `COLOURS`.
 
-    ``marker`` is matplotlib's, empty for none; a line may join the means of the points at each x.
+    ``marker`` is matplotlib's, empty for none; a line joins the means of the points at each x.
     """
 
     label: str
@@ -16,12 +16,11 @@ class Series:
     y: Sequence[float]
     colour: str
     marker: str = "o"
-    joined: bool = True
 
 
 @dataclass(frozen=True)
 class Panel:
-    """Axes with series; a line marks the true value of y.
+    """Axes with series over a logarithmic x; a line marks the true value of y.
 
     Points beyond ``y_limits`` are drawn at the edge, as arrows.
     """
@@ -31,7 +30,6 @@ class Panel:
     y_label: str
     series: tuple[Series, ...]
     truth: float | None = None
-    x_log: bool = True
     y_log: bool = False
     y_limits: tuple[float, float] | None = None
     legend: bool = True

@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 from penode.bench.config import Simulation, load_config
 from penode.bench.references import (
@@ -18,7 +19,7 @@ from penode.bench.run import Recording
 from penode.bench.shaft import Speed, SpeedRipple
 from penode.bench.truth import plain
 from penode.data.experiment import Experiment
-from penode.paper.studies.extent import Extent
+from penode.paper.studies.variants import Extent
 
 #: Speed ripple of the bench: mechanical order, share of the speed, rad.
 _RIPPLE = ((1.0, 0.002, 0.0), (2.0, 0.001, 0.7))
@@ -53,48 +54,35 @@ class Case:
         )
 
 
-def simulation() -> Simulation:
-    """Return the paper's simulated system, 1500 rpm and a slow trajectory."""
-    return load_config("paper_simulation")
-
-
-def testbench() -> Simulation:
-    """Return the paper's test bench, 1000 rpm with every imperfection on."""
-    return load_config("paper_testbench")
-
-
-def well_designed() -> Simulation:
-    """Return the experiment in which R and the map part by themselves: slow and fast in current."""
-    return load_config("well_designed")
-
-
-def well_designed_testbench() -> Simulation:
-    """Return the same with every imperfection of the bench."""
-    good, bench = well_designed(), testbench()
+def _well_designed_testbench() -> Simulation:
+    """Return the well-designed experiment with every imperfection of the bench."""
+    good, bench = load_config("well_designed"), load_config("paper_testbench")
     speed = SpeedRipple(150.0, _RIPPLE)
     return replace(good, drive=bench.drive, speed_rpm=speed, seed=bench.seed)
 
 
-def motor_operation() -> Simulation:
+def _motor_operation() -> Simulation:
     """Return the simulated system in motor operation alone: i_d below, i_q above zero."""
-    whole = simulation()
+    whole = load_config("paper_simulation")
     return replace(whole, reference=Lissajous(240.0, 14.0, 15.0, MOTOR))
 
 
-def operating_points() -> Simulation:
+def _operating_points() -> Simulation:
     """Return the simulated system at operating points that are held, motor and generator."""
     grid = stationary_grid(240.0, points=7, dwell=_DWELL)
-    return replace(simulation(), reference=grid, duration=grid.duration)
+    return replace(load_config("paper_simulation"), reference=grid, duration=grid.duration)
 
 
 #: Name of a recording to how figures call it and how it is made.
 CASES: dict[str, tuple[str, Callable[[], Simulation]]] = {
-    "simulation": ("simulation, 1500 rpm, slow", simulation),
-    "testbench": ("test bench, 1000 rpm, slow", testbench),
-    "well_designed": ("simulation, 150 rpm, fast", well_designed),
-    "well_designed_testbench": ("test bench, 150 rpm, fast", well_designed_testbench),
-    "motor_operation": ("simulation, motor operation", motor_operation),
-    "operating_points": ("simulation, operating points", operating_points),
+    # The paper's simulated system and its test bench, with every imperfection on.
+    "simulation": ("simulation, 1500 rpm, slow", partial(load_config, "paper_simulation")),
+    "testbench": ("test bench, 1000 rpm, slow", partial(load_config, "paper_testbench")),
+    # R and the map part by themselves: slow, and fast in current.
+    "well_designed": ("simulation, 150 rpm, fast", partial(load_config, "well_designed")),
+    "well_designed_testbench": ("test bench, 150 rpm, fast", _well_designed_testbench),
+    "motor_operation": ("simulation, motor operation", _motor_operation),
+    "operating_points": ("simulation, operating points", _operating_points),
 }
 
 
@@ -123,7 +111,8 @@ def record_case(name: str, extent: Extent) -> Case:
             seed=whole.seed + 1 + number,
         )
         run = other.record()
-        unseen.append(replace(run, experiment=replace(run.experiment, name=_label(rpm, reference))))
+        called = f"{rpm:g} rpm, {type(reference).__name__.lower()}"
+        unseen.append(replace(run, experiment=replace(run.experiment, name=called)))
     return Case(name, label, trained, tuple(unseen))
 
 
@@ -147,7 +136,3 @@ def _others(name: str, whole: Simulation) -> list[tuple[float, Reference]]:
         (1500.0, Spiral(0.9 * amplitude, 80.0, 0.2)),
         (1200.0, stationary_grid(0.9 * amplitude, points=4, dwell=0.02)),
     ]
-
-
-def _label(rpm: float, reference: Reference) -> str:
-    return f"{rpm:g} rpm, {type(reference).__name__.lower()}"

@@ -6,7 +6,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +14,20 @@ from penode.errors import InputError
 from penode.fit.archive import to_json, write_atomically
 from penode.fit.provenance import versions
 from penode.horizon.ladder import Observer, ignore_events
-from penode.paper.studies.designed import subdomain, well_designed
-from penode.paper.studies.extent import FULL, Extent
-from penode.paper.studies.generalisation import generalisation_vs_horizon
-from penode.paper.studies.method_table import method_table
+from penode.paper.studies.over_horizons import (
+    flux_error_vs_horizon,
+    generalisation_vs_horizon,
+    resistance_vs_horizon,
+    subdomain,
+    testbench_resistance,
+    well_designed,
+)
 from penode.paper.studies.panels import StudyResult
 from penode.paper.studies.results_page import results_page
 from penode.paper.studies.runs import Runs, Say
-from penode.paper.studies.simulated import flux_error_vs_horizon, resistance_vs_horizon
-from penode.paper.studies.solvers import solver_dependence
+from penode.paper.studies.side_by_side import method_table, solver_dependence
 from penode.paper.studies.study_figure import study_figure
-from penode.paper.studies.testbench import testbench_resistance
+from penode.paper.studies.variants import FULL, Extent
 
 #: Name to the study, in the order in which they are computed and shown.
 STUDIES: dict[str, Callable[[Runs], StudyResult]] = {
@@ -39,20 +42,12 @@ STUDIES: dict[str, Callable[[Runs], StudyResult]] = {
 }
 
 
-@dataclass(frozen=True)
-class Written:
-    """What a reproduction wrote: ``results.md``, and the result of each study."""
-
-    page: Path
-    results: tuple[StudyResult, ...]
-
-
 def chosen_studies(name: str) -> list[str]:
     """Return the names of studies meant by one, or all; refuse a name of none."""
     if name == "all":
         return list(STUDIES)
     if name not in STUDIES:
-        raise InputError(f"study {name!r} came; choose all or one of {', '.join(STUDIES)}.")
+        raise InputError(f"study must be all or one of {', '.join(STUDIES)}, got {name!r}.")
     return [name]
 
 
@@ -62,8 +57,10 @@ def reproduce(
     extent: Extent = FULL,
     say: Say = print,
     observer: Observer = ignore_events,
-) -> Written:
-    """Compute studies and write them; what is there already is taken over.
+) -> tuple[Path, list[StudyResult]]:
+    """Compute studies and write them; return the page and the result of each.
+
+    What is there already is taken over.
 
     The folder gets ``runs/`` with every trained fit, for each study (a key of `STUDIES`)
     ``NAME.json``, ``NAME.csv`` and ``figures/studies_NAME.png``, and ``results.md``. ``say`` is
@@ -75,14 +72,14 @@ def reproduce(
         began = time.monotonic()
         result = STUDIES[name](runs) if extent.judges else STUDIES[name](runs).unjudged()
         facts = _facts(extent, time.monotonic() - began)
-        write_study(result, folder, facts)
+        _write(result, folder, facts)
         say(f"{name}: {result.outcome}")
         results.append(result)
         write_atomically(page, results_page(results, _facts(extent, runs.spent)))
-    return Written(page, tuple(results))
+    return page, results
 
 
-def write_study(result: StudyResult, folder: Path, facts: dict[str, Any]) -> None:
+def _write(result: StudyResult, folder: Path, facts: dict[str, Any]) -> None:
     """Write a study's numbers as JSON and CSV, and its figure."""
     document = {
         "name": result.name,
@@ -92,19 +89,14 @@ def write_study(result: StudyResult, folder: Path, facts: dict[str, Any]) -> Non
         "provenance": facts,
     }
     write_atomically(folder / f"{result.name}.json", to_json(document))
-    write_atomically(folder / f"{result.name}.csv", _csv(result.rows))
+    table, columns = io.StringIO(), dict.fromkeys(name for row in result.rows for name in row)
+    writer = csv.DictWriter(table, list(columns), lineterminator="\n")
+    writer.writeheader()
+    for row in result.rows:
+        writer.writerow({k: f"{v:.9g}" if isinstance(v, float) else v for k, v in row.items()})
+    write_atomically(folder / f"{result.name}.csv", table.getvalue())
     picture = folder / "figures" / f"studies_{result.name}.png"
     write_atomically(picture, study_figure(result.panels))
-
-
-def _csv(rows: Sequence[dict[str, object]]) -> str:
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow({k: f"{v:.9g}" if isinstance(v, float) else v for k, v in row.items()})
-    return text.getvalue()
 
 
 def _facts(extent: Extent, seconds: float) -> dict[str, Any]:

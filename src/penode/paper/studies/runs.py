@@ -3,47 +3,145 @@
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
+import numpy as np
 
+from penode.bench.run import Recording
+from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.fit.archive import to_json, write_atomically
 from penode.fit.fit import Fit
 from penode.fit.provenance import penode_version
-from penode.horizon.ladder import Observer, ignore_events
+from penode.horizon.ladder import LadderProblem, Observer, ignore_events
 from penode.models.base import Model
-from penode.paper.conventional.method import Method
-from penode.paper.studies.extent import Extent
-from penode.paper.studies.measures import Measures, measure
-from penode.paper.studies.our_defaults import OurDefaults
+from penode.paper.studies.branches import Branches
 from penode.paper.studies.recordings import Case, fingerprint, record_case
-from penode.paper.studies.trainer import Branches, Trainer
-from penode.paper.studies.variants import Variant
+from penode.paper.studies.variants import Extent, Variant
+from penode.pmsm.study import identify
 
 #: Called with a line of progress.
-Say = Callable[[str], None]
+Say: TypeAlias = Callable[[str], None]
+
+#: Takes recordings to learn from, others to predict only, and an observer.
+Method: TypeAlias = Callable[[Sequence[Experiment], Sequence[Experiment], Observer], Fit]
+
+#: Points a side of the grid on which maps are compared.
+_GRID = 61
 
 
 @dataclass(frozen=True)
-class Run:
-    """One finished training, or, without measures, the sentence with which the method refused.
+class Measures:
+    """How good a fit is, in SI units; a one-step or free-run error is infinite after a divergence.
 
-    ``horizon`` is as asked for, 0 where the method chooses or has none. Times in s: what the
-    horizons of one training have in common counts for the first of them.
+    ``flux_mae`` is the mean absolute error of psi_d and psi_q over the excited region in Vs,
+    ``trained`` the RMSE in A over the horizon (steps) on the windows trained on; one-step errors
+    are mean squares in A^2, free-run errors RMSE in A, by unseen recording; ``magnet_flux`` is the
+    data sheet's.
     """
+
+    resistance: float
+    deviation: float
+    true_resistance: float
+    horizon: int
+    verdict: str
+    flux_mae: float
+    magnet_flux: float
+    trained: float
+    one_step_train: float
+    one_step: Mapping[str, float]
+    free_run: Mapping[str, float]
+    others: Mapping[str, float]
+
+    @property
+    def error(self) -> float:
+        """Relative error of R."""
+        return self.resistance / self.true_resistance - 1
+
+    @property
+    def flux_share(self) -> float:
+        """Error of the map over psi_PM."""
+        return self.flux_mae / self.magnet_flux
+
+    @property
+    def unseen_one_step(self) -> float:
+        """Mean of the one-step errors over the unseen recordings, in A^2."""
+        return float(np.mean(list(self.one_step.values()))) if self.one_step else np.nan
+
+    @property
+    def unseen_free_run(self) -> float:
+        """Median of the free-run errors over the unseen recordings, in A."""
+        return float(np.median(list(self.free_run.values()))) if self.free_run else np.nan
+
+    @classmethod
+    def restored(cls, record: Mapping[str, Any]) -> "Measures":
+        """Return measures from JSON; a number that was not finite is infinite."""
+
+        def finite(value: Any) -> Any:
+            if isinstance(value, Mapping):
+                return {name: finite(inner) for name, inner in value.items()}
+            return np.inf if value is None else value
+
+        return cls(**finite(record))
+
+
+def measure(fit: Fit, recording: Recording) -> Measures:
+    """Measure a fit, with comparisons, beside the truth of the bench that it never saw."""
+    truth = recording.truth
+    limit = np.abs(fit.excited).max()
+    axis = np.linspace(-limit, limit, _GRID)
+    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    points = points[fit.supported(points)]
+    gap = fit.flux_map(*points.T).T - truth.flux_map(*points.T)
+    seen = [c for c in fit.comparisons if c.role == "train"]
+    unseen = [c for c in fit.comparisons if c.role != "train"]
+    rungs = {rung.horizon: rung.rmse for rung in fit.horizon.ladder}
+    return Measures(
+        resistance=fit.parameters["R"].value,
+        deviation=fit.parameters["R"].std,
+        true_resistance=truth.resistance,
+        horizon=fit.horizon.selected,
+        verdict=fit.horizon.verdict,
+        flux_mae=float(np.mean(np.abs(gap))),
+        magnet_flux=truth.machine.magnet_flux_linkage,
+        trained=rungs[fit.horizon.selected],
+        one_step_train=float(np.mean([c.one_step_rmse**2 for c in seen])),
+        one_step={c.name: c.one_step_rmse**2 for c in unseen},
+        free_run={c.name: c.free_run_rmse for c in unseen},
+        others={name: p.value for name, p in fit.parameters.items() if name != "R"},
+    )
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a run belongs; ``horizon`` is as asked for, 0 where the method chooses or has none."""
 
     recording: str
     method: str
-    seed: int
-    horizon: int
-    measures: Measures | None
-    refusal: str
-    wall_time: float
-    processor_time: float
+    seed: int = 0
+    horizon: int = 0
+
+    @property
+    def folder(self) -> Path:
+        """Below that of all runs."""
+        return Path(self.recording, self.method, f"seed{self.seed}", f"H{self.horizon}")
+
+
+@dataclass(frozen=True)
+class Run(Place):
+    """One finished training, or, without measures, the sentence with which the method refused.
+
+    Times in s: what the horizons of one training have in common counts for the first of them.
+    """
+
+    measures: Measures | None = None
+    refusal: str = ""
+    wall_time: float = 0.0
+    processor_time: float = 0.0
 
     @property
     def result(self) -> Measures:
@@ -51,6 +149,18 @@ class Run:
         if self.measures is None:
             raise InputError(f"{self.method} on {self.recording}: {self.refusal}")
         return self.measures
+
+    def __str__(self) -> str:
+        at = f", H = {self.horizon}" if self.horizon else ""
+        head = f"{self.recording}, {self.method}, seed {self.seed}{at}"
+        if self.measures is None:
+            return f"{head}: {self.refusal}"
+        found = self.measures
+        return (
+            f"{head}: R {1e3 * found.resistance:.2f} mohm "
+            f"(true {1e3 * found.true_resistance:.2f}), "
+            f"map {100 * found.flux_share:.2f} %, {self.wall_time:.0f} s"
+        )
 
 
 @dataclass(eq=False)
@@ -65,8 +175,8 @@ class Runs:
     say: Say
     observer: Observer = ignore_events
     _cases: dict[str, Case] = field(default_factory=dict)
-    _trainers: dict[tuple[str, Variant], Trainer] = field(default_factory=dict)
-    _runs: dict["Place", Run] = field(default_factory=dict)
+    _problems: dict[tuple[str, Variant], LadderProblem] = field(default_factory=dict)
+    _runs: dict[Path, Run] = field(default_factory=dict)
 
     @property
     def spent(self) -> float:
@@ -94,18 +204,24 @@ class Runs:
 
         def train() -> Fit:
             made = self.case(case)
-            return method.identify([made.experiment], made.validation, self.observer)
+            return method([made.experiment], made.validation, self.observer)
 
         return self._kept(Place(case, name), train, {"settings": settings})
 
-    def fit(self, place: "Place") -> Fit:
+    def ours(self, case: str) -> Run:
+        """Return the run of our defaults: what `penode identify` does without any setting."""
+        study = self.extent.ours
+
+        def method(
+            experiments: Sequence[Experiment], unseen: Sequence[Experiment], observer: Observer
+        ) -> Fit:
+            return identify(experiments, study=study, validation=unseen, observer=observer)
+
+        return self.by_method(case, "ours", method, str(study))
+
+    def fit(self, place: Place) -> Fit:
         """Return the fit kept at a place, without its comparisons."""
         return Fit.load(self.folder / place.folder)
-
-    def ours(self, case: str) -> Run:
-        """Return the run of our defaults."""
-        study = self.extent.ours
-        return self.by_method(case, "ours", OurDefaults(study), str(study))
 
     def _climbed(
         self, case: str, variant: Variant, horizons: Sequence[int], seed: int
@@ -118,14 +234,13 @@ class Runs:
         @cache
         def begun() -> tuple[Model, Branches]:
             folder = self.folder / Path(case, variant.name, f"seed{seed}")
-            given = self._given(case, settings)
-            branches = Branches.at(folder / "branches.json", given)
+            branches = Branches.at(folder / "branches.json", self._given(case, settings))
             return variant.start(self.case(case).experiment, seed).model, branches
 
         def train(horizon: int) -> Fit:
             made, (start, branches) = self.case(case), begun()
             plan = variant.plans(horizons, made.experiment, seed, self.extent)[horizon]
-            return self._trainer(case, variant).train(start, plan, branches, made.validation)
+            return branches.train(self._problem(case, variant), start, plan, made.validation)
 
         climbing = variant.climbing and not variant.adam
         below = {h: [low for low in horizons if low <= h] if climbing else [] for h in horizons}
@@ -138,56 +253,46 @@ class Runs:
             for h in horizons
         ]
 
-    def _trainer(self, case: str, variant: Variant) -> Trainer:
-        """Return the trainer of a variant's structure: optimiser and windows do not matter."""
+    def _problem(self, case: str, variant: Variant) -> LadderProblem:
+        """Return the problem of a variant's structure: optimiser and windows do not matter."""
         structure = replace(variant, name="", label="", jittered=False, climbing=True)
         key = (case, structure)
-        if key not in self._trainers:
-            if any(other != case for other, _ in self._trainers):
+        if key not in self._problems:
+            if any(other != case for other, _ in self._problems):
                 # Compiled programs hold hundreds of megabytes, and are of one recording's use.
-                self._trainers.clear()
+                self._problems.clear()
                 forget: Callable[[], None] = jax.clear_caches
                 forget()
             run = self.case(case).experiment
-            plan = structure.plans((1,), run, 0, self.extent)[1]
             start = structure.start(run, 0)
-            plan = start.with_penalties(plan)
-            self._trainers[key] = Trainer.of(start.model, run, plan, self.observer)
-        return self._trainers[key]
+            plan = start.with_penalties(structure.plans((1,), run, 0, self.extent)[1])
+            self._problems[key] = LadderProblem.of(start.model, [run], plan, self.observer)
+        return self._problems[key]
 
-    def _kept(
-        self, place: "Place", train: Callable[[], Fit], settings: Mapping[str, str] | None = None
-    ) -> Run:
+    def _kept(self, place: Place, train: Callable[[], Fit], settings: Mapping[str, str]) -> Run:
         """Return the run kept at a place, or train and keep it.
 
         A run that was made in another way or on other recordings is made anew.
         """
         folder = self.folder / place.folder
-        path, given = folder / "run.json", self._given(place.recording, settings or {})
-        kept = _read(path, given)
-        if kept is not None:
-            self._runs[place] = kept
-            return kept
-        recording = self.case(place.recording).recording
-        wall, processor = time.monotonic(), time.process_time()
-        measures, refusal = None, ""
-        try:
-            fit = train()
-            measures = measure(fit, recording)
-            replace(fit, comparisons=()).save(folder)
-        except InputError as error:
-            refusal = str(error)
-        spent = time.monotonic() - wall, time.process_time() - processor
-        run = Run(
-            **vars(place),
-            measures=measures,
-            refusal=refusal,
-            wall_time=spent[0],
-            processor_time=spent[1],
-        )
-        write_atomically(path, to_json({"given": given, **_plain(run)}))
-        self.say(_line(run))
-        self._runs[place] = run
+        path, given = folder / "run.json", self._given(place.recording, settings)
+        run = _read(path, given)
+        if run is None:
+            recording = self.case(place.recording).recording
+            wall, processor = time.monotonic(), time.process_time()
+            measures, refusal = None, ""
+            try:
+                fit = train()
+                measures = measure(fit, recording)
+                replace(fit, comparisons=()).save(folder)
+            except InputError as error:
+                refusal = str(error)
+            spent = time.monotonic() - wall, time.process_time() - processor
+            run = Run(**vars(place), measures=measures, refusal=refusal)
+            run = replace(run, wall_time=spent[0], processor_time=spent[1])
+            write_atomically(path, to_json({"given": given, **asdict(run)}))
+            self.say(str(run))
+        self._runs[place.folder] = run
         return run
 
     def _given(self, case: str, settings: Mapping[str, str]) -> dict[str, Any]:
@@ -201,25 +306,6 @@ class Runs:
         }
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where a run belongs; see `Run`."""
-
-    recording: str
-    method: str
-    seed: int = 0
-    horizon: int = 0
-
-    @property
-    def folder(self) -> Path:
-        """Below that of all runs."""
-        return Path(self.recording, self.method, f"seed{self.seed}", f"H{self.horizon}")
-
-
-def _plain(run: Run) -> dict[str, Any]:
-    return {**vars(run), "measures": run.measures.plain() if run.measures else None}
-
-
 def _read(path: Path, given: Mapping[str, Any]) -> Run | None:
     try:
         record = json.loads(path.read_text())
@@ -229,16 +315,3 @@ def _read(path: Path, given: Mapping[str, Any]) -> Run | None:
         return None
     measures = record.pop("measures")
     return Run(**record, measures=Measures.restored(measures) if measures else None)
-
-
-def _line(run: Run) -> str:
-    at = f", H = {run.horizon}" if run.horizon else ""
-    head = f"{run.recording}, {run.method}, seed {run.seed}{at}"
-    if run.measures is None:
-        return f"{head}: {run.refusal}"
-    measures = run.measures
-    return (
-        f"{head}: R {1e3 * measures.resistance:.2f} mohm "
-        f"(true {1e3 * measures.true_resistance:.2f}), "
-        f"map {100 * measures.flux_share:.2f} %, {run.wall_time:.0f} s"
-    )

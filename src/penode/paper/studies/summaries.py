@@ -1,16 +1,24 @@
-"""Runs summed up: rows for the files, points for the figures, numbers for the sentences."""
+"""What studies have in common: runs summed up in rows, points and numbers, and put into words."""
 
-from collections.abc import Callable, Sequence
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from penode.paper.studies.measures import Measures
-from penode.paper.studies.panels import Series
-from penode.paper.studies.runs import Run
-from penode.paper.studies.variants import Variant
+from penode.paper.studies.panels import Claim, Matrix, Panel, Series, StudyResult
+from penode.paper.studies.runs import Measures, Run, Runs
+from penode.paper.studies.variants import AXES, Variant
+
+HORIZON = "integration horizon H (steps)"
 
 #: Takes what was measured of a fit.
-Value = Callable[[Measures], float]
+Value: TypeAlias = Callable[[Measures], float]
+#: A statement's name in ``texts.toml``, whether it holds, and the numbers in it.
+Judged: TypeAlias = tuple[str, bool, Mapping[str, Any]]
 
 
 def milliohm(measures: Measures) -> float:
@@ -51,15 +59,10 @@ def row(run: Run) -> dict[str, object]:
             "one_step_mse_unseen_A2": measures.unseen_one_step,
             "free_run_rmse_unseen_A": measures.unseen_free_run,
             "verdict": measures.verdict,
+            **measures.others,
         }
-        head |= dict(measures.others)
     times = {"wall_time_s": run.wall_time, "processor_time_s": run.processor_time}
     return {**head, **times, "refusal": run.refusal}
-
-
-def rows(groups: Sequence[Sequence[Run]]) -> list[dict[str, object]]:
-    """Return all runs as rows."""
-    return [row(run) for group in groups for run in group]
 
 
 def good(runs: Sequence[Run]) -> list[Run]:
@@ -67,15 +70,88 @@ def good(runs: Sequence[Run]) -> list[Run]:
     return [run for run in runs if run.measures is not None]
 
 
-def at(runs: Sequence[Run], horizon: int, value: Value) -> list[float]:
-    """Return a value of every seed at a horizon."""
-    return [value(run.result) for run in good(runs) if run.horizon == horizon]
+@dataclass(frozen=True)
+class Trained:
+    """Runs of variants on one recording over horizons and seeds, and that of our defaults."""
 
+    label: str
+    by: Mapping[str, list[Run]]
+    ours: Run
 
-def mean_at(runs: Sequence[Run], horizon: int, value: Value) -> float:
-    """Return the mean of a value over the seeds at a horizon; nan without any."""
-    values = at(runs, horizon, value)
-    return float(np.mean(values)) if values else float("nan")
+    @classmethod
+    def of(
+        cls, runs: Runs, case: str, variants: Sequence[Variant] = AXES, few: bool = False
+    ) -> "Trained":
+        """Train those of the variants that the extent has; one seed at few horizons if asked."""
+        extent, by = runs.extent, {}
+        for variant in variants:
+            if variant.name in extent.variants:
+                # A map with angle orders takes several times as long.
+                short = few or bool(variant.angle_orders)
+                horizons = extent.few_horizons if short else extent.horizons
+                seeds = extent.seeds[:1] if short else extent.seeds
+                by[variant.name] = runs.at_horizons(case, variant, horizons, seeds)
+        return cls(runs.case(case).label, by, runs.ours(case))
+
+    @property
+    def truth(self) -> float:
+        """True R in mohm."""
+        return 1e3 * self.ours.result.true_resistance
+
+    @property
+    def rows(self) -> list[dict[str, object]]:
+        """All runs as rows of a table."""
+        return [row(run) for group in (*self.by.values(), [self.ours]) for run in group]
+
+    def at(self, variant: Variant, horizon: int, value: Value) -> list[float]:
+        """Return a value of every seed at a horizon."""
+        runs = good(self.by[variant.name])
+        return [value(run.result) for run in runs if run.horizon == horizon]
+
+    def mean(self, variant: Variant, horizon: int, value: Value) -> float:
+        """Return the mean of a value over the seeds at a horizon; nan without any."""
+        values = self.at(variant, horizon, value)
+        return float(np.mean(values)) if values else float("nan")
+
+    def spread(self, variant: Variant, horizon: int, value: Value) -> float:
+        """Return the largest minus the smallest value of the seeds at a horizon."""
+        values = self.at(variant, horizon, value)
+        return float(np.ptp(values)) if values else float("nan")
+
+    def series(self, value: Value, variants: Sequence[Variant] = AXES) -> tuple[Series, ...]:
+        """Return a marker a seed over the horizon, a series for each variant that was run."""
+        return tuple(
+            over_horizon(variant, self.by[variant.name], value)
+            for variant in variants
+            if variant.name in self.by
+        )
+
+    def star(self, value: Value) -> Series:
+        """Return our defaults as one point at the horizon they chose."""
+        if self.ours.measures is None:
+            return Series("", (), (), "ours", "*")
+        found = self.ours.result
+        label = f"our defaults (chose H = {found.horizon})"
+        return Series(label, [float(found.horizon)], [value(found)], "ours", "*")
+
+    def resistance_panel(
+        self, title: str, series: Sequence[Series], limits: tuple[float, float] | None = None
+    ) -> Panel:
+        """Return series of R in mohm over the horizon, and our defaults beside them."""
+        shown = (*series, self.star(milliohm))
+        return Panel(title, HORIZON, "estimated R (mΩ)", shown, self.truth, y_limits=limits)
+
+    def flux_panel(self, title: str, legend: bool = True) -> Panel:
+        """Return the error of all maps over the horizon."""
+        shown = (*self.series(flux_percent), self.star(flux_percent))
+        label = "mean |error| of ψ_d, ψ_q (% of ψ_PM)"
+        return Panel(title, HORIZON, label, shown, y_log=True, legend=legend)
+
+    def ours_within(self, resistance: float, flux: float = np.inf) -> Judged:
+        """Judge our defaults by the errors of R and of the map in per cent."""
+        found = self.ours.result
+        holds = abs(error_percent(found)) <= resistance and flux_percent(found) <= flux
+        return "ours", holds, {"label": self.label, "ours": in_numbers(found)}
 
 
 def over_horizon(variant: Variant, runs: Sequence[Run], value: Value) -> Series:
@@ -83,15 +159,6 @@ def over_horizon(variant: Variant, runs: Sequence[Run], value: Value) -> Series:
     kept = good(runs)
     x = [float(run.horizon) for run in kept]
     return Series(variant.label, x, [value(run.result) for run in kept], variant.name)
-
-
-def star(run: Run, value: Value) -> Series:
-    """Return our defaults as one point at the horizon they chose."""
-    if run.measures is None:
-        return Series("", (), (), "ours", "*", joined=False)
-    label = f"our defaults (chose H = {run.result.horizon})"
-    x, y = [float(run.result.horizon)], [value(run.result)]
-    return Series(label, x, y, "ours", "*", joined=False)
 
 
 def limits(paper: Series, truth: float) -> tuple[float, float]:
@@ -109,11 +176,39 @@ def in_numbers(measures: Measures) -> str:
     )
 
 
-def spread(values: Sequence[float]) -> float:
-    """Return the largest minus the smallest value."""
-    return float(np.ptp(values)) if len(values) else float("nan")
-
-
 def listed(values: Sequence[float], digits: int = 3) -> str:
     """Return numbers as a list in words."""
     return ", ".join(f"{value:.{digits}g}" for value in values)
+
+
+@cache
+def texts() -> dict[str, Any]:
+    """Return the words of the studies by name, and of the page."""
+    file = resources.files("penode.paper.studies") / "texts.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+def told(
+    name: str,
+    rows: list[dict[str, object]],
+    panels: Sequence[Panel | Matrix],
+    judged: Sequence[Judged],
+    columns: tuple[str, ...] = (),
+    **numbers: object,
+) -> StudyResult:
+    """Return what a study says: its words with the numbers in them."""
+    words = texts()[name]
+    claims = [(words["claims"][key], holds, given) for key, holds, given in judged]
+    return StudyResult(
+        name=name,
+        title=words["title"],
+        question=words["question"].format(**numbers),
+        rows=rows,
+        panels=tuple(panels),
+        claims=tuple(
+            Claim(one["text"].format(**given), holds, one["evidence"].format(**given))
+            for one, holds, given in claims
+        ),
+        reading=words["reading"].format(**numbers),
+        columns=columns,
+    )

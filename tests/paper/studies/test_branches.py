@@ -7,7 +7,8 @@ import pytest
 
 from penode.data.experiment import Experiment
 from penode.data.windows import Contiguous
-from penode.paper.studies.trainer import Branches, Trainer
+from penode.horizon.ladder import LadderProblem
+from penode.paper.studies.branches import Branches
 from penode.pmsm.balance.start import nominal_start
 from penode.training.plan import Plan, Solution, Stage
 
@@ -33,33 +34,33 @@ def plan(*stages):
 
 
 @pytest.fixture(scope="module")
-def trainer(unseen_run):
+def begun(unseen_run):
     run = Experiment("run", 1e-4, {n: v[:300] for n, v in unseen_run.channels.items()})
     start = nominal_start([run], 4)
-    return start, Trainer.of(start, run, plan((1, 1.0)), lambda event: None)
+    return start, LadderProblem.of(start, [run], plan((1, 1.0)), lambda event: None)
 
 
-def test_a_branch_ends_where_its_plan_would_by_itself(trainer, tmp_path):
-    start, trainer = trainer
+def test_a_branch_ends_where_its_plan_would_by_itself(begun, tmp_path):
+    start, problem = begun
     CALLS.clear()
     branches = Branches.at(tmp_path / "branches.json", {"seed": 4})
-    short = trainer.train(start, plan((1, 1.001), (2, 1.002)), branches, ())
+    short = branches.train(problem, start, plan((1, 1.001), (2, 1.002)), ())
     assert CALLS == [1, 2]
     assert short.parameters["R"].value == pytest.approx(start.terms[0].R * 1.001 * 1.002, rel=1e-12)
     assert short.horizon.selected == 2
     assert [rung.horizon for rung in short.horizon.ladder] == [2]
     assert not any("not tried" in warning for warning in short.warnings)
 
-    other = trainer.train(start, plan((1, 1.001), (3, 1.005)), branches, ())
+    other = branches.train(problem, start, plan((1, 1.001), (3, 1.005)), ())
     assert CALLS == [1, 2, 3]  # what both have in common is taken over
     assert other.parameters["R"].value == pytest.approx(start.terms[0].R * 1.001 * 1.005, rel=1e-12)
 
     again = Branches.at(branches.path, {"seed": 4})
-    longer = trainer.train(start, plan((1, 1.001), (3, 1.005), (4, 1.0)), again, ())
+    longer = again.train(problem, start, plan((1, 1.001), (3, 1.005), (4, 1.0)), ())
     assert CALLS == [1, 2, 3, 4]  # from the file too
     assert longer.parameters["R"].value == pytest.approx(other.parameters["R"].value, rel=1e-12)
 
-    trainer.train(start, plan((1, 1.003), (3, 1.005)), again, ())
+    again.train(problem, start, plan((1, 1.003), (3, 1.005)), ())
     assert CALLS == [1, 2, 3, 4, 1, 3]  # another first stage is no common one
 
 

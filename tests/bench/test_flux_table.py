@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from penode.bench.map_layouts import flux_table
+from penode.bench.flux_table import flux_table
 from penode.errors import InputError
 
 I_D, I_Q = np.linspace(-100.0, 0.0, 6), np.linspace(-50.0, 50.0, 5)

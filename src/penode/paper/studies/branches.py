@@ -8,7 +8,7 @@ branches off, with the result that each would have had by itself.
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import LadderProblem, Observer
+from penode.horizon.ladder import LadderProblem
 from penode.horizon.selection import Longest, choose
 from penode.models.base import Model
 from penode.training.plan import Plan, Stage
@@ -44,12 +44,43 @@ class Branches:
         """Read what is there; begin anew where it is damaged or was trained with other things."""
         try:
             document = json.loads(path.read_text())
-            if document["given"] != given:
-                return cls(path, given)
-            ends = {key: np.array(raw, dtype=float) for key, raw in document["ends"].items()}
+            known = document["ends"] if document["given"] == given else {}
+            ends = {key: np.array(raw, dtype=float) for key, raw in known.items()}
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
-            return cls(path, given)
+            ends = {}
         return cls(path, given, ends)
+
+    def train(
+        self, problem: LadderProblem, start: Model, plan: Plan, validation: Sequence[Experiment]
+    ) -> Fit:
+        """Return the fit at the last stage of a plan; refuse it if that diverges.
+
+        Solver, hold and loss are the problem's. Stages whose ends are known are not trained again,
+        and those passed on the way are added; the validation recordings are predicted only.
+        """
+        began = time.monotonic()
+        raw = self._end(problem, start, plan, plan.stages[:-1])
+        final = replace(plan, stages=plan.stages[-1:])
+        climb = with_free_runs(problem, problem.climb(final, raw))
+        self.keep(_key(plan.stages), climb.fits[0].solution.raw)
+        choice = choose(Longest(), climb, final)
+        fit = Assembly(problem, Start(start), final, climb.fits, choice).fit(validation, began)
+        if climb.interrupted:
+            raise KeyboardInterrupt
+        return fit
+
+    def _end(
+        self, problem: LadderProblem, start: Model, plan: Plan, stages: tuple[Stage, ...]
+    ) -> FloatArray:
+        """Return the raw parameters after stages, from as far as they are known."""
+        if not stages:
+            return problem.objective.layout.raw(start)
+        key = _key(stages)
+        if key not in self.ends:
+            raw = self._end(problem, start, plan, stages[:-1])
+            solution = stages[-1].optimiser.minimise(problem.problem(stages[-1], plan), raw)
+            self.keep(key, solution.raw)
+        return self.ends[key]
 
     def keep(self, key: str, raw: FloatArray) -> None:
         """Add one end and write all."""
@@ -58,55 +89,7 @@ class Branches:
         write_atomically(self.path, to_json({"given": self.given, "ends": ends}))
 
 
-@dataclass(frozen=True, eq=False)
-class Trainer:
-    """Trains models of one structure on one recording, with the plan's solver, hold and loss."""
-
-    problem: LadderProblem
-    plan: Plan
-
-    @classmethod
-    def of(cls, model: Model, run: Experiment, plan: Plan, observer: Observer) -> "Trainer":
-        """Return a trainer for a model's structure."""
-        return cls(LadderProblem.of(model, [run], plan, observer), plan)
-
-    def train(
-        self, start: Model, plan: Plan, branches: Branches, validation: tuple[Experiment, ...]
-    ) -> Fit:
-        """Return the fit at the last stage of a plan; refuse it if that diverges.
-
-        Stages whose ends ``branches`` knows are not trained again, and those passed on the way are
-        added; the validation recordings are predicted only.
-        """
-        began = time.monotonic()
-        *before, last = plan.stages
-        raw = self._end(start, plan, tuple(before), branches)
-        final = replace(plan, stages=(last,))
-        climb = with_free_runs(self.problem, self.problem.climb(final, raw))
-        branches.keep(_key(plan.stages), climb.fits[0].solution.raw)
-        choice = choose(Longest(), climb, final)
-        assembly = Assembly(self.problem, Start(start), final, climb.fits, choice)
-        fit = assembly.fit(validation, began)
-        if climb.interrupted:
-            raise KeyboardInterrupt
-        return fit
-
-    def _end(
-        self, start: Model, plan: Plan, stages: tuple[Stage, ...], branches: Branches
-    ) -> FloatArray:
-        """Return the raw parameters after stages, from as far as they are known."""
-        if not stages:
-            return self.problem.objective.layout.raw(start)
-        key = _key(stages)
-        if key not in branches.ends:
-            raw = self._end(start, plan, stages[:-1], branches)
-            problem = self.problem.problem(stages[-1], plan)
-            solution = stages[-1].optimiser.minimise(problem, raw)
-            branches.keep(key, solution.raw)
-        return branches.ends[key]
-
-
-def _key(stages: tuple[Stage, ...]) -> str:
+def _key(stages: Sequence[Stage]) -> str:
     """Return stages as text, without addresses."""
     return " > ".join(f"{stage.horizon}:{_efforts(stage.optimiser)}" for stage in stages)
 
