@@ -10,10 +10,10 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from penode.cli.options import require_png
 from penode.cli.rows import print_rows
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
-from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.precheck.recording_check import RecordingCheck, check_recordings
 from penode.pmsm.study_file import load_study
@@ -41,8 +41,7 @@ def check_command(
 
     Example: penode check run.csv --picture cover.png
     """
-    if picture is not None and picture.suffix.lower() != ".png":
-        raise InputError(f"{picture}: suffix {picture.suffix!r} came; use .png.")
+    require_png(picture)
     asked = load_study(config)
     check = check_recordings(
         [stretch for run in runs for stretch in asked.load_stretches(run)],

@@ -8,8 +8,7 @@ import typer
 from rich.console import Console
 
 from penode.cli.machine_fit import load_machine
-from penode.cli.options import TrustClasses
-from penode.errors import InputError
+from penode.cli.options import TrustClasses, require_png
 from penode.fit.archive import write_atomically
 from penode.pmsm.comparison.map_comparison import compare_maps, compare_resistances
 from penode.pmsm.machine.flux_grid import read_grid
@@ -30,8 +29,7 @@ def compare_command(
 
     Example: penode compare cold warm --out difference.png
     """
-    if out.suffix.lower() != ".png":
-        raise InputError(f"{out}: suffix {out.suffix!r} came; use .png.")
+    require_png(out)
     fit, resistance = load_machine(first, trust), None
     if second.suffix.lower() == ".csv":
         maps = compare_maps(fit, read_grid(second))

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from penode.cli.completion import flux_maps, holds, terms
-from penode.errors import InputError
+from penode.errors import InputError, require_extra
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.term_registry import TERMS
@@ -87,3 +87,12 @@ def whole_numbers(option: str, text: str) -> tuple[int, ...]:
         raise InputError(
             f"--{option} {text} came; give {none}whole numbers with commas, such as 6,12."
         ) from error
+
+
+def require_png(*pictures: Path | None) -> None:
+    """Refuse pictures of another suffix, and any where the library that draws is missing."""
+    for path in pictures:
+        if path is not None and path.suffix.lower() != ".png":
+            raise InputError(f"{path}: suffix {path.suffix!r} came; use .png.")
+        if path is not None:
+            require_extra("matplotlib", "plot", f"{path}: a picture")

@@ -10,17 +10,13 @@ from rich.console import Console
 from penode.cli.last_resort import of_the_system
 from penode.cli.options import TrustClasses
 from penode.cli.progress import Interrupted
-from penode.errors import InputError
+from penode.errors import InputError, require_extra
 from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
 from penode.fit.left_out import LOG, left_out
 from penode.fit.result_folder import REPORT, claimed
 from penode.pmsm.machine.model import Machine
-from penode.pmsm.report.machine_report import machine_report
 from penode.pmsm.result_files import write_report
-from penode.pmsm.sweep.fleet_report import fleet_report
-from penode.pmsm.sweep.table import LINES, read_table
-from penode.report.fit_report import fit_report
 
 _output = Console()
 
@@ -43,13 +39,21 @@ def report_command(
     Example: penode report motor --trust-classes
     """
     page = folder / REPORT
-    if (folder / LINES).exists():
+    if (folder / "table.jsonl").exists():
+        require_extra("polars", "tables", "the report of a sweep")
+        from penode.pmsm.sweep.fleet_report import fleet_report
+        from penode.pmsm.sweep.table import read_table
+
         write_atomically(page, fleet_report(read_table(folder)))
         _print_place(page)
         return
     if trust:
         sys.path.append(str(Path.cwd()))
     fit = Fit.load(folder, trust)
+    # Imported here: the plotting library takes a third of a second.
+    from penode.pmsm.report.machine_report import machine_report
+    from penode.report.fit_report import fit_report
+
     of_kind = machine_report if isinstance(fit.model, Machine) else fit_report
     write_atomically(page, of_kind(fit))
     _print_place(page)

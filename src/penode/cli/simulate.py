@@ -10,6 +10,7 @@ from rich.console import Console
 from penode.bench.config import Simulation, load_config
 from penode.bench.run import Recording
 from penode.cli.completion import simulations
+from penode.cli.options import require_png
 from penode.data.experiment import Experiment
 from penode.data.save import require_suffix
 from penode.errors import InputError
@@ -53,9 +54,7 @@ def simulate_command(
     Example: penode simulate drive.toml --out drive.csv --over-time drive.png --against run.csv
     """
     require_suffix(out)
-    for path in (picture, over_time):
-        if path is not None and path.suffix.lower() != ".png":
-            raise InputError(f"{path}: suffix {path.suffix!r} came; use .png.")
+    require_png(picture, over_time)
     recorded = _recorded(against, study)
     began = time.monotonic()
     simulation = load_config(config)

@@ -3,9 +3,8 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import polars as pl
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -22,13 +21,14 @@ from penode.cli.options import (
 )
 from penode.cli.progress import Interrupted
 from penode.cli.sweep_workers import cluster, processes
+from penode.errors import require_extra
 from penode.fit.archive import write_atomically
 from penode.fit.result_folder import claimed
 from penode.pmsm.sweep.campaign import load_campaign
-from penode.pmsm.sweep.fleet_report import fleet_report
-from penode.pmsm.sweep.run import sweep
-from penode.pmsm.sweep.table import LINES, PARQUET, read_table
 from penode.report.quantities import number, with_unit
+
+if TYPE_CHECKING:
+    import polars as pl
 
 _output, _errors = Console(), Console(stderr=True)
 
@@ -74,6 +74,11 @@ def sweep_command(  # noqa: PLR0913 (an argument an option)
 
     Example: penode sweep --config fleet.toml --out fleet --jobs 8
     """
+    require_extra("polars", "tables", "a sweep")
+    from penode.pmsm.sweep.fleet_report import fleet_report
+    from penode.pmsm.sweep.run import sweep
+    from penode.pmsm.sweep.table import LINES, PARQUET, read_table
+
     options = given(
         flux_map=flux_map, inverter=inverter, terms=terms, angle_orders=angle_orders, hold=hold
     )
@@ -121,7 +126,7 @@ def _answer(row: dict[str, Any]) -> str:
     return f"R {value}, {row['verdict']}, {row['seconds']:.1f} s"
 
 
-def _print_table(table: pl.DataFrame) -> None:
+def _print_table(table: "pl.DataFrame") -> None:
     """Print a row a variant and horizon: how many, their R, and what it varies by."""
     shown = Table(box=None, padding=(0, 2, 0, 0))
     varied = table["variant"].n_unique() > 1

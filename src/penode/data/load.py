@@ -16,13 +16,19 @@ from penode.data.readers import csv
 from penode.data.stretches import SHORTEST, listed
 from penode.data.table import TIME, Table, list_names
 from penode.data.time_axis import gaps_in
-from penode.errors import InputError
+from penode.errors import InputError, require_extra
+
+
+def _parquet(content: Content) -> Table:
+    require_extra("polars", "tables", f"{content.file}: a Parquet file")
+    return isolated("parquet")(content)
+
 
 #: Reader of each file suffix, from the content to the columns; binary files are decoded apart.
 READERS: Mapping[str, Callable[[Content], Table]] = MappingProxyType(
     {
         ".csv": lambda content: csv.read(content.file, content.mapped()),
-        ".parquet": isolated("parquet"),
+        ".parquet": _parquet,
         ".mat": isolated("mat"),
         ".mf4": isolated("mdf"),
         ".tdms": isolated("tdms"),

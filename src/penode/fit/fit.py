@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
-import polars as pl
 
 from penode.arrays import BoolArray, FloatArray, float64
-from penode.errors import InputError
+from penode.errors import InputError, require_extra
 from penode.fit.archive import archive, read_archive, to_json
 from penode.fit.document import document_of, parts_of
-from penode.fit.frames import ladder_frame, parameters_frame
 from penode.fit.learned_uncertainty import LearnedUncertainty
 from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary
 from penode.fit.result_folder import claimed, digests, replace_together, require_one_result
@@ -25,6 +23,8 @@ from penode.validation.coverage import supported
 from penode.validation.residual_tests import Correlations, Spectrum
 
 if TYPE_CHECKING:
+    import polars as pl
+
     from penode.fit import plots
 
 __all__ = ["Estimate", "Fit", "HorizonChoice", "HorizonSummary", "unused"]
@@ -103,12 +103,18 @@ class Fit:
     def _repr_html_(self) -> str:
         return html(self)
 
-    def parameters_frame(self) -> pl.DataFrame:
+    def parameters_frame(self) -> "pl.DataFrame":
         """Return a row a physical parameter: value, std, low_95, high_95 and unit, SI units."""
+        require_extra("polars", "tables", "a data frame")
+        from penode.fit.frames import parameters_frame
+
         return parameters_frame(self.parameters)
 
-    def ladder_frame(self) -> pl.DataFrame:
+    def ladder_frame(self) -> "pl.DataFrame":
         """Return a row a horizon: parameters with NAME_std, errors, outcome, selected, plateau."""
+        require_extra("polars", "tables", "a data frame")
+        from penode.fit.frames import ladder_frame
+
         return ladder_frame(self.horizon)
 
     def plot_ladder(self) -> "plots.Figure":
@@ -119,9 +125,7 @@ class Fit:
         InputError
             If the fit has no ladder or no physical parameter.
         """
-        from penode.fit import plots  # loads the plotting library
-
-        return plots.draw_ladder(self)
+        return _plots().draw_ladder(self)
 
     def plot_predictions(self, recording: int = 0) -> "plots.Figure":
         """Return a matplotlib figure of a recording and its predictions, errors below.
@@ -136,14 +140,12 @@ class Fit:
         InputError
             If there is no such recording.
         """
-        from penode.fit import plots
-
         if not -len(self.comparisons) <= recording < len(self.comparisons):
             raise InputError(
                 f"recording {recording} came; the fit has predictions of {len(self.comparisons)}, "
                 "counted from 0."
             )
-        return plots.draw_predictions(self.comparisons[recording])
+        return _plots().draw_predictions(self.comparisons[recording])
 
     def plot_map(self, name: str, **ranges: tuple[float, float]) -> "plots.Figure":
         """Return a matplotlib figure of a learned map of one or two arguments.
@@ -160,9 +162,7 @@ class Fit:
         InputError
             If there is no such map, an argument has no range, or there are more than two.
         """
-        from penode.fit import plots
-
-        return plots.draw_map(self, name, ranges)
+        return _plots().draw_map(self, name, ranges)
 
     def supported(self, points: FloatArray) -> BoolArray:
         """Return which points (point, state), SI units, lie in the excited region."""
@@ -261,6 +261,14 @@ class Fit:
             raise InputError(
                 f"{folder}: the saved fit lacks a part ({error!r}); run the identification again."
             ) from error
+
+
+def _plots() -> Any:
+    """Return the module that draws; it loads the plotting library."""
+    require_extra("matplotlib", "plot", "a figure")
+    from penode.fit import plots
+
+    return plots
 
 
 def _in_float64(learned: Callable[..., Any]) -> Callable[..., Any]:

@@ -11,6 +11,8 @@ What the model is made of
     `Rotation`, `DeadTime`, `PhaseDeadTime`; write your own as a `Term`).
 """
 
+from typing import TYPE_CHECKING, Any
+
 from penode.horizon.held_out import PURPOSES
 from penode.pmsm.balance.start import nominal_start, weak_start
 from penode.pmsm.balance.term_selection import CANDIDATES, Structure, structure_of
@@ -52,12 +54,14 @@ from penode.pmsm.recording.guess import StudyGuess, guess_study
 from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.recording.study_text import study_text
 from penode.pmsm.report.line_causes import NamedLine, named_lines
-from penode.pmsm.report.machine_report import machine_report
 from penode.pmsm.result_files import flux_map_csv, write
 from penode.pmsm.simulation.simulated_drive import torque_of
 from penode.pmsm.study import identify
 from penode.pmsm.study_file import StudyFile, load_study
 from penode.pmsm.study_settings import Study
+
+if TYPE_CHECKING:
+    from penode.pmsm.report.machine_report import machine_report
 
 __all__ = [
     "CANDIDATES",
@@ -123,6 +127,14 @@ __all__ = [
     "weak_start",
     "write",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name != "machine_report":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from penode.pmsm.report.machine_report import machine_report  # loads the plotting library
+
+    return machine_report
 
 
 def __dir__() -> list[str]:

@@ -8,7 +8,6 @@ from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
 from penode.fit.result_folder import REPORT, claimed, replace_together
 from penode.pmsm.machine.standstill import STANDSTILL, excited_axes
-from penode.pmsm.report.machine_report import machine_report
 
 #: Points a side of the grid in ``flux_map.csv``.
 GRID = 41
@@ -42,6 +41,8 @@ def write_answer(fit: Fit, folder: Path) -> None:
 
 def write_report(fit: Fit, folder: Path) -> None:
     """Write the report, which is no part of the set with digests: it may be made again."""
+    from penode.pmsm.report.machine_report import machine_report  # loads the plotting library
+
     write_atomically(folder / REPORT, machine_report(fit))
 
 

@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
-import plotly.graph_objects as go
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 Tone: TypeAlias = Literal["good", "caution", "refusal"]
 
@@ -47,7 +48,7 @@ class Figure:
 
     title: str
     caption: str
-    plot: go.Figure
+    plot: "go.Figure"
 
 
 @dataclass(frozen=True)
