@@ -18,7 +18,7 @@ from penode.cli import identify as command_line
 from penode.data.save import save
 from penode.horizon import objections
 from penode.identify import Stopped
-from penode.pmsm import identify, load_study, result_files
+from penode.pmsm import identify, load_study
 
 QUICK = ("--horizon", 3, "--no-inverter", "--angle-orders", "none")
 WHOLE = {"fit/fit.json", "fit/fit.npz", "flux_map.csv", "result.json"}
@@ -155,7 +155,7 @@ def test_a_report_that_cannot_be_made_at_all_leaves_the_answer(
 
     identified.out.mkdir()
     (identified.out / "report.html").write_text("of an earlier result")
-    monkeypatch.setattr(result_files, "machine_report", broken)
+    monkeypatch.setattr("penode.pmsm.report.machine_report.machine_report", broken)
     trained("implausible")
     done = identified()
     assert done.returncode == 1
@@ -170,7 +170,7 @@ def test_ctrl_c_during_the_report_leaves_the_answer_and_report_makes_the_page(
 ):
     trained()
     with monkeypatch.context() as patched:
-        patched.setattr(result_files, "machine_report", interrupted)
+        patched.setattr("penode.pmsm.report.machine_report.machine_report", interrupted)
         done = identified()
     assert done.returncode == 130
     assert done.stderr == (
@@ -194,8 +194,9 @@ def test_json_is_all_that_is_printed(identified, trained):
 KILLED = """
 import os, signal, sys
 from penode import Fit
-from penode.pmsm import identify, load_study, result_files
-result_files.machine_report = lambda fit: os.kill(os.getpid(), signal.SIGKILL)
+from penode.pmsm import result_files
+from penode.pmsm.report import machine_report as page
+page.machine_report = lambda fit: os.kill(os.getpid(), signal.SIGKILL)
 result_files.write(Fit.load(sys.argv[1]), sys.argv[2])
 """
 

@@ -12,7 +12,6 @@ import penode
 from penode.bench.machines import TRACTION_300A
 from penode.errors import InputError
 from penode.horizon.objections import CHECKS, objections, with_objections
-from penode.pmsm import result_files
 from penode.pmsm import study as study_module
 from penode.pmsm.result_files import GRID, flux_map_csv, write
 from penode.pmsm.study import identify
@@ -121,7 +120,7 @@ def test_everything_written_reads_back(fit, slow_run, tmp_path):
 def test_an_interrupted_writing_leaves_the_result_of_before_whole(
     fit, tmp_path, monkeypatch, place
 ):
-    monkeypatch.setattr(result_files, "machine_report", lambda fit: "<html>")
+    monkeypatch.setattr("penode.pmsm.report.machine_report.machine_report", lambda fit: "<html>")
     write(fit, tmp_path)
     before = {p: p.read_bytes() for p in tmp_path.rglob("*.*")}
     write_file = Path.write_bytes

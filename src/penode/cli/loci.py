@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from penode.cli.machine_fit import caution, load_machine
-from penode.cli.options import TrustClasses
+from penode.cli.options import TrustClasses, require_png
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.control.controlled_machine import ControlledMachine
@@ -21,8 +21,13 @@ _output, _errors = Console(), Console(stderr=True)
 
 def loci_command(  # noqa: PLR0913 (an argument an option)
     folder: Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")],
-    i_max: Annotated[float, typer.Option(help="Current limit in A, peak value of a phase.")],
-    out: Annotated[Path, typer.Option(help="PNG to write.")],
+    i_max: Annotated[
+        float | None,
+        typer.Option(
+            help="Current limit in A, peak value of a phase.", show_default="the largest recorded"
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="PNG to write.")] = None,
     u_max: Annotated[
         float | None, typer.Option(help="Voltage limit in V, peak of a phase: u_dc / sqrt(3).")
     ] = None,
@@ -33,24 +38,33 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
 ) -> None:
     """Compute what a controller needs: MTPA, MTPV, and most torque over speed with --u-max.
 
+    Example: penode loci result --pole-pairs 5
+
     Example: penode loci result --i-max 240 --u-max 230 --pole-pairs 5 --out loci.png
     """
-    for path, suffix in ((out, ".png"), (csv, ".csv")):
-        if path is not None and path.suffix.lower() != suffix:
-            raise InputError(f"{path}: suffix {path.suffix!r} came; use {suffix}.")
+    require_png(out)
+    if csv is not None and csv.suffix.lower() != ".csv":
+        raise InputError(f"{csv}: suffix {csv.suffix!r} came; use .csv.")
     fit = load_machine(folder, trust)
     machine = ControlledMachine.of(fit, pole_pairs)
-    loci = control_loci(machine, i_max, u_max)
-    # Imported here: the plotting library takes a third of a second, and few commands draw.
-    from penode.pmsm.control.loci_picture import loci_picture
+    recorded = float(np.hypot(*fit.excited.T).max())
+    loci = control_loci(machine, recorded if i_max is None else i_max, u_max)
+    if out is not None:
+        # Imported here: the plotting library takes a third of a second, and few commands draw.
+        from penode.pmsm.control.loci_picture import loci_picture
 
-    write_atomically(out, loci_picture(machine, loci, str(folder)))
+        write_atomically(out, loci_picture(machine, loci, str(folder)))
     if csv is not None:
         write_atomically(csv, loci_csv(loci))
     if as_json:
-        typer.echo(json.dumps({**_as_json(loci), "picture": str(out)}))
+        picture = None if out is None else str(out)
+        typer.echo(json.dumps({**_as_json(loci), "picture": picture}))
     else:
-        lines = [*_figures(loci), f"picture         {out}"]
+        lines = _figures(loci)
+        if i_max is None:
+            limit = f"{number(recorded)} A, the largest recorded; --i-max gives another"
+            lines.insert(0, f"current limit   {limit}")
+        lines += [f"picture         {out}"] if out is not None else []
         lines += [f"loci            {csv}"] if csv is not None else []
         _output.print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
     if warning := caution(fit):

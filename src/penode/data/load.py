@@ -212,7 +212,10 @@ def _reader_for(location: Path, file: str) -> Callable[[Content], Table]:
     if not location.exists():
         raise InputError(f"{file}: file not found; check the path.")
     if location.is_dir():
-        raise InputError(f"{file}: this is a directory; name one {wanted} file.")
+        what = "the folder of a result" if (location / "result.json").exists() else "a directory"
+        raise InputError(
+            f"{file}: this is {what} where a recording was wanted; name one {wanted} file."
+        )
     suffixes = [suffix.lower() for suffix in location.suffixes[-2:]]
     reader = READERS.get("".join(suffixes)) or READERS.get("".join(suffixes[-1:]))
     if reader is None:

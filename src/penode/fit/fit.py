@@ -97,6 +97,9 @@ class Fit:
             raise AttributeError(f"Fit has no {name!r}; this model's maps are {sorted(maps)}.")
         return _in_float64(maps[name])
 
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.model.maps()]
+
     def __repr__(self) -> str:
         return text(self)
 
@@ -147,13 +150,13 @@ class Fit:
             )
         return _plots().draw_predictions(self.comparisons[recording])
 
-    def plot_map(self, name: str, **ranges: tuple[float, float]) -> "plots.Figure":
+    def plot_map(self, name: str = "", **ranges: tuple[float, float]) -> "plots.Figure":
         """Return a matplotlib figure of a learned map of one or two arguments.
 
         Parameters
         ----------
         name : str
-            Of the map, such as ``"flux_map"``.
+            Of the map, such as ``"flux_map"``; without one, the model's first.
         **ranges : (float, float)
             Lowest and highest value of an argument; one called like a state has the excited range.
 

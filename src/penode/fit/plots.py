@@ -77,9 +77,11 @@ def draw_map(fit: FitContent, name: str, ranges: Mapping[str, tuple[float, float
     ``ranges`` are the lowest and highest value of an argument; those called like a state have the
     excited range.
     """
-    function = fit.model.maps().get(name)
+    maps = fit.model.maps()
+    name = name or next(iter(maps), "")
+    function = maps.get(name)
     if function is None:
-        raise InputError(f"map {name!r} came; this model has {sorted(fit.model.maps())}.")
+        raise InputError(f"map {name!r} came; this model has {sorted(maps)}.")
     arguments = list(inspect.signature(function).parameters)
     if not 1 <= len(arguments) <= 2:
         raise InputError(f"{name} has {len(arguments)} arguments; maps of one or two are drawn.")

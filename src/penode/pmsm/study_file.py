@@ -125,7 +125,10 @@ def load_study(
         If there is no such file, it is not TOML, or an entry is unknown, missing or of the wrong
         kind; the message names the file and the entry, and suggests the nearest known one.
     """
-    entries = {**({} if path is None else read_toml(Path(path))), **changes}
+    given = given or {}
+    # The channels of a shaft need the pole pairs, too.
+    pairs = {name: given[name] for name in ("pole_pairs",) if name in given}
+    entries = {**({} if path is None else read_toml(Path(path))), **pairs, **changes}
     read = _read(path, entries)
     return replace(read, study=_study({**entries, **given, **changes})) if given else read
 
