@@ -1,6 +1,7 @@
 """Long text files are parsed block by block; that may change neither a value nor a sentence."""
 
 import re
+import sys
 import tracemalloc
 from contextlib import nullcontext
 
@@ -129,3 +130,43 @@ def test_a_number_far_down_a_column_of_text_is_seen(block):
 
 def two_columns():
     return [line.rsplit(",", 1)[0] for line in lines()[1:]]
+
+
+@pytest.mark.parametrize(
+    "row", ["1,2.5,0", '"1","2.5",0', " 1 , 2.5 ,0", "+1,.25e1,-0", "1e-400,2.5,0"]
+)
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_both_parsers_of_whole_blocks_and_that_of_cells_agree(monkeypatch, row, end):
+    rows = [*lines(), row]
+    columns = {}
+    for name, short, fast in (("numpy", 1 << 22, True), ("polars", 0, True), ("cells", 0, False)):
+        with monkeypatch.context() as patched:
+            patched.setattr(csv, "_SHORT", short)
+            if not fast:
+                patched.setattr(csv, "_parse_fast", lambda *_: None)
+            columns[name] = parse(rows, end)
+    for name in ("numpy", "polars"):
+        for channel, values in columns["cells"].items():
+            np.testing.assert_array_equal(columns[name][channel], values, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "cell", ["0x1p3", "1_0", "nan", "inf", "1e400", "1j", "1 2", "--1", "", "٣x"]
+)
+def test_what_is_no_number_is_refused_whichever_parses(monkeypatch, cell):
+    rows = lines()
+    rows[7] = f"6,{cell},0"
+    sentences = set()
+    for short in (0, 1 << 22):
+        monkeypatch.setattr(csv, "_SHORT", short)
+        sentences.add(refusal(rows))
+    assert len(sentences) == 1
+    assert "data row 7 (line 8), channel x" in sentences.pop()
+
+
+def test_text_is_read_without_polars(monkeypatch):
+    whole = parse(lines())
+    monkeypatch.setattr(csv, "_SHORT", 0)
+    monkeypatch.setitem(sys.modules, "polars", None)
+    for name, values in parse(lines()).items():
+        np.testing.assert_array_equal(values, whole[name])

@@ -16,13 +16,19 @@ from penode.data.readers import csv
 from penode.data.stretches import SHORTEST, listed
 from penode.data.table import TIME, Table, list_names
 from penode.data.time_axis import gaps_in
-from penode.errors import InputError
+from penode.errors import InputError, require_extra
+
+
+def _parquet(content: Content) -> Table:
+    require_extra("polars", "tables", f"{content.file}: a Parquet file")
+    return isolated("parquet")(content)
+
 
 #: Reader of each file suffix, from the content to the columns; binary files are decoded apart.
 READERS: Mapping[str, Callable[[Content], Table]] = MappingProxyType(
     {
         ".csv": lambda content: csv.read(content.file, content.mapped()),
-        ".parquet": isolated("parquet"),
+        ".parquet": _parquet,
         ".mat": isolated("mat"),
         ".mf4": isolated("mdf"),
         ".tdms": isolated("tdms"),
@@ -206,7 +212,10 @@ def _reader_for(location: Path, file: str) -> Callable[[Content], Table]:
     if not location.exists():
         raise InputError(f"{file}: file not found; check the path.")
     if location.is_dir():
-        raise InputError(f"{file}: this is a directory; name one {wanted} file.")
+        what = "the folder of a result" if (location / "result.json").exists() else "a directory"
+        raise InputError(
+            f"{file}: this is {what} where a recording was wanted; name one {wanted} file."
+        )
     suffixes = [suffix.lower() for suffix in location.suffixes[-2:]]
     reader = READERS.get("".join(suffixes)) or READERS.get("".join(suffixes[-1:]))
     if reader is None:

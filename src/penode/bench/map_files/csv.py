@@ -1,12 +1,15 @@
 """Reader of flux maps in CSV files: one header line, one row a point."""
 
+import csv
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 
 from penode.arrays import FloatArray
 from penode.errors import InputError
+
+_MISSING = ("", "nan", "NaN", "NA")
 
 
 def read(path: Path) -> dict[str, FloatArray]:
@@ -29,19 +32,25 @@ def read(path: Path) -> dict[str, FloatArray]:
     OSError
         If the file cannot be opened.
     """
-    text = path.read_bytes()
     try:
-        frame = pl.read_csv(text, infer_schema_length=None, null_values=["", "nan", "NaN", "NA"])
-    except pl.exceptions.PolarsError as error:
-        reason = str(error).splitlines()[0] if str(error) else "empty"
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            header, *rows = [row for row in csv.reader(file) if row]
+        cells = dict(zip(header, zip(*rows, strict=True), strict=True))
+    except (ValueError, csv.Error) as error:
         raise InputError(
-            f"{path}: not a table of comma-separated values ({reason}); write one header line and "
+            f"{path}: not a table of comma-separated values ({error}); write one header line and "
             "as many cells in each row."
         ) from error
-    numeric = [name for name in frame.columns if frame[name].dtype.is_numeric()]
+    columns = {name.strip(): _numbers(column) for name, column in cells.items()}
+    numeric = {name: values for name, values in columns.items() if values is not None}
     if not numeric:
         raise InputError(f"{path}: no column holds numbers only; a flux map in SI was wanted.")
-    return {
-        name.strip(): np.asarray(frame[name].cast(pl.Float64).to_numpy(), dtype=np.float64)
-        for name in numeric
-    }
+    return numeric
+
+
+def _numbers(cells: Sequence[str]) -> FloatArray | None:
+    """Return cells as numbers, None where one is text."""
+    try:
+        return np.array([np.nan if cell.strip() in _MISSING else float(cell) for cell in cells])
+    except ValueError:
+        return None

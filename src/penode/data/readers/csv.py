@@ -7,15 +7,16 @@ slowly, to find the row and channel that a refusal has to name.
 
 import csv
 import gzip
+import importlib.util
 import io
 import mmap
 import re
 import tempfile
+import warnings
 import zlib
 from collections.abc import Collection, Iterator
 
 import numpy as np
-import polars as pl
 
 from penode.data.gathered import forget, write
 from penode.data.readers.csv_cells import Cells, Dialect, unsplittable
@@ -29,6 +30,8 @@ _RARE_SEPARATORS = "\t;|"
 # by the mark: a search for what may stand before it takes three times as long as all the parsing.
 _LONE_QUOTE = re.compile(rb'"(?<![^,;\t| \r\n]")(?![^,;\t| \r\n])')
 _MARK = b"\xef\xbb\xbf"
+#: Bytes of text that NumPy parses sooner than polars, ten times as fast, is imported.
+_SHORT = 1 << 22
 _BLOCK = 1 << 23
 #: Bytes of the longest line of column names.
 _HEADER = 1 << 22
@@ -186,8 +189,33 @@ def _parse_fast(
     names: list[str], block: bytes, dialect: Dialect, text: Collection[str]
 ) -> dict[str, Column] | None:
     """Parse rows in one go but for columns of text; None if anything is out of the ordinary."""
-    if (dialect.decimal_comma and b"." in block) or _LONE_QUOTE.search(block):
+    if dialect.decimal_comma and b"." in block:
         return None
+    if len(block) < _SHORT or importlib.util.find_spec("polars") is None:
+        return None if text else _by_numpy(names, block, dialect)
+    return None if _LONE_QUOTE.search(block) else _by_polars(names, block, dialect, text)
+
+
+def _by_numpy(names: list[str], block: bytes, dialect: Dialect) -> dict[str, Column] | None:
+    if dialect.decimal_comma:
+        block = block.replace(b",", b".")
+    lines = io.TextIOWrapper(io.BytesIO(block), encoding="utf-8", newline="")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # rows that are all blank
+            rows = np.loadtxt(lines, float, None, dialect.separator, quotechar='"', ndmin=2)
+    except ValueError:
+        return None
+    if rows.shape[1] != len(names) or not np.isfinite(rows).all():
+        return None
+    return dict(zip(names, map(np.copy, rows.T), strict=True))
+
+
+def _by_polars(
+    names: list[str], block: bytes, dialect: Dialect, text: Collection[str]
+) -> dict[str, Column] | None:
+    import polars as pl
+
     try:
         frame = pl.read_csv(
             block,
