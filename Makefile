@@ -7,7 +7,7 @@ DEV := -c constraints.txt -e '.[dev]'
 # Hundreds of processes start in the tests: what Python compiles is kept, whatever the shell says.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check format bench validate fuzz setup clean
+.PHONY: demo test check lint docs package format bench validate fuzz setup clean
 
 setup: $(STAMP)
 
@@ -24,12 +24,21 @@ demo: $(STAMP)
 test: $(STAMP)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-check: $(STAMP)
+check: lint docs
+
+lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/mkdocs build --strict --quiet
+
+docs: $(STAMP)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+package: $(STAMP)
+	rm -rf out/dist
+	$(BIN)/uv build --quiet --out-dir out/dist
+	$(BIN)/uv tool run --quiet twine check --strict out/dist/*.whl out/dist/*.tar.gz
 
 format: $(STAMP)
 	$(BIN)/ruff format .

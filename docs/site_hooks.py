@@ -1,4 +1,4 @@
-"""What the site needs beyond Markdown: formulas as MathML, and no style sheet from elsewhere."""
+"""What the site needs beyond Markdown: formulas as MathML."""
 
 import html
 import re
@@ -15,12 +15,6 @@ _FORMULA = re.compile(
 def on_page_content(content: str, **_: Any) -> str:
     """Replace the formulas of a page, marked by arithmatex, with MathML."""
     return _FORMULA.sub(_formula, content)
-
-
-def on_post_page(output: str, **_: Any) -> str:
-    """Give the theme's switch of light and dark the style sheets that it expects."""
-    sheets = '<style id="hljs-light"></style><style id="hljs-dark"></style>'
-    return output.replace("</head>", f"{sheets}</head>", 1)
 
 
 def _formula(found: re.Match[str]) -> str:

@@ -7,6 +7,7 @@ import gc
 import os
 import signal
 import sys
+from importlib.metadata import version
 from typing import NoReturn
 
 #: Exit status of what was stopped: 128 and the number of the signal.
@@ -15,6 +16,9 @@ _STOPPED = 130
 
 def main() -> None:
     """Run the command line."""
+    if sys.argv[1:] == ["--version"]:
+        print("penode", version("penode"))
+        return
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:  # else it is ignored, as under nohup
         signal.signal(signal.SIGINT, _leave)

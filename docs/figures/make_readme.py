@@ -4,6 +4,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import PathPatch
+from matplotlib.ticker import MaxNLocator
+from scipy.ndimage import gaussian_filter
 
 from penode.bench import TRACTION_300A, Lissajous, simulate
 from penode.pmsm import Study, identify
@@ -34,18 +37,30 @@ def draw_ladders(axes, run) -> object:
 
 
 def draw_map(axes, fit) -> None:
-    """Draw psi_d and psi_q over the excited region."""
-    axis = np.linspace(-260, 260, 131)
+    """Draw psi_d and psi_q, cut along the smoothed border of the excited region."""
+    axis = np.linspace(-260, 260, 261)
     i_d, i_q = np.meshgrid(axis, axis)
     inside = fit.supported(np.column_stack([i_d.ravel(), i_q.ravel()])).reshape(i_d.shape)
-    psi = np.where(inside, 1e3 * fit.flux_map(i_d, i_q), np.nan)
-    filled = axes.contourf(i_d, i_q, psi[0], 14, cmap="Blues")
-    lines = axes.contour(i_d, i_q, psi[1], 10, colors=INK, linewidths=0.7)
-    axes.clabel(lines, fontsize=7)
+    smooth = gaussian_filter(inside.astype(np.float64), 4.0)
+    psi = 1e3 * fit.flux_map(i_d, i_q)
+    border = axes.contour(i_d, i_q, smooth, [0.5], colors=INK, linewidths=0.8)
+    region = PathPatch(border.get_paths()[0], transform=axes.transData)
+    levels = [MaxNLocator(14).tick_values(*np.percentile(one[inside], (0, 100))) for one in psi]
+    filled = axes.contourf(i_d, i_q, psi[0], levels[0], cmap="Blues", extend="both")
+    lines = axes.contour(i_d, i_q, psi[1], levels[1][::2], colors=INK, linewidths=0.7)
+    for drawn in (filled, lines):
+        drawn.set_clip_path(region)
+    for label in axes.clabel(lines, fontsize=7):
+        label.set_visible(_covers(inside, axis, label))
     plt.colorbar(filled, ax=axes, label="ψ_d (mVs)", shrink=0.85)
-    axes.plot(*fit.excited.T, color="white", lw=0.4, alpha=0.5)
     axes.set(xlabel="i_d (A)", ylabel="i_q (A)", aspect="equal")
     axes.set_title("Identified ψ_d (colour) and ψ_q (lines, mVs)", loc="left", fontsize=10)
+
+
+def _covers(inside, axis, label) -> bool:
+    """Return whether a label of a line stands within the region."""
+    x, y = np.abs(axis[:, None] - label.get_position()).argmin(axis=0)
+    return bool(inside[y, x])
 
 
 def main() -> None:

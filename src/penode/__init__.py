@@ -5,6 +5,8 @@ These are the names for every day. `penode.engine` has those for writing one's o
 which is imported by itself, those of the paper. Modules below these five may move.
 """
 
+from importlib.metadata import version
+
 from penode import bench, engine, pmsm
 from penode.data.experiment import Experiment
 from penode.data.load import load, load_stretches
@@ -19,6 +21,8 @@ from penode.models.base import Model
 from penode.models.parameters import nuisance, parameter, physical
 from penode.predictors.base import Predictor
 from penode.training.plan import Plan, Stage
+
+__version__ = version("penode")
 
 __all__ = [
     "Contiguous",

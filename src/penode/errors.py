@@ -1,6 +1,7 @@
 """The two ways penode refuses: the input is unusable, or the data cannot answer."""
 
 import difflib
+import importlib.util
 import unicodedata
 from collections.abc import Iterable
 
@@ -39,3 +40,11 @@ class InputError(ValueError):
 
     def __init__(self, sentence: str = "") -> None:
         super().__init__(printable(sentence))
+
+
+def require_extra(library: str, extra: str, purpose: str) -> None:
+    """Refuse what needs a library that is not installed; the sentence has the command for it."""
+    if importlib.util.find_spec(library) is None:
+        raise InputError(
+            f"{purpose} needs {library}, which is not installed: pip install 'penode[{extra}]'."
+        )

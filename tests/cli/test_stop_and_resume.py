@@ -209,7 +209,7 @@ RUNG = {
 def test_ctrl_c_before_the_first_rung_leaves_what_was_there(runs, folder, penode, scripted):
     before = files(folder)
     scripted([{"event": "start"}], KeyboardInterrupt())
-    done = penode("identify", runs[0], "--out", folder)
+    done = penode("identify", runs[0], "--out", folder, "--overwrite")
     assert (done.returncode, done.stderr) == (130, "Stopped; no result was written.\n")
     assert files(folder) == before
 
@@ -217,7 +217,7 @@ def test_ctrl_c_before_the_first_rung_leaves_what_was_there(runs, folder, penode
 def test_a_second_ctrl_c_leaves_the_result_of_before_whole(runs, folder, penode, scripted):
     before = files(folder)
     scripted([{"event": "start"}, RUNG], KeyboardInterrupt())  # not caught: no best was made
-    done = penode("identify", runs[0], "--out", folder)
+    done = penode("identify", runs[0], "--out", folder, "--overwrite")
     assert done.returncode == 130
     assert done.stderr == "Stopped; the finished horizons are kept: add --resume to go on.\n"
     assert told(folder, "rung") == [1]
@@ -229,6 +229,23 @@ def test_a_second_ctrl_c_leaves_the_result_of_before_whole(runs, folder, penode,
 def test_resume_without_a_checkpoint_says_so_and_begins_anew(runs, folder, penode, scripted):
     (folder / "fit" / "checkpoint.json").unlink()
     scripted([{"event": "start"}, RUNG], KeyboardInterrupt())
-    done = penode("identify", runs[0], "--out", folder, "--resume")
+    refused = penode("identify", runs[0], "--out", folder, "--resume")
+    assert refused.stderr == (
+        f"error: {folder} has a finished result: add --overwrite to replace it, or give another "
+        "--out.\n"
+    )
+    done = penode("identify", runs[0], "--out", folder, "--resume", "--overwrite")
     assert "checkpoint.json is missing, so nothing is resumed; beginning anew." in done.stderr
     assert told(folder, "start") == [None], "the log of before is replaced"
+
+
+def test_a_result_is_not_replaced_unasked(runs, folder, penode, scripted):
+    before = files(folder)
+    scripted([{"event": "start"}], KeyboardInterrupt())
+    done = penode("identify", runs[0], "--out", folder)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        f"error: {folder} has a fit that was stopped: add --resume to go on with it, add "
+        "--overwrite to replace it, or give another --out.\n"
+    )
+    assert files(folder) == before

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
@@ -68,6 +67,8 @@ def read_flux_table(path: str | Path, *, pole_pairs: int) -> FluxTable:
 
 def _read_csv(path: Path) -> Arrays:
     """Return the numeric columns, NaN in empty cells; columns of text are left out."""
+    import polars as pl  # takes a fifth of a second to load
+
     text = path.read_bytes()
     try:
         frame = pl.read_csv(text, infer_schema_length=None, null_values=["", "nan", "NaN", "NA"])

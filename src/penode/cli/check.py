@@ -10,7 +10,7 @@ import typer
 from rich.text import Text
 
 from penode.cli.console import Row, print_rows
-from penode.cli.options import Config, Json, Recordings, require_suffix
+from penode.cli.options import Config, Json, Recordings, require_png
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.fit.archive import write_atomically
@@ -34,7 +34,7 @@ def check_command(
 
     Example: penode check run.csv --picture cover.png
     """
-    require_suffix(picture, ".png")
+    require_png(picture)
     asked = load_study(config)
     check = check_recordings(
         [stretch for run in runs for stretch in asked.load_stretches(run)],

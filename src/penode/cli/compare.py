@@ -8,7 +8,7 @@ import typer
 
 from penode.cli.console import Row, print_rows
 from penode.cli.fits import load_machine
-from penode.cli.options import Json, SavedFit, TrustClasses, require_suffix
+from penode.cli.options import Json, SavedFit, TrustClasses, require_png
 from penode.fit.archive import write_atomically
 from penode.pmsm.comparison.map_comparison import compare_maps, compare_resistances
 from penode.pmsm.machine.flux_grid import read_grid
@@ -27,7 +27,7 @@ def compare_command(
 
     Example: penode compare cold warm --out difference.png
     """
-    require_suffix(out, ".png")
+    require_png(out)
     fit, resistance = load_machine(first, trust), None
     if second.suffix.lower() == ".csv":
         maps = compare_maps(fit, read_grid(second))

@@ -1,6 +1,7 @@
 """The command ``penode identify``."""
 
 import time
+import webbrowser
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ from penode.cli.console import ERRORS, say
 from penode.cli.fits import print_fit, report_beside, signed
 from penode.cli.progress import watched
 from penode.errors import InputError
+from penode.fit.result_folder import REPORT, RESULT
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.held_out import PURPOSES
 from penode.identify import Stopped
@@ -34,6 +36,10 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     terms: options.Terms = None,
     angle_orders: options.AngleOrders = None,
     hold: options.HoldOption = None,
+    pole_pairs: Annotated[
+        int | None,
+        typer.Option(help="Of the machine; a speed or angle of the shaft needs them.", min=1),
+    ] = None,
     purpose: Annotated[
         str | None,
         typer.Option(
@@ -58,6 +64,12 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the fit that was stopped in --out.")
     ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the result that is in --out.")
+    ] = False,
+    show: Annotated[
+        bool, typer.Option("--open", help="Open the report in the browser at the end.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json instead.")] = False,
 ) -> None:
     """Identify resistance and flux-linkage map from recordings of a drive.
@@ -74,6 +86,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     Example: penode identify run.csv --validate other.csv --out result
     """
     began = time.monotonic()
+    checkpoint = _checkpoint(out, resume, overwrite)
     settings = options.given(
         flux_map=flux_map,
         seed=seed,
@@ -81,6 +94,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         terms=terms,
         angle_orders=angle_orders,
         hold=hold,
+        pole_pairs=pole_pairs,
         purpose=purpose,
         train_anyway=train_anyway or None,
     )
@@ -89,7 +103,6 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     )
     recordings = [stretch for run in runs for stretch in asked.load_stretches(run)]
     unseen = [stretch for run in validate or [] for stretch in asked.load_stretches(run)]
-    checkpoint = _checkpoint(out, resume)
     stopped = False
     with watched(out, ERRORS, checkpoint) as observer:
         try:
@@ -111,6 +124,8 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     else:
         print_fit(fit, out)
     report_beside(fit, out, quiet=as_json)
+    if show:
+        _open(out / REPORT)
     if stopped:
         say("Stopped; this is the best so far. Add --resume to go on.")
         raise typer.Exit(130)
@@ -129,8 +144,23 @@ def _steps(horizon: str) -> int | None:
         ) from error
 
 
-def _checkpoint(out: Path, resume: bool) -> Checkpoint:
+def _checkpoint(out: Path, resume: bool, overwrite: bool) -> Checkpoint:
+    """Return where horizons are kept; refuse to replace a result that nobody asked to replace."""
     path = out / "fit" / "checkpoint.json"
-    if resume and not path.exists():
+    stopped = path.exists()
+    if (out / RESULT).exists() and not (overwrite or (resume and stopped)):
+        what, go_on = "a finished result", ""
+        if stopped:
+            what, go_on = "a fit that was stopped", "add --resume to go on with it, "
+        raise InputError(
+            f"{out} has {what}: {go_on}add --overwrite to replace it, or give another --out."
+        )
+    if resume and not stopped:
         say(f"note: {path} is missing, so nothing is resumed; beginning anew.")
-    return Checkpoint(path, resume and path.exists())
+    return Checkpoint(path, resume and stopped)
+
+
+def _open(page: Path) -> None:
+    """Open a report in the browser; where there is neither, that is a note."""
+    if page.exists() and not webbrowser.open(page.resolve().as_uri()):
+        say(f"note: no browser could be started; open {page} yourself.")

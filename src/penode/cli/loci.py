@@ -9,7 +9,7 @@ import typer
 
 from penode.cli.console import Row, print_rows
 from penode.cli.fits import load_machine, warn_if_unanswered
-from penode.cli.options import Json, SavedFit, TrustClasses, require_suffix
+from penode.cli.options import Json, SavedFit, TrustClasses, require_png, require_suffix
 from penode.fit.archive import write_atomically
 from penode.pmsm.control.controlled_machine import ControlledMachine
 from penode.pmsm.control.loci import ControlLoci, Locus, control_loci, loci_csv
@@ -18,8 +18,13 @@ from penode.report.quantities import number
 
 def loci_command(  # noqa: PLR0913 (an argument an option)
     folder: SavedFit,
-    i_max: Annotated[float, typer.Option(help="Current limit in A, peak value of a phase.")],
-    out: Annotated[Path, typer.Option(help="PNG to write.")],
+    i_max: Annotated[
+        float | None,
+        typer.Option(
+            help="Current limit in A, peak value of a phase.", show_default="the largest recorded"
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="PNG to write.")] = None,
     u_max: Annotated[
         float | None, typer.Option(help="Voltage limit in V, peak of a phase: u_dc / sqrt(3).")
     ] = None,
@@ -30,24 +35,32 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
 ) -> None:
     """Compute what a controller needs: MTPA, MTPV, and most torque over speed with --u-max.
 
+    Example: penode loci result --pole-pairs 5
+
     Example: penode loci result --i-max 240 --u-max 230 --pole-pairs 5 --out loci.png
     """
-    require_suffix(out, ".png")
+    require_png(out)
     require_suffix(csv, ".csv")
     fit = load_machine(folder, trust)
     machine = ControlledMachine.of(fit, pole_pairs)
-    loci = control_loci(machine, i_max, u_max)
-    # Imported here: the plotting library takes a third of a second, and few commands draw.
-    from penode.pmsm.control.loci_picture import loci_picture
+    recorded = float(np.hypot(*fit.excited.T).max())
+    loci = control_loci(machine, recorded if i_max is None else i_max, u_max)
+    files: list[Row] = []
+    if out is not None:
+        # Imported here: the plotting library takes a third of a second, and few commands draw.
+        from penode.pmsm.control.loci_picture import loci_picture
 
-    write_atomically(out, loci_picture(machine, loci, str(folder)))
+        write_atomically(out, loci_picture(machine, loci, str(folder)))
+        files.append(("picture", str(out)))
     if csv is not None:
         write_atomically(csv, loci_csv(loci))
+        files.append(("loci", str(csv)))
     if as_json:
-        typer.echo(json.dumps({**_as_json(loci), "picture": str(out)}))
+        typer.echo(json.dumps({**_as_json(loci), "picture": out and str(out)}))
     else:
-        table: list[Row] = [] if csv is None else [("loci", str(csv))]
-        print_rows([*_figures(loci), ("picture", str(out)), *table])
+        limit = f"{number(recorded)} A, the largest recorded; --i-max gives another"
+        told: list[Row] = [] if i_max is not None else [("current limit", limit)]
+        print_rows([*told, *_figures(loci), *files])
     warn_if_unanswered(fit)
 
 

@@ -6,7 +6,8 @@ Exit status 0 done, 1 the data cannot answer, 2 bad input, 70 a failure of penod
 import gc
 import sys
 from importlib import import_module
-from typing import Any
+from importlib.metadata import version
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -45,6 +46,23 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"penode {version('penode')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _every_command(
+    wanted: Annotated[
+        bool,
+        typer.Option("--version", help="Show the version.", is_eager=True, callback=_say_version),
+    ] = False,
+) -> None: ...
+
+
 # In the order in which a person needs them, which is that of --help.
 _NAMES = "demo init check identify report export loci compare simulate sweep reproduce"
 for _name in _NAMES.split():

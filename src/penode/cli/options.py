@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from penode.errors import InputError
+from penode.errors import InputError, require_extra
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.term_registry import TERMS
@@ -95,3 +95,11 @@ def require_suffix(path: Path | None, suffix: str) -> None:
     """Refuse the name of a file to write that has another suffix."""
     if path is not None and path.suffix.lower() != suffix:
         raise InputError(f"{path}: the suffix must be {suffix}, got {path.suffix!r}; use {suffix}.")
+
+
+def require_png(*pictures: Path | None) -> None:
+    """Refuse pictures of another suffix, and any where the library that draws is missing."""
+    for path in pictures:
+        require_suffix(path, ".png")
+        if path is not None:
+            require_extra("matplotlib", "plot", f"{path}: a picture")

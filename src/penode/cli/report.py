@@ -12,7 +12,7 @@ from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
 from penode.fit.result_folder import REPORT
 from penode.pmsm.machine.model import Machine
-from penode.pmsm.sweep.table import LINES, read_table
+from penode.pmsm.sweep.task import LINES
 
 
 def report_command(
@@ -35,10 +35,12 @@ def report_command(
     page = folder / REPORT
     # Imported here: the plotting library takes a third of a second, and few commands draw.
     from penode.pmsm.report.machine_report import machine_report
-    from penode.pmsm.sweep.fleet_report import fleet_report
     from penode.report.fit_report import fit_report
 
     if (folder / LINES).exists():
+        from penode.pmsm.sweep.fleet_report import fleet_report
+        from penode.pmsm.sweep.table import read_table
+
         text = fleet_report(read_table(folder))
     else:
         if trust:

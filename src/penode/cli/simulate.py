@@ -9,7 +9,7 @@ import typer
 from penode.bench.config import load_config, shipped_configs
 from penode.bench.run import Recording
 from penode.cli.console import Row, print_rows, say
-from penode.cli.options import require_suffix
+from penode.cli.options import require_png
 from penode.data.experiment import Experiment
 from penode.data.save import require_suffix as require_table_suffix
 from penode.errors import InputError
@@ -58,8 +58,7 @@ def simulate_command(
     Example: penode simulate drive.toml --out drive.csv --over-time drive.png --against run.csv
     """
     require_table_suffix(out)
-    require_suffix(picture, ".png")
-    require_suffix(over_time, ".png")
+    require_png(picture, over_time)
     recorded = _recorded(against, study)
     began = time.monotonic()
     simulation = load_config(config)

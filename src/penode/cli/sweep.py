@@ -2,9 +2,8 @@
 
 import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import polars as pl
 import typer
 from rich.table import Table
 
@@ -14,10 +13,11 @@ from penode.cli.sweep_workers import cluster, processes
 from penode.fit.archive import write_atomically
 from penode.fit.result_folder import REPORT, claimed
 from penode.pmsm.sweep.campaign import load_campaign
-from penode.pmsm.sweep.run import sweep
-from penode.pmsm.sweep.table import LINES, PARQUET, read_table
-from penode.pmsm.sweep.task import ANSWERED, FAILED, REFUSED
+from penode.pmsm.sweep.task import ANSWERED, FAILED, LINES, REFUSED
 from penode.report.quantities import number, with_unit
+
+if TYPE_CHECKING:
+    import polars as pl
 
 
 def sweep_command(  # noqa: PLR0913 (an argument an option)
@@ -61,6 +61,9 @@ def sweep_command(  # noqa: PLR0913 (an argument an option)
 
     Example: penode sweep --config fleet.toml --out fleet --jobs 8
     """
+    from penode.pmsm.sweep.run import sweep
+    from penode.pmsm.sweep.table import PARQUET, read_table
+
     settings = options.given(
         flux_map=flux_map, inverter=inverter, terms=terms, angle_orders=angle_orders, hold=hold
     )
@@ -107,8 +110,10 @@ def _told(row: dict[str, Any]) -> str:
     return f"{name}, H = {horizon}, seed {row['seed']}: {answer}"
 
 
-def _summary(table: pl.DataFrame) -> Table:
+def _summary(table: "pl.DataFrame") -> Table:
     """Return a row a variant and horizon: how many, their R, and what it varies by."""
+    import polars as pl
+
     status, resistance = pl.col("status"), pl.col("R")
     groups = table.group_by("variant", "horizon", maintain_order=True).agg(
         pl.len(),

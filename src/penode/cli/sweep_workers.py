@@ -12,12 +12,14 @@ from contextlib import ExitStack, contextmanager
 from functools import cache, partial
 from importlib import import_module
 from multiprocessing.connection import wait as wait_for
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from penode.cli.compilation_cache import use_compilation_cache
 from penode.errors import InputError
-from penode.pmsm.sweep.run import Workers
 from penode.pmsm.sweep.task import Outcome, Task, failed, run
+
+if TYPE_CHECKING:
+    from penode.pmsm.sweep.run import Workers
 
 #: Seconds until Ctrl-C is noticed.
 _NOTICE = 0.2
@@ -28,7 +30,7 @@ _AHEAD = 2
 
 
 @contextmanager
-def processes(count: int) -> Iterator[Workers]:
+def processes(count: int) -> Iterator["Workers"]:
     """Give workers that are processes of this machine, of one thread each; refuse less than one.
 
     A process that is lost is replaced, and its task is done again; Ctrl-C ends them all.
@@ -51,7 +53,7 @@ def processes(count: int) -> Iterator[Workers]:
 
 
 @contextmanager
-def cluster(address: str) -> Iterator[Workers]:
+def cluster(address: str) -> Iterator["Workers"]:
     """Give the workers of a Dask cluster, which see the recordings at the same paths.
 
     ``address`` is its scheduler's; refuses one that does not answer, and a missing distributed.

@@ -12,21 +12,29 @@ from penode.data.content import Content
 from penode.data.experiment import Experiment, Source
 from penode.data.isolation import isolated
 from penode.data.mapping import Mapped, Origin, map_channels, own_names
-from penode.data.readers import csv
 from penode.data.stretches import SHORTEST, listed
 from penode.data.table import TIME, Table, list_names
 from penode.data.time_axis import gaps_in
 from penode.errors import InputError
 
+
+def _csv(content: Content) -> Table:
+    from penode.data.readers import csv  # polars takes a fifth of a second to load
+
+    if content.file.lower().endswith(".gz"):
+        return csv.read_packed(content.file, content.all())
+    return csv.read(content.file, content.mapped())
+
+
 #: Reader of each file suffix, from the content to the columns; binary files are decoded apart.
 READERS: Mapping[str, Callable[[Content], Table]] = MappingProxyType(
     {
-        ".csv": lambda content: csv.read(content.file, content.mapped()),
+        ".csv": _csv,
         ".parquet": isolated("parquet"),
         ".mat": isolated("mat"),
         ".mf4": isolated("mdf"),
         ".tdms": isolated("tdms"),
-        ".csv.gz": lambda content: csv.read_packed(content.file, content.all()),
+        ".csv.gz": _csv,
     }
 )
 
@@ -174,7 +182,10 @@ def _reader_for(location: Path, file: str) -> Callable[[Content], Table]:
         raise InputError(f"{file}: file not found; check the path.")
     kinds = " or ".join(READERS)
     if location.is_dir():
-        raise InputError(f"{file}: this is a directory; name one {kinds} file.")
+        what = "the folder of a result" if (location / "result.json").exists() else "a directory"
+        raise InputError(
+            f"{file}: this is {what} where a recording was wanted; name one {kinds} file."
+        )
     suffixes = [suffix.lower() for suffix in location.suffixes[-2:]]
     reader = READERS.get("".join(suffixes)) or READERS.get("".join(suffixes[-1:]))
     if reader is None:

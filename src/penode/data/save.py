@@ -1,22 +1,18 @@
 """Write a recording to a file that `penode.data.load` reads back."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 
-_WRITERS: dict[str, Callable[..., object]] = {
-    ".csv": pl.DataFrame.write_csv,
-    ".parquet": pl.DataFrame.write_parquet,
-}
+#: Method of a data frame that writes a file, by suffix.
+_WRITERS = {".csv": "write_csv", ".parquet": "write_parquet"}
 
 
-def require_suffix(path: Path) -> Callable[..., object]:
-    """Return the writer for a path, refusing another suffix."""
+def require_suffix(path: Path) -> str:
+    """Return the name of the method that writes a path, refusing another suffix."""
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         raise InputError(
@@ -40,13 +36,15 @@ def save(experiment: Experiment, path: str | Path) -> None:
     InputError
         If the suffix is neither .csv nor .parquet.
     """
+    import polars as pl  # takes a fifth of a second to load
+
     path = Path(path)
     writer = require_suffix(path)
     time = np.arange(len(experiment)) * experiment.time_step
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.partial")
     try:
-        writer(pl.DataFrame({"t": time, **experiment.channels}), partial)
+        getattr(pl.DataFrame({"t": time, **experiment.channels}), writer)(partial)
         partial.replace(path)
     except BaseException:
         partial.unlink(missing_ok=True)

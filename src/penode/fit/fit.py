@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
-import polars as pl
 
 from penode.arrays import BoolArray, FloatArray, float64
-from penode.errors import InputError
+from penode.errors import InputError, require_extra
 from penode.fit.archive import archive, read_archive, to_json
-from penode.fit.frames import ladder_frame, parameters_frame
 from penode.fit.learned_uncertainty import LearnedUncertainty
 from penode.fit.model_tree import describe_module, restore_module
 from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary
@@ -25,6 +23,8 @@ from penode.validation.coverage import supported
 from penode.validation.residual_tests import Correlations, Spectrum
 
 if TYPE_CHECKING:
+    import polars as pl
+
     from penode.fit import plots
 
 __all__ = ["Estimate", "Fit", "HorizonChoice", "HorizonSummary", "unused"]
@@ -97,18 +97,25 @@ class Fit:
             raise AttributeError(f"Fit has no {name!r}; this model's maps are {sorted(maps)}.")
         return _in_float64(maps[name])
 
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.model.maps()]
+
     def __repr__(self) -> str:
         return text(self)
 
     def _repr_html_(self) -> str:
         return html(self)
 
-    def parameters_frame(self) -> pl.DataFrame:
+    def parameters_frame(self) -> "pl.DataFrame":
         """Return a row a physical parameter: value, std, low_95, high_95 and unit, SI units."""
+        from penode.fit.frames import parameters_frame
+
         return parameters_frame(self.parameters)
 
-    def ladder_frame(self) -> pl.DataFrame:
+    def ladder_frame(self) -> "pl.DataFrame":
         """Return a row a horizon: parameters with NAME_std, errors, outcome, selected, plateau."""
+        from penode.fit.frames import ladder_frame
+
         return ladder_frame(self.horizon)
 
     def plot_ladder(self) -> "plots.Figure":
@@ -119,9 +126,7 @@ class Fit:
         InputError
             If the fit has no ladder or no physical parameter.
         """
-        from penode.fit import plots  # loads the plotting library
-
-        return plots.draw_ladder(self)
+        return _plots().draw_ladder(self)
 
     def plot_predictions(self, recording: int = 0) -> "plots.Figure":
         """Return a matplotlib figure of a recording and its predictions, errors below.
@@ -136,22 +141,20 @@ class Fit:
         InputError
             If there is no such recording.
         """
-        from penode.fit import plots
-
         if not -len(self.comparisons) <= recording < len(self.comparisons):
             raise InputError(
                 f"recording must be < {len(self.comparisons)}, which are counted from 0, got "
                 f"{recording}."
             )
-        return plots.draw_predictions(self.comparisons[recording])
+        return _plots().draw_predictions(self.comparisons[recording])
 
-    def plot_map(self, name: str, **ranges: tuple[float, float]) -> "plots.Figure":
+    def plot_map(self, name: str = "", **ranges: tuple[float, float]) -> "plots.Figure":
         """Return a matplotlib figure of a learned map of one or two arguments.
 
         Parameters
         ----------
         name : str
-            Of the map, such as ``"flux_map"``.
+            Of the map, such as ``"flux_map"``; without one, the model's first.
         **ranges : (float, float)
             Lowest and highest value of an argument; one called like a state has the excited range.
 
@@ -160,9 +163,7 @@ class Fit:
         InputError
             If there is no such map, an argument has no range, or there are more than two.
         """
-        from penode.fit import plots
-
-        return plots.draw_map(self, name, ranges)
+        return _plots().draw_map(self, name, ranges)
 
     def supported(self, points: FloatArray) -> BoolArray:
         """Return which points (point, state), SI units, lie in the excited region."""
@@ -282,6 +283,14 @@ def _require_usable(parts: Mapping[str, Any], arrays: Mapping[str, FloatArray]) 
         of_model = name == "excited" or name.startswith("model.")
         if of_model and not (values.dtype.kind in "fiub" and np.isfinite(values).all()):
             raise ValueError(f"{name} is not finite")
+
+
+def _plots() -> Any:
+    """Return the module that draws; it loads the plotting library."""
+    require_extra("matplotlib", "plot", "a figure")
+    from penode.fit import plots
+
+    return plots
 
 
 def _in_float64(learned: Callable[..., Any]) -> Callable[..., Any]:

@@ -79,9 +79,11 @@ def draw_map(fit: "Fit", name: str, ranges: Mapping[str, tuple[float, float]]) -
     ``ranges`` are the lowest and highest value of an argument; those called like a state have the
     excited range.
     """
-    function = fit.model.maps().get(name)
+    maps = fit.model.maps()
+    name = name or next(iter(maps), "")
+    function = maps.get(name)
     if function is None:
-        raise InputError(f"the map must be one of {sorted(fit.model.maps())}, got {name!r}.")
+        raise InputError(f"the map must be one of {sorted(maps)}, got {name!r}.")
     arguments = list(inspect.signature(function).parameters)
     if not 1 <= len(arguments) <= 2:
         raise InputError(

@@ -130,7 +130,10 @@ def load_study(
         If there is no such file, it is not TOML, or an entry is unknown, missing or of the wrong
         kind; the message names the file and the entry, and suggests the nearest known one.
     """
-    entries = {**({} if path is None else read_toml(Path(path))), **changes}
+    given = given or {}
+    # The channels of a shaft need the pole pairs, too.
+    pairs = {name: given[name] for name in ("pole_pairs",) if name in given}
+    entries = {**({} if path is None else read_toml(Path(path))), **pairs, **changes}
     where = "" if path is None else f"{path}: "
     asked = held_against(_FILE, entries, where)
     channels = {} if asked.channels is None else asdict(asked.channels)

@@ -2,13 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import polars as pl
 
 from penode.arrays import FloatArray
 from penode.validation.metrics import rmse
+
+if TYPE_CHECKING:
+    import polars as pl
 
 #: No residual is larger where it is squared: over a typical one too, the sum is still a number.
 HUGE = 1e60
@@ -46,8 +48,10 @@ class Comparison:
     free_run: FloatArray
     recording: str = ""
 
-    def to_frame(self) -> pl.DataFrame:
+    def to_frame(self) -> "pl.DataFrame":
         """Return a row a sample: time (s); STATE, STATE_one_step and STATE_free_run, SI units."""
+        import polars as pl
+
         columns = {"time": self.time_step * np.arange(len(self.measured))}
         for k, name in enumerate(self.states):
             columns[name] = self.measured[:, k]

@@ -327,11 +327,23 @@ def test_a_unit_that_the_file_tells_rules_a_name_out(run):
 # --- names ------------------------------------------------------------------------------------
 
 NAMES = {
-    "t": ["t", "time_s", "Zeit [ms]", "t_us", "Time (s)"],
-    "i_d": ["i_d", "Id", "id_A", "Strom_d", "Strom d (A)", "d-Achsen-Strom", "i_sd", "IDRef"],
-    "i_q": ["iq_meas", "IqIst", "log.i_q", "fast/Iq", "Stator Current q"],
-    "u_d": ["ud_ref", "vd", "usd", "Umrichterspannung_d", "u_d_V"],
-    "u_q": ["Spannung_q_V", "UqSoll", "VqRef", "Spannung q"],
+    "t": ["t", "time_s", "Zeit [ms]", "t_us", "t_stamp", "Time (s)"],
+    "i_d": [
+        "i_d",
+        "Id",
+        "id_A",
+        "Strom_d",
+        "Strom d (A)",
+        "d-Achsen-Strom",
+        "i_sd",
+        "IDRef",
+        "idmeas",
+        "idist",
+        "Ids",
+    ],
+    "i_q": ["iq_meas", "IqIst", "log.i_q", "fast/Iq", "Stator Current q", "iqact", "iqmeas", "Iqs"],
+    "u_d": ["ud_ref", "vd", "usd", "Umrichterspannung_d", "u_d_V", "Udref", "Uds", "udcmd"],
+    "u_q": ["Spannung_q_V", "UqSoll", "VqRef", "Spannung q", "Uqs", "uqsoll", "vqs"],
     "i_a": ["ia", "Ia", "I_U", "i_u", "i_A", "I1", "Phase A Current (A)", "Phasenstrom_a"],
     "u_b": ["Vb", "u_V", "U_B [V]"],
     "u_alpha": ["u_alpha", "uAlpha", "v_al", "Spannung alpha [V]"],
@@ -339,7 +351,19 @@ NAMES = {
     "u_ab": ["u_ab", "Uab", "V_UV", "Voltage UV (V)"],
     "duty_a": ["dutyA", "duty_u", "PWM1", "d_a", "Tastgrad_U [%]", "mod_a", "DutyCycle_A"],
     "u_dc": ["Udc", "u_dc", "Vdc_V", "U_ZK", "Zwischenkreisspannung", "DC link voltage", "Vbus"],
-    "omega_el": ["n", "n_mech", "speed_rpm", "omegaEl", "Drehzahl [1/min]", "Motor Speed", "w_el"],
+    "omega_el": [
+        "n",
+        "n_mech",
+        "speed_rpm",
+        "omegaEl",
+        "Drehzahl [1/min]",
+        "Motor Speed",
+        "w_el",
+        "nist",
+        "nact",
+    ],
+    "winding_temperature": ["T_winding", "TempStator", "Wicklungstemperatur", "temp_coil [°C]"],
+    "magnet_temperature": ["TempMagnet", "magnet_temperature", "Magnettemperatur", "T_magnet_K"],
     "theta_el": ["theta", "theta_mech", "Rotorlage_Grad", "position_deg", "phi_el [rad]"],
 }
 
@@ -356,6 +380,7 @@ def test_names(channel):
     "name",
     [
         *("Idc", "DC current", "Temp_rotor", "I_max", "torque_Nm", "t_amb"),
+        *("T_oil", "TempInverter", "temperature", "list", "exact", "idset_max"),
         *("idq", "iab", "duty_q", "duty", "bus", "17", ""),
     ],
 )

@@ -8,7 +8,7 @@ from typing import Any, BinaryIO, TypeAlias
 import numpy as np
 
 from penode.data.table import Column, Table, clean_names, clocks_within
-from penode.errors import InputError, printable
+from penode.errors import InputError, printable, require_extra
 
 # A variable is an array, or a struct of such variables by name, or a list of structs.
 _Variable: TypeAlias = Any
@@ -59,6 +59,7 @@ def read(file: str, source: BinaryIO) -> Table:
 def _variables(file: str, content: bytes) -> dict[str, _Variable]:
     """Return the variables of a file of any version; only its library is imported."""
     if any(content.startswith(_HDF5, header) for header in _HEADERS):
+        require_extra("h5py", "hdf5", f"{file}: a MATLAB file of version 7.3")
         from penode.data.readers.hdf5 import variables
 
         return variables(file, content)

@@ -1,11 +1,11 @@
 """A machine's flux map on an even grid of currents that contains zero."""
 
+import csv
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 from scipy.interpolate import RectBivariateSpline
 
 from penode.arrays import BoolArray, FloatArray
@@ -194,24 +194,30 @@ def read_grid(path: str | Path) -> FluxGrid:
 
 def _read_columns(path: Path) -> dict[str, FloatArray]:
     try:
-        frame = pl.read_csv(path.read_bytes(), infer_schema_length=None)
-    except (OSError, pl.exceptions.PolarsError) as error:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            header, *rows = [row for row in csv.reader(file) if row]
+        cells = dict(zip(header, zip(*rows, strict=True), strict=True))
+    except (OSError, ValueError, csv.Error) as error:
         raise InputError(
             f"{path}: cannot be read as CSV ({type(error).__name__}); give a flux_map.csv."
         ) from error
-    missing = [name for name in _COLUMNS if name not in frame.columns]
+    missing = [name for name in _COLUMNS if name not in cells]
     if missing:
         raise InputError(
-            f"{path}: columns {', '.join(frame.columns)} came without {', '.join(missing)}; name "
+            f"{path}: columns {', '.join(cells)} came without {', '.join(missing)}; name "
             f"those of a map {', '.join(_COLUMNS)}, in A and Vs. A recording has none yet: "
             "identify it, and give the folder."
         )
-    if "supported" not in frame.columns:
-        frame = frame.with_columns(supported=pl.lit(1.0))
-    wanted = frame.select(*_COLUMNS, "supported")
-    if not all(kind.is_numeric() for kind in wanted.dtypes):
-        raise InputError(f"{path}: a cell is text where a number was wanted; mend that cell.")
-    numbers = wanted.cast(pl.Float64).fill_null(np.nan)
-    if not np.isfinite(numbers.select(_COLUMNS[:2]).to_numpy()).all():
+    cells = {"supported": ("1",) * len(rows), **cells}
+    try:
+        wanted = {
+            name: np.array([float(cell) if cell.strip() else np.nan for cell in cells[name]])
+            for name in (*_COLUMNS, "supported")
+        }
+    except ValueError as error:
+        raise InputError(
+            f"{path}: a cell is text where a number was wanted ({error}); correct that cell."
+        ) from error
+    if not np.isfinite([wanted[name] for name in _COLUMNS[:2]]).all():
         raise InputError(f"{path}: a current is missing; give i_d and i_q in every row.")
-    return {name: numbers[name].to_numpy() for name in numbers.columns}
+    return wanted

@@ -15,7 +15,7 @@ from penode.arrays import FloatArray
 from penode.data.units import UNITS
 from penode.pmsm.machine.frames import dq_from_abc
 
-_MOST_POLE_PAIRS = 24
+_MOST_POLE_PAIRS = 48
 # Relative error of the ratio within which it is taken for 1 or for a number of pole pairs.
 _RATIO_TOLERANCE = 4e-3
 # Correlation of the turns below which speed and angle have nothing to do with each other.

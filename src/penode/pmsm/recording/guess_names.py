@@ -2,7 +2,7 @@
 
 English and German names are read, such as ``id_A``, ``Iq_meas``, ``ud_ref``, ``Strom_d``,
 ``Spannung q``, ``n_mech``, ``Drehzahl [1/min]``, ``omegaEl``, ``theta``, ``i_U``, ``u_alpha``,
-``V_UV``, ``duty_a``, ``Udc``.
+``V_UV``, ``duty_a``, ``Udc``, ``idmeas``, ``Udref``, ``Uqs``, ``TempMagnet``.
 """
 
 import re
@@ -29,20 +29,42 @@ _PARTS = {
 _TIME = {"t", "time", "zeit", "times", "timestamp", "stamp"}
 _AXES = {
     **{axis: axis for axis in "dqabc"},
-    **{"sd": "d", "sq": "q", "u": "a", "v": "b", "w": "c", "1": "a", "2": "b", "3": "c"},
+    **{
+        "sd": "d",
+        "sq": "q",
+        "ds": "d",
+        "qs": "q",
+        "u": "a",
+        "v": "b",
+        "w": "c",
+        "1": "a",
+        "2": "b",
+        "3": "c",
+    },
     **{"alpha": "alpha", "al": "alpha", "beta": "beta", "be": "beta"},
     **{"ab": "ab", "bc": "bc", "ca": "ca", "uv": "ab", "vw": "bc", "wu": "ca"},
 }
 _LINES = {"ab", "bc", "ca"}
 # Words of the DC link, in the name of a voltage.
 _LINK_WORDS = {"dc", "zk", "bus", "link", "udc", "vdc", "uzk", "vbus", "ubus"}
-_JOINED = re.compile(r"(i|is|u|us|v|vs)([dqabcuvw]|s[dq]|alpha|beta|ab|bc|ca|uv|vw|wu)")
+_JOINED = re.compile(r"(i|is|u|us|v|vs)([dqabcuvw]|s[dq]|[dq]s|alpha|beta|ab|bc|ca|uv|vw|wu)")
 _LONE_DUTY = re.compile(r"d [abc123]")
 _SIDES = {
     "mechanical": ("mech", "shaft", "welle", "nmech", "nm", "wm", "wmech", "m"),
     "electrical": ("el", "elec", "elek", "electric", "wel", "we", "omegae", "thetae", "e"),
 }
 _ASKED = {"ref", "soll", "set", "cmd", "command", "target", "setpoint", "desired", "des", "star"}
+_MEASURED = {"meas", "measured", "act", "actual", "ist", "mess", "fb", "sens"}
+# Such a word, written on to a short name: idmeas, Udref, nist.
+_GLUED = re.compile(
+    rf"({_JOINED.pattern}|n|w|omega|theta|udc)({'|'.join(sorted(_ASKED | _MEASURED))})"
+)
+# Temperatures: what their names begin with, and whose they are.
+_TEMPERATURE = re.compile(r"t|temp.*|.*temperatur(e|en)?")
+_HEATED = {
+    "winding_temperature": ("winding", "wicklung", "stator", "coil", "copper", "kupfer"),
+    "magnet_temperature": ("magnet",),
+}
 _OTHER = ("temp", "torque", "moment", "power", "leistung", "limit", "error", "fault", "status")
 _OTHER_WORDS = {"max", "min", "flag", "idc", "rms", "eff"}
 
@@ -72,7 +94,8 @@ def read_name(column: str) -> NameHint | None:
     bare, unit = _split_unit(column)
     # A last letter may be an axis, not a unit: in i_A and u_V it alone names the phase.
     for name, its_unit in ((bare, unit), (column, "")):
-        tokens = [token.lower() for token in _TOKEN.findall(re.split(r"[./]", name)[-1])]
+        found = (token.lower() for token in _TOKEN.findall(re.split(r"[./]", name)[-1]))
+        tokens = [part for token in found for part in _apart(token)]
         channel = _channel(tokens)
         if channel is not None:
             asked_for = bool(_ASKED & set(tokens)) or name.endswith("*")
@@ -91,12 +114,20 @@ def _split_unit(column: str) -> tuple[str, str]:
     return column, ""
 
 
+def _apart(token: str) -> tuple[str, ...]:
+    """Return a word, and apart from it what says whether it was measured or asked for."""
+    glued = _GLUED.fullmatch(token)
+    return (token,) if glued is None else (glued[1], glued[glued.lastindex or 1])
+
+
 def _channel(tokens: list[str]) -> str | None:
+    if tokens and set(tokens) <= _TIME:
+        return "t"
+    if any(_TEMPERATURE.fullmatch(token) for token in tokens):
+        return _of_heat("".join(tokens))
     other = any(part in token for token in tokens for part in _OTHER)
     if not tokens or other or _OTHER_WORDS & set(tokens):
         return None
-    if set(tokens) <= _TIME:
-        return "t"
     if _LONE_DUTY.fullmatch(" ".join(tokens)):
         return _with_axis(_DUTY, tokens[1:])
     if _LINK_WORDS & set(tokens) or any("zwischenkreis" in token for token in tokens):
@@ -116,6 +147,12 @@ def _with_quantity(tokens: list[str]) -> str | None:
         if quantity:
             return quantity
     return None
+
+
+def _of_heat(name: str) -> str | None:
+    """Return the channel of a temperature, None where it is that of something else, as oil."""
+    whose = (ch for ch, words in _HEATED.items() if any(word in name for word in words))
+    return next(whose, None)
 
 
 def _with_axis(quantity: str, tokens: list[str]) -> str | None:

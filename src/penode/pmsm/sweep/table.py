@@ -14,9 +14,9 @@ import polars as pl
 
 from penode.errors import InputError
 from penode.fit.archive import name_file, write_atomically
-from penode.pmsm.sweep.task import FAILED, MAP_COLUMNS, Outcome
+from penode.pmsm.sweep.task import FAILED, LINES, MAP_COLUMNS, Outcome
 
-LINES, PARQUET, FITS = "table.jsonl", "table.parquet", "fits"
+PARQUET, FITS = "table.parquet", "fits"
 #: What a row is called, whatever came of it.
 LABELS = ("recording", "machine", "date", "variant", "horizon", "seed")
 #: Rows that are made into columns together.

@@ -26,6 +26,9 @@ _KEY = 20
 _BELOW = ("equinox", "jaxlib")
 _CODE = ("*.py", "*.c")
 
+#: Name of the table of a sweep while it grows.
+LINES = "table.jsonl"
+
 #: What the table has of the map: flux linkages in Vs, their deviations, inductances in H.
 MAP_COLUMNS = ("psi_d", "psi_q", "psi_d_std", "psi_q_std", "l_dd", "l_dq", "l_qq")
 
