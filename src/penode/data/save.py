@@ -56,7 +56,7 @@ def save(experiment: Experiment, path: str | Path) -> None:
     """
     path = Path(path)
     writer = require_suffix(path)
-    time: FloatArray = np.arange(len(experiment)) * experiment.time_step
+    time = np.arange(len(experiment), dtype=np.float64) * experiment.time_step
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.partial")
     try:
