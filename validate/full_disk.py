@@ -69,7 +69,7 @@ def inside(disk: Path, recording: Path, earlier: Path | None) -> Outcome:
     if earlier is not None:
         subprocess.run(["cp", "-r", str(earlier), str(out)], check=True)
     before = files(disk)
-    ended = identify(recording, out)
+    ended = identify(recording, out, "--overwrite")
     return Outcome(ended.status, ended.said.strip(), left(disk, before, ended.status))
 
 

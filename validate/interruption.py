@@ -85,7 +85,7 @@ def killed(recording: Path, folder: Path, whole: Ended, moments: np.ndarray) -> 
         out = folder / f"killed{number}"
         ended = identify(recording, out, at=at)
         kept = rungs(out)
-        again = identify(recording, out, "--resume")
+        again = identify(recording, out, "--resume", "--overwrite")
         same = again.status == whole.status and numbers(out) == wanted
         left = [path.name for path in out.rglob(".*")]
         verdict = "yes" if same and not left else f"NO {left} {again.said.strip()}"
