@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from penode.report.contours import label_places, nice_levels
+from penode.report.region_map import label_places, nice_levels
 
 
 @pytest.mark.parametrize(

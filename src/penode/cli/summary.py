@@ -8,8 +8,8 @@ from rich.text import Text
 from penode.cli.rows import print_rows
 from penode.fit.fit import Estimate, Fit
 from penode.pmsm.demo import Demo
-from penode.report.prediction_errors import free_run_text, one_step_text
 from penode.report.quantities import decimals_for, fixed, number, scale_for
+from penode.report.statements import free_run_text, one_step_text
 from penode.report.uncertainty_budget import budget_sentence
 
 

@@ -94,6 +94,11 @@ def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
     return f"{number(value * scale.factor, digits)}\N{NO-BREAK SPACE}{scale.unit}".rstrip()
 
 
+def labelled(name: str, unit: str, space: str = " ") -> str:
+    """Return a name with its unit, where it has one: ``"R in mΩ"``."""
+    return f"{name} in{space}{unit}" if unit else name
+
+
 def symbol(name: str) -> str:
     """Return a name as escaped markup, what follows one underscore an index: ``i<sub>d</sub>``."""
     parts = re.fullmatch(r"([A-Za-z]{1,3})_([A-Za-z0-9]{1,4})", name)
