@@ -69,7 +69,8 @@ def correlations(tests: Correlations) -> go.Figure:
         if tests.inputs:
             _draw_band(figure, float(tests.cross_limit[row].max()), place)
         panels.panel_title(figure, f"{symbol(state)} with the inputs", **place)
-    figure.update_xaxes(nticks=7).update_xaxes(title_text="lag in samples", row=rows)
+    figure.update_xaxes(nticks=7, range=[0, len(lags) - 1])
+    figure.update_xaxes(title_text="lag in samples", row=rows)
     figure.update_yaxes(nticks=5)
     return figure.update_layout(legend={"x": 1.0, "xanchor": "right"}, margin={"t": 44})
 
