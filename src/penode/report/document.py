@@ -138,5 +138,9 @@ def missing(sentence: str) -> Notice:
 
 def picture(title: str, caption: str, draw: Callable[..., go.Figure], *of: Any) -> Figure | Notice:
     """Return a figure, or a notice where it cannot be drawn; ``draw`` is called with ``of``."""
-    what = f"the picture \N{LEFT DOUBLE QUOTATION MARK}{title}\N{RIGHT DOUBLE QUOTATION MARK}"
-    return attempt(what, lambda: Figure(title, caption, draw(*of)), missing)
+    return attempt(named("picture", title), lambda: Figure(title, caption, draw(*of)), missing)
+
+
+def named(kind: str, title: str) -> str:
+    """Return a part of the report as it stands in a sentence."""
+    return f"the {kind} \N{LEFT DOUBLE QUOTATION MARK}{title}\N{RIGHT DOUBLE QUOTATION MARK}"

@@ -10,7 +10,7 @@ import numpy as np
 from plotly.offline import get_plotlyjs
 
 from penode.report import palette, panels
-from penode.report.document import Block, Document, Figure, Section, Table, attempt, missing
+from penode.report.document import Block, Document, Figure, Section, Table, attempt, missing, named
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -39,8 +39,9 @@ def render(document: Document) -> str:
         return str(getattr(macros, type(one).__name__.lower())(one, *number))
 
     def shown(one: Block) -> Markup:
-        made = attempt(_named(one), partial(block, one), lambda why: macros.notice(missing(why)))
-        return Markup(made)
+        kind = {Figure: "picture", Table: "table"}.get(type(one), "part")
+        what = named(kind, getattr(one, "title", ""))
+        return Markup(attempt(what, partial(block, one), lambda why: macros.notice(missing(why))))
 
     return templates.get_template("page.html").render(
         document=document,
@@ -87,9 +88,3 @@ def _anchored(sections: Sequence[Section]) -> list[tuple[str, Section]]:
         names = (stem if k == 1 else f"{stem}-{k}" for k in count(1))
         anchors[next(name for name in names if name not in anchors)] = section
     return [(anchor, section) for anchor, section in anchors.items() if section]
-
-
-def _named(block: Block) -> str:
-    title = getattr(block, "title", "")
-    kind = {Figure: "picture", Table: "table"}.get(type(block), "part")
-    return f"the {kind} \N{LEFT DOUBLE QUOTATION MARK}{title}\N{RIGHT DOUBLE QUOTATION MARK}"

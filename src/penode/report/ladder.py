@@ -10,7 +10,7 @@ from penode.arrays import BoolArray, FloatArray, IntArray
 from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95
 from penode.report import palette, panels
-from penode.report.quantities import Scale, decimals_for, fixed, labelled, scale_for, symbol
+from penode.report.quantities import Scale, labelled, scale_for, symbol, with_deviation
 
 #: A close-up of the plateau is drawn where it enlarges at least this much.
 _ENLARGEMENT = 3.0
@@ -79,9 +79,7 @@ class _Ladder:
 
     def text(self, rung: int) -> str:
         """Return an estimate with its half width in words."""
-        value, bar = self.values[rung], self.bars[rung]
-        decimals = decimals_for(bar, value)
-        shown = f"{fixed(value, decimals)} ± {fixed(bar, decimals)}"
+        shown = " ± ".join(with_deviation(self.values[rung], self.bars[rung]))
         return f"H = {self.horizons[rung]}: {shown} {self.scale.unit}"
 
 

@@ -21,10 +21,9 @@ MARGIN = {"l": 64, "r": 18, "t": 34, "b": 52}
 #: Labels of lines keep this fraction of a panel's width between them.
 _LABEL = 0.07
 
-_AXIS: dict[str, Any] = {
+_LINES = dict.fromkeys(("gridcolor", "linecolor", "zerolinecolor"), palette.LINE.light)
+_AXIS: dict[str, Any] = _LINES | {
     "gridcolor": palette.GRID.light,
-    "linecolor": palette.LINE.light,
-    "zerolinecolor": palette.LINE.light,
     "tickcolor": palette.LINE.light,
     "tickfont": {"color": palette.MUTED.light, "size": 12},
     "title": {"font": {"color": palette.INK.light, "size": 13}, "standoff": 8},
@@ -34,10 +33,7 @@ _AXIS: dict[str, Any] = {
     "zeroline": False,
     "automargin": False,
 }
-_SCENE_AXIS: dict[str, Any] = {
-    "gridcolor": palette.LINE.light,
-    "linecolor": palette.LINE.light,
-    "zerolinecolor": palette.LINE.light,
+_SCENE_AXIS: dict[str, Any] = _LINES | {
     "color": palette.INK.light,
     "tickfont": {"color": palette.MUTED.light, "size": 11},
     "showbackground": False,

@@ -62,6 +62,12 @@ def decimals_for(std: float, value: float) -> int:
     return min(max(decimals, 0), 9)
 
 
+def with_deviation(value: float, std: float) -> tuple[str, str]:
+    """Return both with the digits that the deviation gives."""
+    decimals = decimals_for(std, value)
+    return fixed(value, decimals), fixed(std, decimals)
+
+
 def number(value: float | None, digits: int = 3) -> str:
     """Format a number to significant digits, without exponent where that stays short.
 

@@ -47,12 +47,6 @@ class RegionGrid:
         return self.units[0] == self.units[1]
 
     @property
-    def titles(self) -> tuple[str, str]:
-        """Markup of the two coordinates with their units."""
-        x, y = map(labelled, self.names, self.units)
-        return x, y
-
-    @property
     def mesh(self) -> tuple[FloatArray, FloatArray]:
         """Coordinates of every point, each of shape (row, column)."""
         x, y = np.meshgrid(self.x, self.y)
@@ -80,7 +74,7 @@ def region_maps(grid: RegionGrid, titles: Sequence[str], maps: FloatArray, unit:
         panels.panel_title(figure, title, 1, col, size=14)
         if grid.one_scale:
             figure.update_yaxes(scaleanchor=figure.data[-1].xaxis, col=col)
-    (x, y), ticks = grid.titles, 4 if len(maps) > 2 else 6
+    (x, y), ticks = map(labelled, grid.names, grid.units), 4 if len(maps) > 2 else 6
     ends = [grid.x[0], grid.x[-1]]
     shape = {"constrain": "domain", "constraintoward": "left"}
     figure.update_xaxes(range=ends, nticks=ticks, title_text=x, **shape)

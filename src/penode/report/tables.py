@@ -7,7 +7,14 @@ from typing import Any, TypeAlias
 
 from penode.fit.fit import Estimate, Fit, HorizonChoice
 from penode.report.document import Cell, Row, Table
-from penode.report.quantities import decimals_for, fixed, labelled, number, scale_for
+from penode.report.quantities import (
+    decimals_for,
+    fixed,
+    labelled,
+    number,
+    scale_for,
+    with_deviation,
+)
 from penode.report.statements import errors_of
 from penode.validation.comparison import Comparison
 
@@ -156,9 +163,8 @@ def _count(number_of: int) -> Cell:
 
 def _scaled(value: float, std: float, factor: float) -> tuple[Cell, Cell]:
     """Return value and deviation with the digits that the deviation leaves; dashes for no value."""
-    decimals = decimals_for(std * factor, value * factor)
-    first, second = (numeric(fixed(one * factor, decimals), one) for one in (value, std))
-    return first, second
+    texts = with_deviation(value * factor, std * factor)
+    return numeric(texts[0], value), numeric(texts[1], std)
 
 
 def _mark(horizon: int, choice: HorizonChoice) -> str:
