@@ -180,7 +180,7 @@ def test_a_simulation_is_held_against_a_recording_of_the_same_kind_only(result, 
     faster = {**channels, "omega_el": channels["omega_el"] * 1.1}
     short = {name: values[:50] for name, values in channels.items()}
     for change, word in (
-        ({"channels": faster}, "give both one speed"),
+        ({"channels": faster}, "simulate at the speed of the recording"),
         ({"time_step": 2e-4}, "set time_step"),
         ({"channels": short}, "simulate for longer"),
     ):
@@ -193,10 +193,10 @@ def test_a_simulation_is_held_against_a_recording_of_the_same_kind_only(result, 
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (("export", "{}", "--to", "fmu", "--out", "map.fmu"), "choose one of csv"),
-        (("export", "{}", "--to", "c", "--out", "map.c"), "use .h"),
+        (("export", "{}", "--to", "fmu", "--out", "map.fmu"), "must be one of csv"),
+        (("export", "{}", "--to", "c", "--out", "map.c"), "must be '.h'"),
         (("export", "absent", "--to", "c", "--out", "map.h"), "no such file"),
-        (("loci", "{}", "--i-max", "-5", "--out", "loci.png"), "above zero"),
+        (("loci", "{}", "--i-max", "-5", "--out", "loci.png"), "must be > 0 A"),
         (("loci", "{}", "--i-max", "5", "--out", "loci.pdf"), "use .png"),
         (("loci", "{}", "--i-max", "5", "--out", "a.png", "--csv", "a.txt"), "use .csv"),
         (("compare", "{}", "absent.csv", "--out", "a.png"), "cannot be read"),

@@ -130,7 +130,7 @@ def check(text):
 def test_every_section_renders(kind, of):
     good, page = kind
     fit = FITS[of](good)
-    for part in page.parts:
+    for part in page.all_parts():
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             section = part(fit)
@@ -146,5 +146,5 @@ def test_the_head_of_the_page_renders(kind, of):
 
 def test_a_good_fit_has_every_section(kind):
     fit, page = kind
-    absent = [part.__name__ for part in page.parts if part(fit) is None]
+    absent = [part.__name__ for part in page.all_parts() if part(fit) is None]
     assert set(absent) <= {"uncertainty_budget", "loss_weighting"}

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from penode.models.base import Model
-from penode.report.fit_report import PARTS, Page, fit_report, with_own
-from penode.report.learned_maps import map_figures
-from penode.report.map_values import map_columns, map_values
+from penode.report.fit_report import PARTS, Page, fit_report
+from penode.report.learned_maps import map_columns, map_figures, map_values
 from penode.report.quantities import number
 
 GAP = "\N{NO-BREAK SPACE}"
@@ -103,7 +102,7 @@ def test_a_page_with_sections_of_its_own_has_every_other_part():
     def added(fit):
         return None
 
-    parts = with_own({PARTS[1]: (own, own)}, (*PARTS, added))
+    parts = Page(parts=(*PARTS, added), own={PARTS[1]: (own, own)}).all_parts()
     assert parts == (PARTS[0], own, own, *PARTS[2:], added)
 
 

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from penode.report import sections
-from penode.report.document import Document, Figure, Section
+from penode.report.document import Document, Figure, Section, attempt, picture
 from penode.report.fit_report import PARTS, Page, fit_report
-from penode.report.guard import attempt, picture
 from penode.report.html import render
 
 
@@ -76,7 +75,7 @@ def test_a_picture_that_fails_leaves_its_section(oscillator, whole, monkeypatch,
         ("warning_notices", "Mass"),
         ("_key_values", "Mass"),
         ("_title", "Identification"),
-        ("_interval_sentence", "Mass"),
+        ("_first_paragraph", "Mass"),
     ],
 )
 def test_each_part_of_the_answer_stands_by_itself(oscillator, whole, monkeypatch, name, kept):

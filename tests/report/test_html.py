@@ -1,5 +1,7 @@
 """The page: every kind of block, escaped, with unique anchors, dark twins and no library unused."""
 
+import base64
+import json
 import re
 
 import numpy as np
@@ -150,3 +152,16 @@ def test_points_of_a_notice_are_a_list_only_where_there_are_some():
     plain, listed = (Notice("good", "L", "T", points) for points in ((), ("one", "two")))
     assert "<ul>" not in render(document(plain))
     assert "<ul><li>one</li><li>two</li></ul>" in render(document(listed))
+
+
+def test_long_curves_are_written_in_single_precision_and_short_ones_as_they_are():
+    plot = panels.blank_figure()
+    plot.add_scatter(x=np.arange(300), y=np.linspace(-1e300, 1e300, 300), name="long")
+    plot.add_scatter(x=[0.0, 1.0], y=np.array([1.0, 1.0 + 1e-9]), name="short")
+    page = render(document(Figure("F", "C", plot)))
+    (data,) = re.findall(r'id="figure-1-data">(.*?)</script>', page)
+    long, short = json.loads(data)["data"]
+    drawn = np.frombuffer(base64.b64decode(long["y"]["bdata"]), long["y"]["dtype"])
+    assert drawn.dtype == np.float32
+    assert np.isfinite(drawn).all()
+    assert short["y"]["dtype"] == "f8"

@@ -8,8 +8,11 @@ import pytest
 
 from penode.horizon.loss_weighting import loss_weighting
 from penode.report.document import Figure, Notice, Table
-from penode.report.loss_weighting import Name, unnamed, weighting_figure, weighting_section
-from penode.report.weighting_sentence import weighting_sentence
+from penode.report.loss_weighting import (
+    weighting_figure,
+    weighting_section,
+    weighting_sentence,
+)
 from penode.validation.comparison import Comparison
 
 STEP, SAMPLES = 1e-4, 20_000
@@ -22,6 +25,10 @@ def view_of(signal, units=("A", "A"), horizons=(1, 60), matrices=MATRICES):
     rows = np.column_stack([signal.real, signal.imag]) + noise
     comparison = Comparison("a.csv", "train", STEP, ("i_d", "i_q"), units, rows, 0 * rows, 0 * rows)
     return loss_weighting(comparison, matrices, horizons)
+
+
+def named(view):
+    return [(line, f"{line.frequency:.0f} Hz") for line in view.lines]
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +57,7 @@ def test_of_noise_the_sentence_is_short(noise):
 
 
 def test_the_section_has_a_figure_and_a_table_with_the_numbers(view):
-    figure, table = weighting_section(view, unnamed(view), ("A",)).blocks
+    figure, table = weighting_section(view, ("A",)).blocks
     assert isinstance(figure, Figure)
     assert figure.title == "The residual has 2 lines, the strongest at 900\N{NO-BREAK SPACE}Hz"
     assert isinstance(table, Table)
@@ -61,14 +68,13 @@ def test_the_section_has_a_figure_and_a_table_with_the_numbers(view):
 
 
 def test_causes_have_a_column_where_they_are_known(view):
-    names = [Name(line, "n", "because") for line in view.lines]
-    table = weighting_section(view, names, ("A",)).blocks[1]
+    table = weighting_section(view, ("A",), lambda _: ("n", "because")).blocks[1]
     assert table.columns[-1] == "likely causes"
     assert table.rows[0].cells[-1].text == "because"
 
 
 def test_without_lines_there_is_no_table(noise):
-    (figure,) = weighting_section(noise, unnamed(noise), ("A",)).blocks
+    (figure,) = weighting_section(noise, ("A",)).blocks
     assert figure.title == "The residual has no lines"
 
 
@@ -79,13 +85,13 @@ def test_a_line_that_only_a_long_horizon_weighs_is_kept():
     view = view_of(far + 0.2 * np.exp(-105 * turn))
     assert round(view.lines[-1].frequency) == -105
     assert len(view.lines) == 11
-    rows = weighting_section(view, unnamed(view), ("A",)).blocks[1].rows
+    rows = weighting_section(view, ("A",)).blocks[1].rows
     assert len(rows) == 8
     assert round(rows[-1].cells[1].value) == -105
 
 
 def test_weights_are_drawn_over_their_mean(view):
-    figure = weighting_figure(view, unnamed(view), ("A",))
+    figure = weighting_figure(view, named(view), ("A",))
     curves = {trace.name: trace for trace in figure.data}
     assert set(curves) == {"residual", "H = 1", "H = 60"}
     assert np.allclose(curves["H = 1"].y, 1.0)
@@ -98,7 +104,7 @@ def test_weights_are_drawn_over_their_mean(view):
 
 def test_states_of_two_units_have_two_panels_each():
     view = view_of(np.zeros(SAMPLES, dtype=complex), units=("m", "m/s"))
-    figure = weighting_figure(view, unnamed(view), ("m", "m/s"))
+    figure = weighting_figure(view, named(view), ("m", "m/s"))
     titles = [figure.layout[f"yaxis{k}"].title.text for k in ("", 2, 3, 4)]
     assert titles == ["i<sub>d</sub> in m", "weight", "i<sub>q</sub> in m/s", "weight"]
 
@@ -113,7 +119,7 @@ def unstable():
 
 
 def test_horizons_without_a_weight_are_named_and_the_others_shown(unstable):
-    section = weighting_section(unstable, unnamed(unstable), ("A",))
+    section = weighting_section(unstable, ("A",))
     said = section.lead.replace("\N{NO-BREAK SPACE}", " ")
     assert "the line at 900 Hz (100 %) at H = 1." in said
     assert "At H = 40 and H = 60 the weighting is not available, as the fitted model is un" in said
@@ -127,7 +133,7 @@ def test_horizons_without_a_weight_are_named_and_the_others_shown(unstable):
 
 
 def test_a_weight_at_no_horizon_is_a_notice(unstable):
-    (notice,) = weighting_section(unstable.at(np.array([False, True, True])), (), ("A",)).blocks
+    (notice,) = weighting_section(unstable.at(np.array([False, True, True])), ("A",)).blocks
     assert isinstance(notice, Notice)
     assert notice.label == "Not available"
     said = notice.text.replace("\N{NO-BREAK SPACE}", " ")
@@ -136,5 +142,5 @@ def test_a_weight_at_no_horizon_is_a_notice(unstable):
 
 def test_a_residual_that_is_not_finite_is_a_notice(unstable):
     broken = dataclasses.replace(unstable, power=np.full_like(unstable.power, np.nan), lines=())
-    (notice,) = weighting_section(broken, (), ("A",)).blocks
+    (notice,) = weighting_section(broken, ("A",)).blocks
     assert "the one-step residual is not finite" in notice.text

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from penode.report.prediction_errors import (
+from penode.report.statements import (
     free_run_value,
     one_step_text,
     one_step_value,
-    relative_free_run,
+    relative_error,
 )
 from penode.validation.comparison import Comparison
 
@@ -28,20 +28,20 @@ def compared(free, step, units, size=(30.0, 40.0)):
 def test_states_of_one_unit_are_judged_by_the_length_of_their_vector():
     """The error is the mean over states, 5 A in each; the largest vector is 50 A long."""
     one = compared((5.0, 5.0), (0.0, 0.0), ("A", "A"))
-    assert relative_free_run(one) == pytest.approx(5.0 / 50.0)
+    assert relative_error(one) == pytest.approx(5.0 / 50.0)
     assert free_run_value([one]).detail.startswith(f"10{GAP}% of the largest value; recording used")
 
 
 def test_states_of_two_units_are_judged_by_the_worst():
     one = compared((3.0, 8.0), (0.0, 0.0), ("A", "V"))
-    assert relative_free_run(one) == pytest.approx(max(3 / 30, 8 / 40))
+    assert relative_error(one) == pytest.approx(max(3 / 30, 8 / 40))
     assert free_run_value([one]).value is None
 
 
 @pytest.mark.parametrize("units", [("A", "A"), ("A", "V")])
 def test_a_state_that_never_leaves_zero_divides_nothing(units):
     one = compared((0.5, 0.5), (0.0, 0.0), units, size=(0.0, 0.0))
-    assert relative_free_run(one) == pytest.approx(0.5)
+    assert relative_error(one) == pytest.approx(0.5)
 
 
 def test_the_worst_recording_is_worst_beside_what_it_moves():

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from penode.fit.fit import Estimate
-from penode.report.prediction_errors import free_run_text, free_run_value, one_step_value
 from penode.report.quantities import number
 from penode.report.statements import (
     estimate_text,
+    free_run_text,
+    free_run_value,
     ladder_title,
+    one_step_value,
     overlay_title,
     range_text,
     spectrum_title,

@@ -15,8 +15,8 @@ from penode.fit.left_out import LOG, left_out
 from penode.fit.result_folder import REPORT, claimed
 from penode.pmsm.demo import Demo
 from penode.pmsm.result_files import write_report
-from penode.report.prediction_errors import free_run_text, one_step_text
 from penode.report.quantities import decimals_for, fixed, number, scale_for
+from penode.report.statements import free_run_text, one_step_text
 from penode.report.uncertainty_budget import budget_sentence
 
 

@@ -1,5 +1,7 @@
 """Correlations of the one-step residual with its own past and with the inputs."""
 
+from typing import Any
+
 import numpy as np
 import plotly.graph_objects as go
 
@@ -9,13 +11,7 @@ from penode.report.quantities import number, symbol
 from penode.validation.residual_tests import Correlations
 
 #: Lines of the inputs, in order; more inputs begin again.
-_COLOURS = (
-    palette.ONE_STEP,
-    palette.FREE_RUN,
-    palette.MARKER_LINE,
-    palette.GOOD,
-    palette.CAUTION,
-)
+_COLOURS = (palette.ONE_STEP, palette.FREE_RUN, palette.MARKER_LINE, palette.GOOD, palette.CAUTION)
 #: Pixels: height of a panel, space between panels, room for labels of an axis; gap in widths.
 _HEIGHT, _BETWEEN, _LABELS, _GAP = 150.0, 30.0, 36.0, 0.12
 
@@ -23,15 +19,14 @@ _HEIGHT, _BETWEEN, _LABELS, _GAP = 150.0, 30.0, 36.0, 0.12
 def correlations_title(tests: Correlations) -> str:
     """Say whether the residual is white and unrelated to the inputs."""
     past = "is correlated with its past" if _beyond_own(tests) else "is white"
-    relative = np.abs(tests.cross) / np.maximum(tests.cross_limit, 1e-300)
-    if not relative.size:
+    if not tests.cross.size:
         return f"The residual {past}"
-    _, _, which = np.unravel_index(int(relative.argmax()), relative.shape)
-    name = tests.inputs[int(which)]
     if not _beyond_cross(tests):
         return f"The residual {past} and unrelated to the inputs"
+    relative = np.abs(tests.cross) / np.maximum(tests.cross_limit, 1e-300)
+    which = int(np.unravel_index(int(relative.argmax()), relative.shape)[-1])
     largest = number(float(np.abs(tests.cross[..., which]).max()), 2)
-    return f"The residual {past} and related to {name} (correlation up to {largest})"
+    return f"The residual {past} and related to {tests.inputs[which]} (correlation up to {largest})"
 
 
 def correlations_caption(tests: Correlations) -> str:
@@ -56,29 +51,42 @@ def correlations_caption(tests: Correlations) -> str:
 
 def correlations(tests: Correlations) -> go.Figure:
     """Draw autocorrelations and correlations with the inputs over the lag, a row per state."""
-    figure = panels.blank_figure()
     rows = len(tests.states)
-    boxes = panels.grid([1.0, 1.0], [_HEIGHT] * rows, _GAP, [_BETWEEN] * (rows - 1))
+    wide = panels.Grid([1.0, 1.0], [_HEIGHT] * rows, _GAP, [_BETWEEN] * (rows - 1))
     apart = [_BETWEEN] * (2 * rows - 2) + [_BETWEEN + _LABELS]
-    piled = panels.grid([1.0], [_HEIGHT] * 2 * rows, 0.0, apart)
-    panels.place(figure, boxes, piled)
-    lags = np.arange(len(tests.own), dtype=np.float64)
+    figure = panels.panelled(wide, panels.Grid([1.0], [_HEIGHT] * 2 * rows, gaps=apart))
+    lags = np.arange(len(tests.own))
     for row, state in enumerate(tests.states):
-        own, cross = 2 * row, 2 * row + 1
-        _band(figure, own, lags, tests.own_limit)
-        past = _curve(own, lags[1:], tests.own[1:, row], state, palette.OTHER)
-        figure.add_trace(past.update(showlegend=False))
+        place = {"row": row + 1, "col": 1}
+        past = _style(state, palette.OTHER.light) | {"showlegend": False}
+        figure.add_scatter(x=lags[1:], y=tests.own[1:, row], **past, **place)
+        _draw_band(figure, tests.own_limit, place)
+        panels.panel_title(figure, f"{symbol(state)} with itself", **place)
+        place = {"row": row + 1, "col": 2}
         for k, name in enumerate(tests.inputs):
-            colour = _COLOURS[k % len(_COLOURS)]
-            curve = _curve(cross, lags, tests.cross[:, row, k], name, colour)
-            figure.add_trace(curve.update(showlegend=row == 0))
+            style = _style(name, _COLOURS[k % len(_COLOURS)].light) | {"showlegend": row == 0}
+            figure.add_scatter(x=lags, y=tests.cross[:, row, k], **style, **place)
         if tests.inputs:
-            _band(figure, cross, lags, float(tests.cross_limit[row].max()))
-        for panel, other in ((own, "with itself"), (cross, "with the inputs")):
-            _set_axes(figure, panel, f"{symbol(state)} {other}", bottom=row == rows - 1)
-    legend = {"x": 1.0, "xanchor": "right"}
-    figure.update_layout(hovermode="closest", legend=legend, margin={"t": 44})
-    return figure
+            _draw_band(figure, float(tests.cross_limit[row].max()), place)
+        panels.panel_title(figure, f"{symbol(state)} with the inputs", **place)
+    figure.update_xaxes(nticks=7, range=[0, len(lags) - 1])
+    figure.update_xaxes(title_text="lag in samples", row=rows)
+    figure.update_yaxes(nticks=5)
+    return figure.update_layout(legend={"x": 1.0, "xanchor": "right"}, margin={"t": 44})
+
+
+def _style(name: str, colour: str) -> dict[str, Any]:
+    return {
+        "name": symbol(name),
+        "legendgroup": name,
+        "line": {"color": colour, "width": 1.4},
+        "hovertemplate": f"lag %{{x}}: %{{y:.3f}}<extra>{symbol(name)}</extra>",
+    }
+
+
+def _draw_band(figure: go.Figure, limit: float, place: dict[str, Any]) -> None:
+    look = {"fillcolor": palette.INTERVAL.light, "line_width": 0, "layer": "below"}
+    figure.add_hrect(-limit, limit, **look, **place)
 
 
 def _beyond_own(tests: Correlations) -> bool:
@@ -99,54 +107,3 @@ def _often_beyond(values: FloatArray, limit: FloatArray | float) -> bool:
     size = np.abs(values)
     often = bool(size.size) and (size > limit).mean(axis=0).max() > 0.05
     return bool(often or (size > 2 * limit).any())
-
-
-def _curve(
-    panel: int, lags: FloatArray, values: FloatArray, name: str, colour: palette.Colour
-) -> go.Scatter:
-    return go.Scatter(
-        x=panels.compact(lags),
-        y=panels.compact(values),
-        xaxis=panels.axis_id("x", panel),
-        yaxis=panels.axis_id("y", panel),
-        name=symbol(name),
-        legendgroup=name,
-        line={"color": colour.light, "width": 1.4},
-        hovertemplate=f"lag %{{x}}: %{{y:.3f}}<extra>{symbol(name)}</extra>",
-    )
-
-
-def _band(figure: go.Figure, panel: int, lags: FloatArray, limit: float) -> None:
-    figure.add_shape(
-        type="rect",
-        xref=panels.axis_id("x", panel),
-        yref=panels.axis_id("y", panel),
-        x0=float(lags[0]),
-        x1=float(lags[-1]),
-        y0=-limit,
-        y1=limit,
-        fillcolor=palette.INTERVAL.light,
-        line={"width": 0},
-        layer="below",
-    )
-
-
-def _set_axes(figure: go.Figure, panel: int, title: str, *, bottom: bool) -> None:
-    x, y = panels.axis_id("x", panel), panels.axis_id("y", panel)
-    figure.layout[panels.axis_key("x", panel)].update(
-        anchor=y,
-        nticks=7,
-        showticklabels=bottom,
-        title_text="lag in samples" if bottom else None,
-    )
-    figure.layout[panels.axis_key("y", panel)].update(anchor=x, nticks=5)
-    figure.add_annotation(
-        text=title,
-        x=0,
-        xref=f"{x} domain",
-        xanchor="left",
-        y=1,
-        yref=f"{y} domain",
-        yanchor="bottom",
-        yshift=3,
-    )

@@ -1,12 +1,19 @@
-"""A report as records: sections of notices, key values, figures and tables."""
+"""A report as records: sections of notices, key values, figures and tables.
 
-from collections.abc import Sequence
+Parts that cannot be made are left out by name; the rest of the page stands.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+
+from penode.fit.left_out import left_out
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
+Made = TypeVar("Made")
+Instead = TypeVar("Instead")
 Tone: TypeAlias = Literal["good", "caution", "refusal"]
 
 
@@ -110,3 +117,31 @@ class Document:
     lead: str
     answer: Sequence[Block]
     sections: Sequence[Section]
+
+
+def attempt(
+    what: str, make: Callable[[], Made], otherwise: Callable[[str], Instead]
+) -> Made | Instead:
+    """Return a part of the report, or what takes its place where it cannot be made.
+
+    ``otherwise`` makes the latter from the sentence that says what is left out, and why.
+    """
+    try:
+        return make()
+    except Exception as error:
+        return otherwise(left_out(what, error))
+
+
+def missing(sentence: str) -> Notice:
+    """Return the notice in the place of a part that is left out."""
+    return Notice("caution", "Left out", sentence)
+
+
+def picture(title: str, caption: str, draw: Callable[..., go.Figure], *of: Any) -> Figure | Notice:
+    """Return a figure, or a notice where it cannot be drawn; ``draw`` is called with ``of``."""
+    return attempt(named("picture", title), lambda: Figure(title, caption, draw(*of)), missing)
+
+
+def named(kind: str, title: str) -> str:
+    """Return a part of the report as it stands in a sentence."""
+    return f"the {kind} \N{LEFT DOUBLE QUOTATION MARK}{title}\N{RIGHT DOUBLE QUOTATION MARK}"

@@ -2,19 +2,26 @@
 
 To add a section, write a function from a fit to a `Section` beside those of
 `penode.report.sections`, and name it in `PARTS`; pages that replace some of these with sections of
-their own (`with_own`) then have it too.
+their own (`Page.own`) then have it too.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TypeAlias
 
 from penode.fit.fit import Fit
-from penode.report.document import Block, Document, Glossary, KeyValue, KeyValues, Section
-from penode.report.guard import attempt, missing
+from penode.report.document import (
+    Block,
+    Document,
+    Glossary,
+    KeyValue,
+    KeyValues,
+    Section,
+    attempt,
+    missing,
+)
 from penode.report.html import render
-from penode.report.prediction_errors import free_run_value, one_step_value
 from penode.report.quantities import number
 from penode.report.sections import (
     horizons,
@@ -27,7 +34,9 @@ from penode.report.sections import (
 )
 from penode.report.statements import (
     estimate_text,
+    free_run_value,
     listed,
+    one_step_value,
     range_text,
     verdict_notice,
     warning_notices,
@@ -48,11 +57,6 @@ PARTS: tuple[Part, ...] = (
     horizons,
     provenance,
 )
-
-
-def with_own(own: Mapping[Part, Sequence[Part]], parts: Sequence[Part] = PARTS) -> tuple[Part, ...]:
-    """Return parts of a report, in order, some replaced by the parts that ``own`` holds."""
-    return tuple(one for part in parts for one in own.get(part, (part,)))
 
 
 #: Parameters named in the heading at most.
@@ -76,14 +80,20 @@ class Page:
     """What the report of fits of one kind consists of; the defaults do for any model.
 
     ``headline`` names the parameters whose values are the answer, empty for all; ``method`` says in
-    the first paragraph what was fitted; ``words`` are explained beside those of every report.
+    the first paragraph what was fitted; ``own`` are parts that replace one of ``parts``; ``words``
+    are explained beside those of every report.
     """
 
     kind: str = "Identification"
     headline: tuple[str, ...] = ()
     method: str = "so that the model predicts the measured states"
     parts: tuple[Part, ...] = PARTS
+    own: Mapping[Part, Sequence[Part]] = field(default_factory=dict)
     words: tuple[tuple[str, str], ...] = ()
+
+    def all_parts(self) -> tuple[Part, ...]:
+        """Return the parts in order, the page's own in their places."""
+        return tuple(one for part in self.parts for one in self.own.get(part, (part,)))
 
     def document(self, fit: Fit) -> Document:
         """Return the report of a fit as a document."""
@@ -95,35 +105,10 @@ class Page:
             attempt("the values", partial(_key_values, fit, names), missing),
             Glossary("The words used here", (*_WORDS, *self.words)),
         ]
-        made = [
-            attempt(_named(part), partial(part, fit), partial(_absent, part)) for part in self.parts
-        ]
-        sections = [section for section in made if section is not None]
+        sections = [_section(part, fit) for part in self.all_parts()]
         title = attempt("the heading", partial(_title, fit, names), lambda _: self.kind)
-        lead = attempt("the first paragraph", partial(self._lead, fit, names), str)
-        return Document(self.kind, title, lead, answer, sections)
-
-    def _lead(self, fit: Fit, names: Sequence[str]) -> str:
-        return f"{_interval_sentence(fit, names)}{_source_sentence(fit, names)} {self.method}."
-
-
-def _subject(part: Part) -> str:
-    """Return what a section is about, by the name of its function."""
-    return getattr(part, "__name__", "results").removesuffix("_section").replace("_", " ")
-
-
-def _named(part: Part) -> str:
-    return f"the section on {_subject(part)}"
-
-
-def _absent(part: Part, why: str) -> Section:
-    """Return the section in the place of one that is left out."""
-    subject = _subject(part)
-    return Section(
-        f"{subject[:1].upper()}{subject[1:]}",
-        "This section is left out. The answer and the other sections do not depend on it.",
-        [missing(why)],
-    )
+        lead = attempt("the first paragraph", partial(_first_paragraph, fit, names, self), str)
+        return Document(self.kind, title, lead, answer, [one for one in sections if one])
 
 
 def fit_report(fit: Fit, page: Page | None = None) -> str:
@@ -131,48 +116,53 @@ def fit_report(fit: Fit, page: Page | None = None) -> str:
     return render((page or Page()).document(fit))
 
 
+def _section(part: Part, fit: Fit) -> Section | None:
+    """Return a section, or one that says it is left out, after the name of its function."""
+    subject = getattr(part, "__name__", "results").removesuffix("_section").replace("_", " ")
+    lead = "This section is left out. The answer and the other sections do not depend on it."
+    title = f"{subject[:1].upper()}{subject[1:]}"
+    return attempt(
+        f"the section on {subject}",
+        partial(part, fit),
+        lambda why: Section(title, lead, [missing(why)]),
+    )
+
+
 def _title(fit: Fit, names: Sequence[str]) -> str:
+    values = [estimate_text(fit.parameters[name])[0] for name in names]
     if not names:
         return f"A model of {listed(fit.model.states)}"
-    if len(names) == 1:
-        what = _what(fit, names[0])
-        if not fit.horizon.answered:
-            return f"These recordings cannot determine {what}"
-        return f"{what[0].upper()}{what[1:]} is {estimate_text(fit.parameters[names[0]])[0]}"
-    if not fit.horizon.answered:
+    if len(names) > 1 and not fit.horizon.answered:
         return f"These recordings cannot determine all of {listed(names)}"
-    return listed([f"{name} = {estimate_text(fit.parameters[name])[0]}" for name in names])
-
-
-def _what(fit: Fit, name: str) -> str:
-    meaning = fit.parameters[name].meaning
-    return f"the {meaning}" if meaning else name
-
-
-def _interval_sentence(fit: Fit, names: Sequence[str]) -> str:
-    if not names:
-        return ""
+    if len(names) > 1:
+        return listed([f"{name} = {value}" for name, value in zip(names, values, strict=True)])
+    meaning = fit.parameters[names[0]].meaning
+    what = f"the {meaning}" if meaning else names[0]
     if not fit.horizon.answered:
-        spreads = [_spread(fit, name) for name in names]
-        if len(names) > 1:
-            spreads = [f"{spread} for {name}" for name, spread in zip(names, spreads, strict=True)]
-        return f"The horizons tried gave values from {listed(spreads)}. "
-    spans = [estimate_text(fit.parameters[name])[1] for name in names]
-    if len(names) == 1:
-        return f"With 95 % confidence it lies between {spans[0].replace(' to ', ' and ')}. "
-    intervals = [f"{name} {span}" for name, span in zip(names, spans, strict=True)]
-    return f"95 % intervals: {listed(intervals)}. "
+        return f"These recordings cannot determine {what}"
+    return f"{what[0].upper()}{what[1:]} is {values[0]}"
 
 
-def _source_sentence(fit: Fit, names: Sequence[str]) -> str:
+def _first_paragraph(fit: Fit, names: Sequence[str], page: Page) -> str:
+    """Say where the values lie and what they were fitted to."""
+    answered, single = fit.horizon.answered, len(names) == 1
+    spans = [
+        estimate_text(fit.parameters[name])[1] if answered else _spread(fit, name) for name in names
+    ]
+    intervals = ""
+    if answered and single:
+        between = spans[0].replace(" to ", " and ")
+        intervals = f"With 95 % confidence it lies between {between}. "
+    elif answered and names:
+        both = [f"{name} {span}" for name, span in zip(names, spans, strict=True)]
+        intervals = f"95 % intervals: {listed(both)}. "
+    elif names:
+        both = [f"{span} for {name}" for name, span in zip(names, spans, strict=True)]
+        intervals = f"The horizons tried gave values from {listed(spans if single else both)}. "
     trained = [one.name for one in fit.recordings if one.role == "train"]
-    source = "the training recordings"
-    if len(trained) == 1:
-        source = trained[0]
-    elif trained:
-        source = f"{len(trained)} recordings"
-    subject = "It was" if len(names) < 2 else "They were"
-    return f"{subject if fit.horizon.answered else 'Each was'} fitted to {source}"
+    source = trained[0] if len(trained) == 1 else f"{len(trained) or 'the training'} recordings"
+    subject = "Each was" if not answered else "It was" if len(names) < 2 else "They were"
+    return f"{intervals}{subject} fitted to {source} {page.method}."
 
 
 def _spread(fit: Fit, name: str) -> str:
@@ -182,15 +172,14 @@ def _spread(fit: Fit, name: str) -> str:
 
 def _key_values(fit: Fit, names: Sequence[str]) -> KeyValues:
     choice = fit.horizon
-    items = [_parameter_value(fit, name) for name in names]
     errors = (free_run_value(fit.recordings), one_step_value(fit.recordings))
-    items += [item for item in errors if item is not None]
     detail = choice.verdict
     if fit.comparisons:
         ahead = 1e3 * fit.comparisons[0].time_step * choice.selected
         detail = f"{number(ahead, 2)}\N{NO-BREAK SPACE}ms ahead; {choice.verdict}"
-    items.append(KeyValue("Horizon", f"H = {choice.selected}", detail, choice.selected))
-    return KeyValues(tuple(items))
+    horizon = KeyValue("Horizon", f"H = {choice.selected}", detail, choice.selected)
+    values = [_parameter_value(fit, name) for name in names]
+    return KeyValues((*values, *filter(None, errors), horizon))
 
 
 def _parameter_value(fit: Fit, name: str) -> KeyValue:

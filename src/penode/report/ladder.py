@@ -1,7 +1,7 @@
 """A parameter's estimate over the ladder of horizons."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -10,7 +10,7 @@ from penode.arrays import BoolArray, FloatArray, IntArray
 from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95
 from penode.report import palette, panels
-from penode.report.quantities import Scale, decimals_for, fixed, scale_for, symbol
+from penode.report.quantities import Scale, labelled, scale_for, symbol, with_deviation
 
 #: A close-up of the plateau is drawn where it enlarges at least this much.
 _ENLARGEMENT = 3.0
@@ -66,6 +66,22 @@ class _Ladder:
         gain = np.ptp(self.limits(everything)) / np.ptp(self.limits(close))
         return [everything, close] if gain >= _ENLARGEMENT else [everything]
 
+    def groups(self) -> list[tuple[str, str, BoolArray]]:
+        """Return label, colour and rungs of each kind of estimate, those without rungs left out."""
+        selected = self.horizons == self.selected
+        agreeing = np.isin(self.horizons, self.plateau) & ~selected
+        named = [
+            ("other horizons", palette.OTHER.light, ~selected & ~agreeing),
+            ("horizons that agree", palette.ESTIMATE.light, agreeing),
+            (f"selected, H = {self.selected}", palette.FREE_RUN.light, selected),
+        ]
+        return [one for one in named if one[2].any()]
+
+    def text(self, rung: int) -> str:
+        """Return an estimate with its half width in words."""
+        shown = " ± ".join(with_deviation(self.values[rung], self.bars[rung]))
+        return f"H = {self.horizons[rung]}: {shown} {self.scale.unit}"
+
 
 def parameter_over_ladder(fit: Fit, name: str) -> go.Figure:
     """Draw a parameter's estimate, with 1.96 deviations, over the horizon in steps (logarithmic).
@@ -74,96 +90,64 @@ def parameter_over_ladder(fit: Fit, name: str) -> go.Figure:
     horizon and the reported 95 % interval are marked.
     """
     ladder = _Ladder.of(fit, name)
-    figure = panels.blank_figure()
     views = ladder.views()
-    wide = panels.grid([1.7, 1.0][: len(views)], [330.0], 0.24, [])
-    narrow = panels.grid([1.0], [270.0] * len(views), 0.0, [66.0] * (len(views) - 1))
-    panels.place(figure, wide, narrow)
+    figure = panels.panelled(
+        panels.Grid([1.7, 1.0][: len(views)], [330.0], 0.24),
+        panels.Grid([1.0], [270.0] * len(views), gaps=[66.0] * (len(views) - 1)),
+    )
     for panel, shown in enumerate(views):
-        _draw(figure, ladder, panel)
+        _shade(figure, ladder, panel)
+        _draw_estimates(figure, ladder, panel)
         _set_axes(figure, ladder, panel, shown)
-    figure.layout.yaxis.title.text = f"{symbol(name)} in {ladder.scale.unit}".removesuffix(" in ")
+    figure.layout.yaxis.title.text = labelled(symbol(name), ladder.scale.unit)
     if len(views) > 1:
         figure.layout.xaxis2.title.text = "H, plateau enlarged"
-    figure.update_layout(hovermode="closest")
     return figure
 
 
-def _draw(figure: go.Figure, ladder: _Ladder, panel: int) -> None:
-    x, y = panels.axis_id("x", panel), panels.axis_id("y", panel)
+def _shade(figure: go.Figure, ladder: _Ladder, panel: int) -> None:
+    """Shade interval and plateau, with an entry of the legend each."""
+    place: dict[str, Any] = {"row": 1, "col": panel + 1}
+    look = {"line_width": 0, "layer": "below", "exclude_empty_subplots": False} | place
+    areas = []
     if np.isfinite(ladder.interval).all():
-        low, high = ladder.interval
-        band = {"x0": 0, "x1": 1, "xref": f"{x} domain", "y0": low, "y1": high, "yref": y}
-        figure.add_shape(**band, fillcolor=palette.INTERVAL.light, line_width=0, layer="below")
-        figure.add_trace(_swatch("95 % interval shown by the data", palette.INTERVAL.light, panel))
+        areas.append(("95 % interval shown by the data", palette.INTERVAL.light))
+        figure.add_hrect(*ladder.interval, fillcolor=palette.INTERVAL.light, **look)
     if ladder.plateau:
-        low, high = min(ladder.plateau) / 1.1, max(ladder.plateau) * 1.1
-        area = {"x0": low, "x1": high, "xref": x, "y0": 0, "y1": 1, "yref": f"{y} domain"}
-        figure.add_shape(**area, fillcolor=palette.PLATEAU.light, line_width=0, layer="below")
-        figure.add_trace(_swatch("plateau", palette.PLATEAU.light, panel))
-    selected = ladder.horizons == ladder.selected
-    agreeing = np.isin(ladder.horizons, ladder.plateau) & ~selected
-    groups = (
-        ("other horizons", palette.OTHER.light, ~selected & ~agreeing),
-        ("horizons that agree", palette.ESTIMATE.light, agreeing),
-        (f"selected, H = {ladder.selected}", palette.FREE_RUN.light, selected),
-    )
-    for label, colour, chosen in groups:
-        if chosen.any():
-            trace = _estimates(ladder, chosen, colour)
-            trace.update(name=label, legendgroup=label, showlegend=panel == 0, xaxis=x, yaxis=y)
-            figure.add_trace(trace)
+        areas.append(("plateau", palette.PLATEAU.light))
+        ends = min(ladder.plateau) / 1.1, max(ladder.plateau) * 1.1
+        figure.add_vrect(*ends, fillcolor=palette.PLATEAU.light, **look)
+    for label, colour in areas if panel == 0 else ():
+        marker = {"symbol": "square", "size": 12, "color": colour}
+        entry = {"name": label, "hoverinfo": "skip", "mode": "markers"}
+        figure.add_scatter(x=[None], y=[None], marker=marker, **entry, **place)
+
+
+def _draw_estimates(figure: go.Figure, ladder: _Ladder, panel: int) -> None:
+    for label, colour, chosen in ladder.groups():
+        figure.add_scatter(
+            x=ladder.horizons[chosen],
+            y=ladder.values[chosen],
+            error_y={"array": ladder.bars[chosen], "thickness": 1.6, "width": 4, "color": colour},
+            mode="markers",
+            marker={"color": colour, "size": 8},
+            text=[ladder.text(int(rung)) for rung in np.flatnonzero(chosen)],
+            hovertemplate="%{text}<extra></extra>",
+            name=label,
+            legendgroup=label,
+            showlegend=panel == 0,
+            row=1,
+            col=panel + 1,
+        )
     figure.data[-1].marker.update(size=12, symbol="diamond")
 
 
 def _set_axes(figure: go.Figure, ladder: _Ladder, panel: int, shown: BoolArray) -> None:
-    horizons = ladder.horizons[shown]
-    ticks = _ticks(int(horizons.min()), int(horizons.max()))
-    figure.layout[panels.axis_key("x", panel)].update(
-        anchor=panels.axis_id("y", panel),
-        type="log",
-        title_text="horizon H in samples",
-        tickvals=ticks,
-        ticktext=[str(tick) for tick in ticks],
-        range=[np.log10(horizons.min() / 1.2), np.log10(horizons.max() * 1.2)],
-    )
-    figure.layout[panels.axis_key("y", panel)].update(
-        anchor=panels.axis_id("x", panel), range=ladder.limits(shown)
-    )
-
-
-def _swatch(label: str, colour: str, panel: int) -> go.Scatter:
-    """Return a legend entry for a shaded area."""
-    marker = {"symbol": "square", "size": 12, "color": colour}
-    entry = {"name": label, "showlegend": panel == 0, "hoverinfo": "skip"}
-    return go.Scatter(x=[None], y=[None], mode="markers", marker=marker, **entry)
-
-
-def _estimates(ladder: _Ladder, chosen: BoolArray, colour: str) -> go.Scatter:
-    horizons, values, bars = (
-        array[chosen] for array in (ladder.horizons, ladder.values, ladder.bars)
-    )
-    texts = [
-        f"H = {horizon}: {_interval(value, bar)} {ladder.scale.unit}"
-        for horizon, value, bar in zip(horizons, values, bars, strict=True)
-    ]
-    return go.Scatter(
-        x=horizons,
-        y=values,
-        error_y={"array": bars, "thickness": 1.6, "width": 4, "color": colour},
-        mode="markers",
-        marker={"color": colour, "size": 8},
-        text=texts,
-        hovertemplate="%{text}<extra></extra>",
-    )
-
-
-def _interval(value: float, bar: float) -> str:
-    decimals = decimals_for(bar, value)
-    return f"{fixed(value, decimals)} ± {fixed(bar, decimals)}"
-
-
-def _ticks(low: int, high: int) -> Sequence[int]:
-    decades = range(len(str(high)) + 1)
-    ticks = [step * 10**decade for decade in decades for step in (1, 2, 5)]
-    return [tick for tick in ticks if low / 1.2 <= tick <= high * 1.2]
+    horizons, place = ladder.horizons[shown], {"row": 1, "col": panel + 1}
+    low, high = int(horizons.min()), int(horizons.max())
+    steps = [step * 10**decade for decade in range(len(str(high)) + 1) for step in (1, 2, 5)]
+    ticks = [tick for tick in steps if low / 1.2 <= tick <= high * 1.2]
+    ends = [np.log10(low / 1.2), np.log10(high * 1.2)]
+    title = "horizon H in samples"
+    figure.update_xaxes(type="log", title_text=title, tickvals=ticks, range=ends, **place)
+    figure.update_yaxes(range=ladder.limits(shown), **place)

@@ -1,56 +1,32 @@
-"""How the loss at each horizon weighs the residual: its lines, and the weight over frequency."""
+"""The section on how the loss at each horizon weighs the residual."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
-import plotly.graph_objects as go
 
-from penode.arrays import FloatArray, IntArray
 from penode.fit.fit import Fit
 from penode.horizon.loss_weighting import LossWeighting, loss_weighting
-from penode.report import palette, panels
-from penode.report.document import Cell, Notice, Row, Section, Table
-from penode.report.guard import picture
-from penode.report.quantities import number, scale_for, symbol, with_unit
-from penode.report.weighting_sentence import weighting_sentence
+from penode.report.document import Notice, Section, Table, picture
+from penode.report.quantities import labelled, number, with_unit
+from penode.report.spectrum import weighting_figure
+from penode.report.tables import Column, numeric, plain, table
 from penode.validation.residual_lines import Line
 
-_POINTS = 1500
+_SPACE = "\N{NO-BREAK SPACE}"
 #: Lines named at most, and the fraction of the loss at one of the horizons from which one is named.
 _NAMED, _WORTH = 8, 1e-3
-_TOP = 56  # pixels above the panels: the legend, and below it the names of lines
+#: Change of a fraction of the loss over the horizons that is worth a sentence.
+_CHANGE = 0.01
 _TITLE = "How each horizon weighs the residual"
 _LEAD = (
     "Training H steps ahead is training one step ahead through a filter: the longer the horizon, "
     "the more weight on what the model can follow, and the less on the rest."
 )
-_COLOURS = (palette.ONE_STEP.light, palette.FREE_RUN.light, palette.PLATEAU_TEXT.light)
 _CAPTION = (
     "Above: one-step residual of the first training recording; of neighbouring frequencies the "
     "largest is drawn. Below: the weight of each frequency in the loss, as a multiple of the mean "
     "over all frequencies. The loss adds up the product of residual and weight."
 )
-
-
-@dataclass(frozen=True)
-class Name:
-    """What a line is called, and what may have made it; empty where that is not known."""
-
-    line: Line
-    label: str
-    cause: str = ""
-
-
-def signal_units(fit: Fit, view: LossWeighting) -> tuple[str, ...]:
-    """Return the SI unit of each of the view's signals."""
-    units = fit.comparisons[0].units
-    return units[: len(view.signals)]
-
-
-def unnamed(view: LossWeighting) -> tuple[Name, ...]:
-    """Return the view's lines called by their frequency."""
-    return tuple(Name(line, with_unit(line.frequency, "Hz")) for line in view.lines)
 
 
 def weighting_of(fit: Fit, base: float | None = None) -> LossWeighting | None:
@@ -69,36 +45,33 @@ def weighting_of(fit: Fit, base: float | None = None) -> LossWeighting | None:
 
 
 def weighting_section(
-    view: LossWeighting, names: Sequence[Name], units: Sequence[str], note: str = ""
+    view: LossWeighting,
+    units: Sequence[str],
+    named: Callable[[Line], tuple[str, str]] = lambda line: (with_unit(line.frequency, "Hz"), ""),
+    note: str = "",
 ) -> Section:
     """Say and show how the loss weighs the residual at three horizons at most.
 
-    ``names`` come strongest first; ``units`` is the SI unit of each signal; ``note``, what the
-    names mean, goes into the caption. A notice takes the place of all where the weight is available
-    at no horizon.
+    ``units`` is the SI unit of each signal; ``named`` returns what a line is called and what may
+    have made it; ``note``, what the names mean, goes into the caption. A notice takes the place of
+    all where the weight is available at no horizon.
     """
     whole, view = view, view.at(view.available)
     if not view.horizons:
         why = weighting_sentence(whole, [])
         return Section(_TITLE, _LEAD, [Notice("caution", "Not available", why)])
-    largest = [float(view.fractions(name.line).max()) for name in names]
-    order = sorted(
-        (k for k in range(len(names)) if largest[k] >= _WORTH), key=lambda k: -largest[k]
-    )
-    worth = [names[k] for k in sorted(order[:_NAMED])]
+    largest = {k: float(view.fractions(line).max()) for k, line in enumerate(view.lines)}
+    order = sorted((k for k in largest if largest[k] >= _WORTH), key=lambda k: -largest[k])
+    names = [(view.lines[k], *named(view.lines[k])) for k in sorted(order[:_NAMED])]
+    lines = [(line, label) for line, label, _ in names]
     caption = " ".join(filter(None, [_CAPTION, _peak(view), note]))
     title = "The residual has no lines"
-    if worth:
-        count = "one line," if len(worth) == 1 else f"{len(worth)} lines, the strongest"
-        title = f"The residual has {count} at {worth[0].label}"
-    return Section(
-        _TITLE,
-        f"{_LEAD} {weighting_sentence(whole, [(name.line, name.label) for name in worth])}",
-        [
-            picture(title, caption, weighting_figure, view, worth, units),
-            *_table(view, worth, units),
-        ],
-    )
+    if lines:
+        count = "one line," if len(lines) == 1 else f"{len(lines)} lines, the strongest"
+        title = f"The residual has {count} at {lines[0][1]}"
+    drawn = picture(title, caption, weighting_figure, view, lines, units)
+    tables = [_table(view, names, units)] if lines else []
+    return Section(_TITLE, f"{_LEAD} {weighting_sentence(whole, lines)}", [drawn, *tables])
 
 
 def _peak(view: LossWeighting) -> str:
@@ -110,147 +83,77 @@ def _peak(view: LossWeighting) -> str:
     return f"The weight of a long horizon peaks at {peak}, where errors grow most over the horizon."
 
 
-def weighting_figure(view: LossWeighting, names: Sequence[Name], units: Sequence[str]) -> go.Figure:
-    """Draw the residual's spectrum (SI units, lines named) above the weights over their mean.
-
-    Two panels for each signal, both logarithmic over the frequency; three horizons at most.
-    """
-    figure, scale = panels.blank_figure(), scale_for(view.frequency, "Hz")
-    count = len(view.signals)
-    boxes = panels.grid([1.0], [190.0, 150.0] * count, 0.0, [20.0] * (2 * count - 1))
-    panels.place(figure, boxes, boxes)
-    limits = [edge * scale.factor for edge in _shown(view, names)]
-    for signal in range(count):
-        _draw(figure, view, (signal, units[signal]), scale.factor)
-        own = [name for name in names if name.line.signal == signal]
-        _mark(figure, own, signal, scale.factor, float(np.ptp(limits)))
-    for panel in range(2 * count):
-        bottom = panel == 2 * count - 1
-        figure.layout[panels.axis_key("x", panel)].update(
-            anchor=panels.axis_id("y", panel),
-            matches=None if panel == 0 else "x",
-            range=limits,
-            showticklabels=bottom,
-            title_text=f"frequency in {scale.unit}" if bottom else None,
-        )
-    figure.update_layout(hovermode="closest", margin={"t": _TOP})
-    return figure
-
-
-def _draw(figure: go.Figure, view: LossWeighting, column: tuple[int, str], factor: float) -> None:
-    signal, unit = column
-    amplitude = np.sqrt(view.power[:, signal])
-    weight = view.weight[:, :, signal]  # zero of a signal that the loss does not see
-    least = np.maximum(1e-12 * np.abs(weight).max(axis=1, keepdims=True), np.finfo(float).tiny)
-    relative = weight / np.maximum(weight.mean(axis=1, keepdims=True), least)
-    drawn = np.arange(0, len(view.frequency), max(len(view.frequency) // _POINTS, 1))
-    curves = [(2 * signal, "residual", palette.MEASURED.light, _largest(amplitude), amplitude)]
-    for horizon, colour, weight in zip(view.horizons, _COLOURS, relative, strict=False):
-        curves.append((2 * signal + 1, f"H = {horizon}", colour, drawn, weight))
-    for panel, name, colour, at, values in curves:
-        figure.add_trace(
-            go.Scatter(
-                x=panels.compact(view.frequency[at] * factor),
-                y=panels.compact(np.maximum(values[at], np.finfo(np.float32).tiny)),
-                xaxis=panels.axis_id("x", panel),
-                yaxis=panels.axis_id("y", panel),
-                name=name,
-                showlegend=signal == 0 and name != "residual",
-                line={
-                    "color": colour,
-                    "width": 1.2 if name == "residual" else 1.8,
-                    "simplify": False,
-                },
-                hovertemplate="%{x:.4~g}: %{y:.3~g}<extra>" + name + "</extra>",
-            )
-        )
-    name = "residual" if len(view.signals) == 1 else symbol(view.signals[signal])
-    titles = (f"{name} in {unit}" if unit else name, "weight")
-    spans = (_decades(amplitude[_largest(amplitude)]), _decades(relative))
-    for panel, title, span in zip((2 * signal, 2 * signal + 1), titles, spans, strict=True):
-        figure.layout[panels.axis_key("y", panel)].update(
-            anchor=panels.axis_id("x", panel), type="log", range=span, dtick=1, title_text=title
-        )
-
-
-def _mark(
-    figure: go.Figure, names: Sequence[Name], signal: int, factor: float, width: float
-) -> None:
-    """Mark lines through both panels of a signal, and label those with room for it."""
-    labelled: list[float] = []
-    for name in names:
-        at = name.line.frequency * factor
-        for panel in (2 * signal, 2 * signal + 1):
-            figure.add_shape(
-                type="line",
-                xref=panels.axis_id("x", panel),
-                yref=f"{panels.axis_id('y', panel)} domain",
-                x0=at,
-                x1=at,
-                y0=0,
-                y1=1,
-                layer="below",
-                line={"color": palette.MARKER_LINE.light, "width": 1, "dash": "dot"},
-            )
-        if all(abs(at - other) >= 0.09 * width for other in labelled):
-            labelled.append(at)
-            figure.add_annotation(
-                text=name.label,
-                x=at,
-                xref=panels.axis_id("x", 2 * signal),
-                y=1,
-                yref=f"{panels.axis_id('y', 2 * signal)} domain",
-                yanchor="bottom",
-                font={"color": palette.MARKER_LINE.light, "size": 12},
-            )
-
-
-def _table(view: LossWeighting, names: Sequence[Name], units: Sequence[str]) -> list[Table]:
-    if not names:
-        return []
-    shared = len(set(units)) == 1 and units[0]
-    columns = (
-        "line",
-        "frequency in\N{NO-BREAK SPACE}Hz",
-        f"amplitude in\N{NO-BREAK SPACE}{units[0]}" if shared else "amplitude",
-        *(f"fraction at H\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}{h}" for h in view.horizons),
-        *(["likely causes"] if any(name.cause for name in names) else []),
-    )
-    rows = []
-    for name in names:
-        line = name.line
-        own = "" if shared else f"\N{NO-BREAK SPACE}{units[line.signal]}".rstrip()
-        cells = [
-            Cell(name.label),
-            Cell(number(line.frequency, 4), line.frequency, "number"),
-            Cell(f"{number(line.amplitude)}{own}", line.amplitude, "number"),
-        ]
-        for fraction in view.fractions(line).tolist():
-            cells.append(Cell(f"{number(100 * fraction, 2)} %", fraction, "number"))
-        rows.append(Row((*cells, *([Cell(name.cause)] if len(columns) > len(cells) else []))))
+def _table(
+    view: LossWeighting, names: Sequence[tuple[Line, str, str]], units: Sequence[str]
+) -> Table:
+    lines, labels, causes = zip(*names, strict=True)
+    own = units[: len(view.signals)]
+    unit = own[0] if len(set(own)) == 1 else ""
+    amplitudes = [
+        f"{number(line.amplitude)}{'' if unit else _SPACE + own[line.signal]}".rstrip()
+        for line in lines
+    ]
+    columns: list[Column] = [
+        ("line", labels),
+        (f"frequency in{_SPACE}Hz", [plain(line.frequency, 4) for line in lines]),
+        (
+            labelled("amplitude", unit, _SPACE),
+            [numeric(*one) for one in zip(amplitudes, (o.amplitude for o in lines), strict=True)],
+        ),
+    ]
+    fractions = np.array([view.fractions(line) for line in lines]).T
+    for horizon, at in zip(view.horizons, fractions.tolist(), strict=True):
+        cells = [numeric(f"{number(100 * one, 2)} %", one) for one in at]
+        columns.append((f"fraction at H{_SPACE}={_SPACE}{horizon}", cells))
+    if any(causes):
+        columns.append(("likely causes", causes))
     caption = "Fraction of the loss at each horizon; the rest lies between the lines."
-    return [Table("Lines of the one-step residual", columns, tuple(rows), caption)]
+    return table("Lines of the one-step residual", columns, caption)
 
 
-def _largest(values: FloatArray) -> IntArray:
-    """Return the index of the largest value of each stretch."""
-    size = -(-len(values) // _POINTS)
-    whole = len(values) // size
-    stretches = values[: whole * size].reshape(whole, size)
-    return np.asarray(np.arange(whole) * size + stretches.argmax(axis=1))
+def weighting_sentence(view: LossWeighting, lines: Sequence[tuple[Line, str]]) -> str:
+    """Say which part of the residual contributes most to the loss at each horizon.
+
+    ``"Most of the loss comes from the line at −6× (82 %) at H = 1, from the line at 0× (71 %) at
+    H = 60."`` Horizons at which the weight is not available are named.
+    """
+    if not np.isfinite(view.power).all():
+        return "The weighting is not available, as the one-step residual is not finite."
+    known = view.at(view.available)
+    missing = [f"H{_SPACE}={_SPACE}{one}" for one in view.horizons if one not in known.horizons]
+    sentences = [_most(known, lines)] if known.horizons else []
+    if missing:
+        sentences.append(
+            f"At {' and '.join(missing)} the weighting is not available, as the fitted model is "
+            "unstable: errors grow without bound over so many steps."
+        )
+    return " ".join(sentences)
 
 
-def _shown(view: LossWeighting, names: Sequence[Name]) -> tuple[float, float]:
-    """Return the frequencies drawn at first: those of the lines, or all."""
-    low, high = float(view.frequency[0]), float(view.frequency[-1])
-    farthest = max((abs(name.line.frequency) for name in names), default=0.0)
-    reach = 1.3 * farthest if farthest > 0.02 * high else high
-    return max(low, -reach), min(high, reach)
+def _most(view: LossWeighting, lines: Sequence[tuple[Line, str]]) -> str:
+    """Say what most of the loss comes from at each horizon, and what changes over them."""
+    if not lines:
+        return "The loss at every horizon comes from noise without lines."
+    names = [*(f"the line at {name}" for _, name in lines), "what lies between the lines"]
+    shares = np.array([view.fractions(line) for line, _ in lines])
+    shares = np.vstack([shares, np.maximum(1 - shares.sum(axis=0), 0.0)])
+    parts = [
+        f"from {names[int(here.argmax())]} ({_percent(here.max())}) at H = {horizon}"
+        for horizon, here in zip(view.horizons, shares.T, strict=True)
+    ]
+    sentence = f"Most of the loss comes {', '.join(parts)}."
+    gain = shares[:, -1] - shares[:, 0]
+    if gain.max() < _CHANGE:
+        return sentence
+    grows, shrinks = (
+        f"{names[k]} ({_percent(shares[k, 0])} to {_percent(shares[k, -1])})"
+        for k in (int(gain.argmax()), int(gain.argmin()))
+    )
+    span = f"From H = {view.horizons[0]} to H = {view.horizons[-1]}"
+    return (
+        f"{sentence} {span} the weight of {grows} grows most, and that of {shrinks} shrinks most."
+    )
 
 
-def _decades(values: FloatArray) -> list[float]:
-    visible = values[np.isfinite(values) & (values > 0)]
-    if not visible.size:
-        return [-1.0, 0.0]
-    low, high = np.log10(np.quantile(visible, 0.02)), np.log10(visible.max())
-    return [float(max(low, high - 5)) - 0.1, float(high) + 0.2]
+def _percent(fraction: float) -> str:
+    return f"{number(100 * fraction, 2)}{_SPACE}%"

@@ -21,27 +21,35 @@ def overlay(comparison: Comparison) -> go.Figure:
     about 2000 points, at the right a close-up of `_CLOSE_UP` samples where the free run errs as on
     the whole.
     """
-    figure = panels.blank_figure()
     states = len(comparison.states)
     window = typical_window(comparison, _CLOSE_UP)
     parts = [slice(0, len(comparison.measured))] + ([window] if window else [])
     rows, columns = 2 * states, len(parts)
     heights, gaps = [190.0, 84.0] * states, ([8.0, 30.0] * states)[:-1]
-    wide = panels.grid([2.1, 1.0][:columns], heights, 0.22, gaps)
-    pile = panels.grid([1.0], heights * columns, 0.0, [*gaps, 62.0, *gaps][: rows * columns - 1])
-    by_row = [pile[0][column * rows + row] for row in range(rows) for column in range(columns)]
-    panels.place(figure, wide, (by_row, pile[1]))
-    for state in range(states):
-        for column, part in enumerate(parts):
-            panel = 2 * state * columns + column
-            _draw_values(figure, comparison, state, part, panel)
-            _draw_errors(figure, comparison, state, part, panel + columns)
-    _set_axes(figure, comparison, parts)
+    pile = panels.Grid([1.0], heights * columns, gaps=[*gaps, 62.0, *gaps][: rows * columns - 1])
+    by_column = [row * columns + column for column in range(columns) for row in range(rows)]
+    figure = panels.panelled(
+        panels.Grid([2.1, 1.0][:columns], heights, 0.22, gaps), pile, by_column
+    )
+    for column, part in enumerate(parts):
+        for state in range(states):
+            _draw(figure, comparison, state, part, column)
+        ends = [part.start * comparison.time_step, (part.stop - 1) * comparison.time_step]
+        figure.update_xaxes(range=ends, nticks=4 if column else 8, col=column + 1)
+        title = "time in s, close-up" if column else "time in s"
+        figure.update_xaxes(title_text=title, row=rows, col=column + 1)
     if window:
-        _mark_window(figure, comparison, window, rows)
-    _mark_divergence(figure, comparison, columns)
-    figure.update_layout(hovermode="closest", margin={"t": 40, "l": 70})
-    return figure
+        figure.add_vrect(
+            window.start * comparison.time_step,
+            window.stop * comparison.time_step,
+            fillcolor=palette.WINDOW.light,
+            line_width=0,
+            layer="below",
+            row="all",
+            col=1,
+        )
+    _mark_divergence(figure, comparison)
+    return figure.update_layout(margin={"t": 40, "l": 70})
 
 
 def typical_window(comparison: Comparison, length: int) -> slice | None:
@@ -59,76 +67,51 @@ def typical_window(comparison: Comparison, length: int) -> slice | None:
     return slice(chosen * length, (chosen + 1) * length)
 
 
-def _draw_values(
-    figure: go.Figure, comparison: Comparison, state: int, part: slice, panel: int
-) -> None:
-    curves = (
-        ("measured", comparison.measured, palette.MEASURED.light, 3.6, "solid"),
-        ("one step ahead", comparison.one_step, palette.ONE_STEP.light, 1.4, "dot"),
-        ("free run", comparison.free_run, palette.FREE_RUN.light, 1.5, "solid"),
-    )
-    for name, values, colour, width, dash in curves:
-        trace = _curve(comparison, values[:, state], part, panel)
-        trace.update(name=name, legendgroup=name, showlegend=panel == 0)
-        trace.line.update(color=colour, width=width, dash=dash)
-        figure.add_trace(trace)
+def _draw(figure: go.Figure, comparison: Comparison, state: int, part: slice, column: int) -> None:
+    """Draw a state and, in the row below, the errors of its predictions."""
+    measured = comparison.measured[:, state]
+    predictions = {
+        "one step ahead": (comparison.one_step[:, state], palette.ONE_STEP.light),
+        "free run": (comparison.free_run[:, state], palette.FREE_RUN.light),
+    }
+    name, unit, first = symbol(comparison.states[state]), comparison.units[state], column == 0
+    values, errors = ({"row": 2 * state + row, "col": column + 1} for row in (1, 2))
+    line = {"color": palette.MEASURED.light, "width": 3.6}
+    shown = {"showlegend": first and state == 0}
+    figure.add_trace(_curve(comparison, measured, part, "measured", line).update(shown), **values)
+    for label, (predicted, colour) in predictions.items():
+        dash, width = ("dot", 1.4) if label == "one step ahead" else ("solid", 1.5)
+        line = {"color": colour, "width": width, "dash": dash}
+        figure.add_trace(_curve(comparison, predicted, part, label, line).update(shown), **values)
+    for label, (predicted, colour) in reversed(predictions.items()):
+        line = {"color": colour, "width": 1.1}
+        error = _curve(comparison, predicted - measured, part, label, line)
+        error.update(name=f"{label}, error", showlegend=False)
+        figure.add_trace(error, **errors)
+    for is_error, place in ((False, values), (True, errors)):
+        limits = _limits(comparison, state, is_error)
+        figure.update_yaxes(
+            range=limits if first or _beyond(comparison, state, part, limits) else None,
+            nticks=4 if is_error else 6,
+            zeroline=is_error,
+            title_text=f"{'error' if is_error else name} in {unit}" if first else None,
+            **place,
+        )
 
 
-def _draw_errors(
-    figure: go.Figure, comparison: Comparison, state: int, part: slice, panel: int
-) -> None:
-    curves = (
-        ("free run", comparison.free_run, palette.FREE_RUN.light),
-        ("one step ahead", comparison.one_step, palette.ONE_STEP.light),
-    )
-    for name, values, colour in curves:
-        error = values[:, state] - comparison.measured[:, state]
-        trace = _curve(comparison, error, part, panel)
-        trace.update(name=f"{name}, error", legendgroup=name, showlegend=False)
-        trace.line.update(color=colour, width=1.1)
-        figure.add_trace(trace)
-
-
-def _curve(comparison: Comparison, values: FloatArray, part: slice, panel: int) -> go.Scatter:
+def _curve(
+    comparison: Comparison, values: FloatArray, part: slice, name: str, line: dict[str, object]
+) -> go.Scatter:
     chosen = panels.envelope(values[part], _POINTS)
     return go.Scatter(
-        x=panels.compact((chosen + part.start) * comparison.time_step),
-        y=panels.compact(values[part][chosen]),
-        xaxis=panels.axis_id("x", panel),
-        yaxis=panels.axis_id("y", panel),
+        x=(chosen + part.start) * comparison.time_step,
+        y=values[part][chosen],
+        name=name,
+        legendgroup=name,
         mode="lines",
+        line=line,
         hovertemplate="%{x:.5~g} s: %{y:.4~g}",
     )
-
-
-def _set_axes(figure: go.Figure, comparison: Comparison, parts: list[slice]) -> None:
-    columns, rows = len(parts), 2 * len(comparison.states)
-    for row in range(rows):
-        state, is_error = divmod(row, 2)
-        limits = _limits(comparison, state, bool(is_error))
-        name = "error" if is_error else symbol(comparison.states[state])
-        for column, part in enumerate(parts):
-            panel = row * columns + column
-            last = row == rows - 1
-            figure.layout[panels.axis_key("x", panel)].update(
-                anchor=panels.axis_id("y", panel),
-                matches=None if row == 0 else panels.axis_id("x", column),
-                range=[part.start * comparison.time_step, (part.stop - 1) * comparison.time_step],
-                nticks=4 if column else 8,
-                showticklabels=last,
-                title_text=_time_title(column) if last else None,
-            )
-            figure.layout[panels.axis_key("y", panel)].update(
-                anchor=panels.axis_id("x", panel),
-                range=limits if column == 0 or _beyond(comparison, state, part, limits) else None,
-                nticks=4 if is_error else 6,
-                zeroline=bool(is_error),
-                title_text=f"{name} in {comparison.units[state]}" if column == 0 else None,
-            )
-
-
-def _time_title(column: int) -> str:
-    return "time in s, close-up" if column else "time in s"
 
 
 def _limits(comparison: Comparison, state: int, is_error: bool) -> list[float]:
@@ -155,47 +138,16 @@ def _beyond(comparison: Comparison, state: int, part: slice, limits: list[float]
     return bool(np.nanmax(np.abs(run), initial=0.0) > _FAR * np.abs(limits).max())
 
 
-def _mark_window(figure: go.Figure, comparison: Comparison, window: slice, rows: int) -> None:
-    for row in range(rows):
-        figure.add_shape(
-            type="rect",
-            xref=panels.axis_id("x", 2 * row),
-            yref=f"{panels.axis_id('y', 2 * row)} domain",
-            x0=window.start * comparison.time_step,
-            x1=window.stop * comparison.time_step,
-            y0=0,
-            y1=1,
-            layer="below",
-            line_width=0,
-            fillcolor=palette.WINDOW.light,
-        )
-
-
-def _mark_divergence(figure: go.Figure, comparison: Comparison, columns: int) -> None:
+def _mark_divergence(figure: go.Figure, comparison: Comparison) -> None:
     broken = np.flatnonzero(~np.isfinite(comparison.free_run).all(axis=1))
     if not broken.size:
         return
     time = float(broken[0]) * comparison.time_step
+    colour = palette.REFUSAL.light
     for state in range(len(comparison.states)):
-        panel = 2 * state * columns
-        where = {"x": time, "xref": panels.axis_id("x", panel)}
-        figure.add_shape(
-            type="line",
-            x0=time,
-            x1=time,
-            xref=where["xref"],
-            y0=0,
-            y1=1,
-            yref=f"{panels.axis_id('y', panel)} domain",
-            line={"color": palette.REFUSAL.light, "width": 1.5, "dash": "dash"},
-        )
+        place = {"row": 2 * state + 1, "col": 1}
+        figure.add_vline(time, line={"color": colour, "width": 1.5, "dash": "dash"}, **place)
+        corner = {"xanchor": "left", "y": 0, "yref": "y domain", "yanchor": "bottom", "xshift": 4}
         figure.add_annotation(
-            text="free run diverged",
-            **where,
-            y=0,
-            yref=f"{panels.axis_id('y', panel)} domain",
-            xanchor="left",
-            yanchor="bottom",
-            xshift=4,
-            font={"color": palette.REFUSAL.light},
+            text="free run diverged", x=time, font={"color": colour}, **corner, **place
         )

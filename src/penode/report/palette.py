@@ -64,31 +64,10 @@ SEQUENCE = (
 #: Three-dimensional surfaces are lit, so they keep one scale on every page.
 SURFACE = ("#23427c", "#2e6f9e", "#3a9a9c", "#7dbb7e", "#c9d168", "#f6dc62")
 
-_PAGE_ROLES = {
-    "ink": INK,
-    "muted": MUTED,
-    "page": PAGE,
-    "panel": PANEL,
-    "line": LINE,
-    "accent": ACCENT,
-    "good": GOOD,
-    "good-fill": GOOD_FILL,
-    "caution": CAUTION,
-    "caution-fill": CAUTION_FILL,
-    "refusal": REFUSAL,
-    "refusal-fill": REFUSAL_FILL,
-    "plateau": PLATEAU_TEXT,
-}
-
-
-def custom_properties() -> str:
-    """Return the colours as CSS rules for ``:root`` on light pages, dark pages and paper."""
-    light = "".join(f"--{name}:{colour.light};" for name, colour in _PAGE_ROLES.items())
-    dark = "".join(f"--{name}:{colour.dark};" for name, colour in _PAGE_ROLES.items())
-    return f":root{{{light}}}\n@media screen and (prefers-color-scheme: dark){{:root{{{dark}}}}}\n"
+#: Colours by the name of their role; of the page, ``--good-fill`` is GOOD_FILL.
+ROLES = {name: value for name, value in [*globals().items()] if isinstance(value, Colour)}
 
 
 def dark_twins() -> dict[str, str]:
     """Return the dark colour of every light colour that figures use."""
-    roles = [value for value in globals().values() if isinstance(value, Colour)]
-    return {colour.light: colour.dark for colour in (*roles, *SEQUENCE)}
+    return {colour.light: colour.dark for colour in (*ROLES.values(), *SEQUENCE)}

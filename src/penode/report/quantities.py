@@ -62,6 +62,12 @@ def decimals_for(std: float, value: float) -> int:
     return min(max(decimals, 0), 9)
 
 
+def with_deviation(value: float, std: float) -> tuple[str, str]:
+    """Return both with the digits that the deviation gives."""
+    decimals = decimals_for(std, value)
+    return fixed(value, decimals), fixed(std, decimals)
+
+
 def number(value: float | None, digits: int = 3) -> str:
     """Format a number to significant digits, without exponent where that stays short.
 
@@ -92,6 +98,11 @@ def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
         return number(value)
     scale = scale_for(value, unit)
     return f"{number(value * scale.factor, digits)}\N{NO-BREAK SPACE}{scale.unit}".rstrip()
+
+
+def labelled(name: str, unit: str, space: str = " ") -> str:
+    """Return a name with its unit, where it has one: ``"R in mΩ"``."""
+    return f"{name} in{space}{unit}" if unit else name
 
 
 def symbol(name: str) -> str:

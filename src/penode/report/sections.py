@@ -6,15 +6,19 @@ from collections.abc import Sequence
 from penode.fit.fit import Fit
 from penode.fit.outcome import AVERAGED
 from penode.report.correlations import correlations, correlations_caption, correlations_title
-from penode.report.document import Block, Notice, Section
-from penode.report.guard import picture
+from penode.report.document import Block, Notice, Section, picture
 from penode.report.ladder import parameter_over_ladder
 from penode.report.learned_maps import map_figures
-from penode.report.loss_weighting import signal_units, unnamed, weighting_of, weighting_section
+from penode.report.loss_weighting import weighting_of, weighting_section
 from penode.report.overlay import overlay
-from penode.report.prediction_errors import relative_free_run
 from penode.report.spectrum import residual_spectrum
-from penode.report.statements import ladder_title, listed, overlay_title, spectrum_title
+from penode.report.statements import (
+    ladder_title,
+    listed,
+    overlay_title,
+    relative_error,
+    spectrum_title,
+)
 from penode.report.tables import (
     ladder_table,
     measured_states,
@@ -108,7 +112,7 @@ def predictions(fit: Fit) -> Section | None:
 
 
 def _worst_first(comparisons: Sequence[Comparison]) -> list[Comparison]:
-    return sorted(comparisons, key=lambda one: (one.role != "validation", -relative_free_run(one)))
+    return sorted(comparisons, key=lambda one: (one.role != "validation", -relative_error(one)))
 
 
 def residual_section(
@@ -142,7 +146,7 @@ def residual_section(
 def loss_weighting(fit: Fit) -> Section | None:
     """Return the section on how each horizon weighs the residual."""
     view = weighting_of(fit)
-    return None if view is None else weighting_section(view, unnamed(view), signal_units(fit, view))
+    return None if view is None else weighting_section(view, fit.comparisons[0].units)
 
 
 def horizons(fit: Fit) -> Section | None:

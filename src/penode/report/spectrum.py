@@ -1,17 +1,28 @@
-"""The spectrum of what the model leaves over."""
+"""The spectrum of what the model leaves over, and the weight of each frequency in the loss."""
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 
 from penode.arrays import FloatArray
+from penode.horizon.loss_weighting import LossWeighting
 from penode.report import palette, panels
-from penode.report.quantities import number, scale_for, symbol, takes_prefix, with_unit
+from penode.report.quantities import (
+    labelled,
+    number,
+    scale_for,
+    symbol,
+    takes_prefix,
+    with_unit,
+)
+from penode.validation.residual_lines import Line
 from penode.validation.residual_tests import Spectrum
 
 _POINTS = 2000
+_COLOURS = (palette.ONE_STEP.light, palette.FREE_RUN.light, palette.PLATEAU_TEXT.light)
 
 
 def residual_spectrum(
@@ -25,102 +36,98 @@ def residual_spectrum(
     labels. Of each stretch of neighbouring frequencies the largest is drawn, so that no line is
     lost.
     """
-    figure = panels.blank_figure()
     count = len(states)
     shared = len({unit for _, unit in states}) == 1
-    together = _decades(spectrum.amplitude[1:])
     scale = scale_for(spectrum.frequency, "Hz")
-    for state in range(count):
-        frequency, amplitude = _peaks(spectrum.frequency, spectrum.amplitude[:, state])
-        figure.add_trace(
-            go.Scatter(
-                x=panels.compact(frequency * scale.factor),
-                y=panels.compact(amplitude),
-                xaxis=panels.axis_id("x", state),
-                yaxis=panels.axis_id("y", state),
-                line={"color": palette.ONE_STEP.light, "width": 1.2},
-                hovertemplate=f"%{{x:.4~g}} {scale.unit}: %{{y:.3~g}}<extra></extra>",
-            )
-        )
-    boxes = panels.grid([1.0], [170.0] * count, 0.0, [26.0] * (count - 1))
-    panels.place(figure, boxes, boxes)
+    figure = panels.panelled(panels.Grid([1.0], [170.0] * count, gaps=[26.0] * (count - 1)))
     top = float(spectrum.frequency[-1]) * scale.factor
-    for state, (name, unit) in enumerate(states):
-        bottom = state == count - 1
-        limits = together if shared else _decades(spectrum.amplitude[1:, state])
-        figure.layout[panels.axis_key("x", state)].update(
-            anchor=panels.axis_id("y", state),
-            matches=None if state == 0 else "x",
-            range=[0.0, top],
-            showticklabels=bottom,
-            title_text=f"frequency in {scale.unit}" if bottom else None,
+    for row, (name, unit) in enumerate(states, 1):
+        amplitude = spectrum.amplitude[:, row - 1]
+        chosen = panels.peaks(amplitude, _POINTS)
+        figure.add_scatter(
+            x=spectrum.frequency[chosen] * scale.factor,
+            y=_drawable(amplitude[chosen]),
+            line={"color": palette.ONE_STEP.light, "width": 1.2},
+            hovertemplate=f"%{{x:.4~g}} {scale.unit}: %{{y:.3~g}}<extra></extra>",
+            row=row,
+            col=1,
         )
-        figure.layout[panels.axis_key("y", state)].update(
-            anchor=panels.axis_id("x", state),
+        limits = panels.decades(spectrum.amplitude[1:] if shared else amplitude[1:], 6)
+        ticks = [10.0**k for k in range(math.ceil(limits[0]), math.floor(limits[1]) + 1)]
+        prefixed = takes_prefix(unit)
+        figure.update_yaxes(
             type="log",
-            tickvals=_ticks(limits),
-            ticktext=[_tick(tick, unit) for tick in _ticks(limits)],
+            tickvals=ticks,
+            ticktext=[with_unit(t, unit, 1) if prefixed else number(t, 1) for t in ticks],
             range=limits,
-            title_text=symbol(name) if takes_prefix(unit) else f"{symbol(name)} in {unit}",
+            title_text=symbol(name) if prefixed else labelled(symbol(name), unit),
+            row=row,
         )
-    _mark_lines(figure, [(f * scale.factor, label) for f, label in lines], top, count)
-    figure.update_layout(showlegend=False, hovermode="closest")
-    return figure
+    figure.update_xaxes(range=[0.0, top])
+    figure.update_xaxes(title_text=f"frequency in {scale.unit}", row=count)
+    within = [(f * scale.factor, label) for f, label in lines if 0 < f * scale.factor <= top]
+    panels.mark_lines(figure, within, range(1, count + 1), top)
+    return figure.update_layout(showlegend=False)
 
 
-def _peaks(frequency: FloatArray, amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
-    size = -(-len(amplitude) // _POINTS)
-    whole = len(amplitude) // size
-    stretches = amplitude[: whole * size].reshape(whole, size)
-    chosen = np.arange(whole) * size + stretches.argmax(axis=1)
-    floor = np.finfo(np.float32).tiny
-    return frequency[chosen], np.maximum(amplitude[chosen], floor)
+def weighting_figure(
+    view: LossWeighting, lines: Sequence[tuple[Line, str]], units: Sequence[str]
+) -> go.Figure:
+    """Draw the residual's spectrum (SI units, lines named) above the weights over their mean.
+
+    Two panels for each signal, both logarithmic over the frequency; three horizons at most.
+    """
+    count, scale = len(view.signals), scale_for(view.frequency, "Hz")
+    heights, gaps = [190.0, 150.0] * count, [20.0] * (2 * count - 1)
+    figure = panels.panelled(panels.Grid([1.0], heights, gaps=gaps))
+    limits = [edge * scale.factor for edge in _shown(view, [line for line, _ in lines])]
+    frequency = view.frequency * scale.factor
+    every = np.arange(0, len(frequency), -(-len(frequency) // _POINTS))
+    for signal, (name, unit) in enumerate(zip(view.signals, units, strict=False)):
+        above, below = ({"row": 2 * signal + row, "col": 1} for row in (1, 2))
+        amplitude = np.sqrt(view.power[:, signal])
+        chosen = panels.peaks(amplitude, _POINTS)
+        trace = _weighting_curve("residual", palette.MEASURED.light, 1.2)
+        trace.update(x=frequency[chosen], y=_drawable(amplitude[chosen]), showlegend=False)
+        figure.add_trace(trace, **above)
+        relative = _relative(view.weight[:, :, signal])
+        for horizon, colour, weight in zip(view.horizons, _COLOURS, relative, strict=False):
+            trace = _weighting_curve(f"H = {horizon}", colour, 1.8)
+            trace.update(x=frequency[every], y=_drawable(weight[every]), showlegend=signal == 0)
+            figure.add_trace(trace, **below)
+        title = labelled("residual" if count == 1 else symbol(name), unit)
+        log: dict[str, Any] = {"type": "log", "dtick": 1}
+        spans = panels.decades(amplitude[chosen], 5), panels.decades(relative, 5)
+        figure.update_yaxes(title_text=title, range=spans[0], **log, **above)
+        figure.update_yaxes(title_text="weight", range=spans[1], **log, **below)
+        own = [(o.frequency * scale.factor, label) for o, label in lines if o.signal == signal]
+        panels.mark_lines(figure, own, [2 * signal + 1, 2 * signal + 2], float(np.ptp(limits)))
+    figure.update_xaxes(range=limits)
+    figure.update_xaxes(title_text=f"frequency in {scale.unit}", row=2 * count)
+    # Room above the panels: the legend, and below it the names of lines.
+    return figure.update_layout(margin={"t": 56})
 
 
-def _decades(amplitude: FloatArray) -> list[float]:
-    visible = amplitude[np.isfinite(amplitude) & (amplitude > 0)]
-    if not visible.size:
-        return [-1.0, 0.0]
-    low, high = np.log10(np.quantile(visible, 0.02)), np.log10(visible.max())
-    return [float(max(low, high - 6)) - 0.1, float(high) + 0.25]
+def _weighting_curve(name: str, colour: str, width: float) -> go.Scatter:
+    line = {"color": colour, "width": width, "simplify": False}
+    hover = "%{x:.4~g}: %{y:.3~g}<extra>" + name + "</extra>"
+    return go.Scatter(name=name, line=line, hovertemplate=hover)
 
 
-def _ticks(limits: Sequence[float]) -> list[float]:
-    """Return every decade inside the limits."""
-    return [10.0**k for k in range(math.ceil(limits[0]), math.floor(limits[1]) + 1)]
+def _relative(weight: FloatArray) -> FloatArray:
+    """Return weights (horizon, frequency) over their mean; zero of a signal the loss ignores."""
+    least = np.maximum(1e-12 * np.abs(weight).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    return np.asarray(weight / np.maximum(weight.mean(axis=1, keepdims=True), least))
 
 
-def _tick(value: float, unit: str) -> str:
-    return with_unit(value, unit, 1) if takes_prefix(unit) else number(value, 1)
+def _drawable(values: FloatArray) -> FloatArray:
+    """Return values that a logarithmic axis in single precision can show."""
+    return np.maximum(values, np.finfo(np.float32).tiny)
 
 
-def _mark_lines(
-    figure: go.Figure, lines: Sequence[tuple[float, str]], top: float, states: int
-) -> None:
-    labelled = -np.inf
-    for frequency, label in lines:
-        if not 0 < frequency <= top:
-            continue
-        for state in range(states):
-            figure.add_shape(
-                type="line",
-                xref=panels.axis_id("x", state),
-                yref=f"{panels.axis_id('y', state)} domain",
-                x0=frequency,
-                x1=frequency,
-                y0=0,
-                y1=1,
-                layer="below",
-                line={"color": palette.MARKER_LINE.light, "width": 1, "dash": "dot"},
-            )
-        if frequency - labelled >= 0.07 * top:
-            labelled = frequency
-            figure.add_annotation(
-                text=label,
-                x=frequency,
-                xref="x",
-                y=1,
-                yref="y domain",
-                yanchor="bottom",
-                font={"color": palette.MARKER_LINE.light, "size": 12},
-            )
+def _shown(view: LossWeighting, lines: Sequence[Line]) -> tuple[float, float]:
+    """Return the frequencies drawn at first: those of the lines, or all."""
+    low, high = float(view.frequency[0]), float(view.frequency[-1])
+    farthest = max((abs(line.frequency) for line in lines), default=0.0)
+    reach = 1.3 * farthest if farthest > 0.02 * high else high
+    return max(low, -reach), min(high, reach)

@@ -1,16 +1,15 @@
-"""Sentences that say what a fit's numbers mean: verdicts, headings, titles of figures."""
+"""Sentences that say what a fit's numbers mean: verdicts, errors, titles of figures."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from penode.arrays import FloatArray
 from penode.fit.fit import Estimate, Fit, HorizonChoice
 from penode.fit.outcome import NORMAL_95
-from penode.report.document import Notice
-from penode.report.prediction_errors import free_run_text
-from penode.report.quantities import Scale, decimals_for, fixed, scale_for, with_unit
+from penode.report.document import KeyValue, Notice
+from penode.report.quantities import Scale, decimals_for, fixed, number, scale_for, with_unit
 from penode.validation.comparison import Comparison
 from penode.validation.residual_tests import Spectrum
 
@@ -31,6 +30,12 @@ _MEANINGS = {
     "used, however narrow its interval is.",
     "not identifiable": "Different parameter values explain these recordings equally well, so "
     "the value below must not be used.",
+}
+#: Labels of verdicts under which the value was not tested.
+_UNTESTED = {
+    "stopped": "Stopped before the end",
+    "fixed": "Not tested: the horizon was given",
+    "predicts best": "Not tested: the horizon was chosen for its predictions",
 }
 
 
@@ -56,20 +61,15 @@ def range_text(values: Sequence[float], unit: str) -> str:
 
 def verdict_notice(choice: HorizonChoice) -> Notice:
     """Return the box that says whether the data could answer: red, amber (not tested) or green."""
-    meaning = _MEANINGS.get(choice.verdict, "")
-    if choice.verdict == "stopped":
-        return Notice("caution", "Stopped before the end", f"{choice.reason} {meaning}")
+    verdict, reason = choice.verdict, choice.reason
+    meaning = _MEANINGS.get(verdict, "")
+    if verdict in _UNTESTED:
+        return Notice("caution", _UNTESTED[verdict], f"{reason} {meaning}")
     if not choice.answered:
-        label = f"The data cannot answer (verdict: {choice.verdict})"
-        return Notice("refusal", label, f"{choice.reason} {meaning}".rstrip())
-    untested = {
-        "fixed": "Not tested: the horizon was given",
-        "predicts best": "Not tested: the horizon was chosen for its predictions",
-    }
-    if choice.verdict in untested:
-        return Notice("caution", untested[choice.verdict], f"{choice.reason} {meaning}")
-    label = f"The data can answer (verdict: {choice.verdict})"
-    return Notice("good", label, f"{meaning} {choice.reason}".lstrip())
+        label = f"The data cannot answer (verdict: {verdict})"
+        return Notice("refusal", label, f"{reason} {meaning}".rstrip())
+    label = f"The data can answer (verdict: {verdict})"
+    return Notice("good", label, f"{meaning} {reason}".lstrip())
 
 
 def warning_notices(warnings: Sequence[str]) -> list[Notice]:
@@ -163,3 +163,79 @@ def listed(words: Sequence[str]) -> str:
 def _span(bounds: tuple[float, float], scale: Scale, decimals: int) -> str:
     low, high = (fixed(bound * scale.factor, decimals) for bound in bounds)
     return f"{low} to {high}{_SPACE}{scale.unit}".rstrip()
+
+
+def errors_of(comparison: Comparison, free_run: bool) -> dict[str, tuple[float, str]]:
+    """Return the error of each state and its unit; one without name where all share a unit."""
+    if comparison.unit is not None:
+        pooled = comparison.free_run_rmse if free_run else comparison.one_step_rmse
+        return {"": (pooled, comparison.unit)}
+    errors = comparison.free_run_errors if free_run else comparison.one_step_errors
+    units = zip(errors.items(), comparison.units, strict=True)
+    return {name: (error, unit) for (name, error), unit in units}
+
+
+def one_step_text(comparison: Comparison) -> str:
+    """Return the one-step root mean square with its unit, ``"current 0.41 A, speed 2.0 rad/s"``.
+
+    A dash stands where a state is neither measured nor guessed.
+    """
+    return _text(errors_of(comparison, free_run=False)) if _predicted(comparison) else "–"
+
+
+def free_run_text(comparison: Comparison) -> str:
+    """Return the free-run error as `one_step_text` does; ``"diverged"`` after a divergence."""
+    return "diverged" if comparison.diverged else _text(errors_of(comparison, free_run=True))
+
+
+def relative_error(comparison: Comparison, free_run: bool = True) -> float:
+    """Return an error over the largest value, of the worst state where units differ.
+
+    Infinite after a divergence.
+    """
+    sizes = np.abs(comparison.measured).max(axis=0)
+    if comparison.unit is not None:
+        sizes = np.linalg.norm(comparison.measured, axis=1).max()
+    errors = [error for error, _ in errors_of(comparison, free_run).values()]
+    return float(np.max(np.array(errors) / np.where(sizes > 0, sizes, 1.0)))
+
+
+def free_run_value(comparisons: Sequence[Comparison]) -> KeyValue | None:
+    """Return the worst free run, on recordings not used for training where there are any."""
+    unseen = [one for one in comparisons if one.role == "validation"]
+    chosen = unseen or list(comparisons)
+    if not chosen:
+        return None
+    worst = max(chosen, key=relative_error)
+    kind = "not used for training" if unseen else "used for training"
+    some = f"worst of {len(chosen)} recordings {kind}" if len(chosen) > 1 else f"recording {kind}"
+    if worst.diverged:
+        return KeyValue("Free run, rms error", "diverged", f"{worst.name}, {some}", doubtful=True)
+    detail = f"{number(100 * relative_error(worst), 2)}{_SPACE}% of the largest value; {some}"
+    value = worst.free_run_rmse if worst.unit is not None else None
+    return KeyValue("Free run, rms error", free_run_text(worst), detail, value)
+
+
+def one_step_value(comparisons: Sequence[Comparison]) -> KeyValue | None:
+    """Return the largest one-step error; None where no recording is predicted one step ahead."""
+    predicted = [one for one in comparisons if _predicted(one)]
+    if not predicted:
+        return None
+    pooled = predicted[0].unit is not None
+    worst = max(
+        predicted, key=lambda one: one.one_step_rmse if pooled else relative_error(one, False)
+    )
+    value = worst.one_step_rmse if pooled else None
+    detail = "root mean square, worst recording"
+    return KeyValue("One step ahead", one_step_text(worst), detail, value)
+
+
+def _predicted(comparison: Comparison) -> bool:
+    return bool(np.isfinite(list(comparison.one_step_errors.values())).all())
+
+
+def _text(errors: Mapping[str, tuple[float, str]]) -> str:
+    shown = (
+        f"{name}{_SPACE}{number(error)}{_SPACE}{unit}" for name, (error, unit) in errors.items()
+    )
+    return ", ".join(one.strip() for one in shown)

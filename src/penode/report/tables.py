@@ -2,39 +2,81 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from string import ascii_lowercase
+from typing import Any, TypeAlias
 
-from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
+from penode.fit.fit import Estimate, Fit, HorizonChoice
 from penode.report.document import Cell, Row, Table
-from penode.report.quantities import decimals_for, fixed, number, scale_for
+from penode.report.quantities import (
+    decimals_for,
+    fixed,
+    labelled,
+    number,
+    scale_for,
+    with_deviation,
+)
+from penode.report.statements import errors_of
 from penode.validation.comparison import Comparison
 
 _SPACE = "\N{NO-BREAK SPACE}"
 _ROLES = {"train": "training", "validation": "validation"}
+#: Head and cells of a column; a cell of words alone is its text.
+Column: TypeAlias = tuple[str, Sequence[Cell | str]]
+
+
+def table(
+    title: str, columns: Sequence[Column], caption: str = "", marks: Sequence[str] = ()
+) -> Table:
+    """Return a table from its columns; ``marks`` stand beside the first cell of each row."""
+    cells = [[Cell(one) if isinstance(one, str) else one for one in own] for _, own in columns]
+    rows = list(zip(*cells, strict=True))
+    marked = zip(rows, marks or [""] * len(rows), strict=True)
+    return Table(
+        title, tuple(head for head, _ in columns), tuple(Row(*row) for row in marked), caption
+    )
+
+
+def numeric(text: str, value: float | None = None) -> Cell:
+    """Return a cell of a number, and what it stands for in SI units."""
+    known = value is not None and not math.isnan(value)
+    return Cell(text, value if known else None, "number")
+
+
+def plain(value: float | None, digits: int = 3) -> Cell:
+    """Return a cell of a number that is shown as it is, a dash for none."""
+    return numeric(number(value, digits), value)
 
 
 def parameter_table(fit: Fit) -> Table:
     """Tabulate the physical parameters, with their identifiability where it was computed."""
-    columns = ["parameter", "value", "standard deviation", "95 % interval", "unit"]
+    rows = [_parameter_cells(name, estimate) for name, estimate in fit.parameters.items()]
+    heads = ("parameter", "value", "standard deviation", "95 % interval", "unit")
+    columns: list[Column] = [*zip(heads, zip(*rows, strict=True), strict=True)]
     caption = (
         "The standard deviation allows for residuals that are correlated in time and for the "
         "spread over the horizons that agree, and for the sensors where their accuracy was given."
     )
-    rows = [_parameter_row(name, estimate) for name, estimate in fit.parameters.items()]
-    independence = [estimate.identifiability for estimate in fit.parameters.values()]
+    independence = [one.identifiability for one in fit.parameters.values()]
     if any(one is not None for one in independence):
-        columns.append("identifiability")
-        rows = [
-            (*row, _number(number(one, 2), one))
-            for row, one in zip(rows, independence, strict=True)
-        ]
+        columns.append(("identifiability", [plain(one, 2) for one in independence]))
         caption += (
             " Identifiability is 1 where nothing in the learned map can imitate the parameter, and "
             "0 where the data cannot distinguish the two."
         )
     if not fit.horizon.answered:
         caption = f"For diagnosis only; the data cannot answer. {caption}"
-    return Table("Physical parameters", tuple(columns), tuple(map(Row, rows)), caption)
+    return table("Physical parameters", columns, caption)
+
+
+def _parameter_cells(name: str, estimate: Estimate) -> tuple[Cell | str, ...]:
+    scale = scale_for([estimate.value], estimate.unit)
+    value, std = _scaled(estimate.value, estimate.std, scale.factor)
+    decimals = decimals_for(estimate.std * scale.factor, estimate.value * scale.factor)
+    bounded = any(map(math.isfinite, estimate.interval_95))
+    ends = (fixed(bound * scale.factor, decimals) for bound in estimate.interval_95)
+    interval = numeric(" to ".join(ends) if bounded else "unbounded")
+    label = f"{name}, {estimate.meaning}" if estimate.meaning else name
+    return label, value, std, interval, scale.unit or "1"
 
 
 def ladder_table(
@@ -45,70 +87,60 @@ def ladder_table(
     ``units`` says which parameters, in order; ``states`` are name and SI unit of each measured
     state. The free-run error has one column, or one a state where their units differ.
     """
-    scales = {
-        name: scale_for([rung.parameters.get(name, math.nan) for rung in choice.ladder], unit)
-        for name, unit in units.items()
-    }
-    unit = _shared_unit(states)
-    heads = [head for name, scale in scales.items() for head in (_in(name, scale.unit), "± std")]
-    outcomes = list(dict.fromkeys(rung.outcome for rung in choice.ladder))
-    columns = (
-        "horizon H",
-        *heads,
-        "H-step rmse, scaled" if unit is None else _in("H-step rmse", unit),
-        *_error_heads("free-run rmse", states),
-        "iterations",
-        "outcome",
-    )
-    rows = []
-    for rung in choice.ladder:
-        cells = [_number(str(rung.horizon), rung.horizon)]
-        for name, scale in scales.items():
-            cells += _estimate_cells(rung, name, scale.factor)
-        cells += [_plain(rung.rmse), *_free_run_cells(rung, states)]
-        cells += [
-            _number(str(rung.iterations), rung.iterations),
-            Cell(_letter(outcomes.index(rung.outcome))),
-        ]
-        rows.append(Row(tuple(cells), _mark(rung.horizon, choice)))
-    ends = " ".join(f"{_letter(k)}: {outcome}" for k, outcome in enumerate(outcomes))
+    ladder = choice.ladder
+    columns: list[Column] = [("horizon H", [_count(rung.horizon) for rung in ladder])]
+    for name, unit in units.items():
+        values, stds = (
+            [part.get(name, math.nan) for part in parts]
+            for parts in ([r.parameters for r in ladder], [r.std for r in ladder])
+        )
+        scale = scale_for(values, unit)
+        shown = [_scaled(*both, scale.factor) for both in zip(values, stds, strict=True)]
+        columns.append((labelled(name, scale.unit, _SPACE), [value for value, _ in shown]))
+        columns.append(("± std", [std for _, std in shown]))
+    shared = len({unit for _, unit in states}) < 2
     caption = "Errors are root mean squares over the training recordings. "
-    if unit is None:
+    if shared:
+        unit = states[0][1] if states else ""
+        head = labelled("H-step rmse", unit, _SPACE)
+        free_runs = [{"": (rung.free_run_rmse, unit)} for rung in ladder]
+    else:
+        head = "H-step rmse, scaled"
         caption += "The H-step error counts each state in the scale that the loss gives it. "
-    caption += "The optimiser's outcome: "
-    return Table("Estimates and errors at each horizon", columns, tuple(rows), caption + ends)
+        free_runs = [{s: (rung.free_run_errors.get(s), u) for s, u in states} for rung in ladder]
+    outcomes = list(dict.fromkeys(rung.outcome for rung in ladder))
+    more = map(str, range(len(ascii_lowercase) + 1, len(outcomes) + 1))
+    letters = dict(zip(outcomes, [*ascii_lowercase, *more], strict=False))
+    columns += [
+        (head, [plain(rung.rmse) for rung in ladder]),
+        *_error_columns("free-run rmse", free_runs, "diverged"),
+        ("iterations", [_count(rung.iterations) for rung in ladder]),
+        ("outcome", [letters[rung.outcome] for rung in ladder]),
+    ]
+    ends = " ".join(f"{letter}: {outcome}" for outcome, letter in letters.items())
+    marks = [_mark(rung.horizon, choice) for rung in ladder]
+    title = "Estimates and errors at each horizon"
+    return table(title, columns, f"{caption}The optimiser's outcome: {ends}", marks)
 
 
 def validation_table(comparisons: Sequence[Comparison]) -> Table:
     """Tabulate errors per recording, each in one column, or one a state where units differ."""
-    states = measured_states(comparisons)
-    columns = (
-        "recording",
-        "used for",
-        f"duration in{_SPACE}s",
-        *_error_heads("one-step rmse", states),
-        *_error_heads("free-run rmse", states),
-    )
-    rows = tuple(
-        Row(
-            (
-                Cell(comparison.name),
-                Cell(_ROLES.get(comparison.role, comparison.role)),
-                _plain(len(comparison.measured) * comparison.time_step),
-                *(
-                    _plain(error if math.isfinite(error) else None)
-                    for error in _one_step(comparison)
-                ),
-                *(_free_run(error) for error in _free_runs(comparison)),
-            )
-        )
-        for comparison in comparisons
-    )
+    columns: list[Column] = [
+        ("recording", [one.name for one in comparisons]),
+        ("used for", [_ROLES.get(one.role, one.role) for one in comparisons]),
+        (f"duration in{_SPACE}s", [plain(len(c.measured) * c.time_step) for c in comparisons]),
+    ]
+    for name, free_run, otherwise in (
+        ("one-step rmse", False, "–"),
+        ("free-run rmse", True, "diverged"),
+    ):
+        errors = [errors_of(one, free_run) for one in comparisons]
+        columns += _error_columns(name, errors, otherwise)
     caption = (
         "One step: every sample predicted from the measured one before it. Free run: the whole "
         "recording, or each stretch of it, predicted from its first sample alone."
     )
-    return Table("Prediction errors", columns, rows, caption)
+    return table("Prediction errors", columns, caption)
 
 
 def measured_states(comparisons: Sequence[Comparison]) -> tuple[tuple[str, str], ...]:
@@ -120,42 +152,19 @@ def measured_states(comparisons: Sequence[Comparison]) -> tuple[tuple[str, str],
 
 def provenance_table(provenance: Mapping[str, Any]) -> Table:
     """Tabulate where the result came from; entries may be nested."""
-    rows = tuple(
-        Row((Cell(name, kind="code"), Cell(text, kind="code")))
-        for name, text in _flat(provenance, "")
-    )
-    return Table("Versions, data and settings", ("entry", "value"), rows)
+    entries = [[Cell(text, kind="code") for text in one] for one in _flat(provenance, "")]
+    names, texts = zip(*entries, strict=True) if entries else ((), ())
+    return table("Versions, data and settings", [("entry", names), ("value", texts)])
 
 
-def _parameter_row(name: str, estimate: Estimate) -> tuple[Cell, ...]:
-    scale = scale_for([estimate.value], estimate.unit)
-    value, std = estimate.value * scale.factor, estimate.std * scale.factor
-    decimals = decimals_for(std, value)
-    low, high = (bound * scale.factor for bound in estimate.interval_95)
-    bounded = math.isfinite(low) or math.isfinite(high)
-    interval = f"{fixed(low, decimals)} to {fixed(high, decimals)}" if bounded else "unbounded"
-    return (
-        Cell(f"{name}, {estimate.meaning}" if estimate.meaning else name),
-        _number(fixed(value, decimals), estimate.value),
-        _number(fixed(std, decimals), estimate.std),
-        Cell(interval, kind="number"),
-        Cell(scale.unit or "1"),
-    )
+def _count(number_of: int) -> Cell:
+    return numeric(str(number_of), number_of)
 
 
-def _estimate_cells(rung: HorizonSummary, name: str, factor: float) -> list[Cell]:
-    if name not in rung.parameters:
-        return [Cell("–", kind="number")] * 2
-    value, std = rung.parameters[name], rung.std.get(name, math.nan)
-    decimals = decimals_for(std * factor, value * factor)
-    return [
-        _number(fixed(value * factor, decimals), value),
-        _number(fixed(std * factor, decimals), std),
-    ]
-
-
-def _letter(position: int) -> str:
-    return "abcdefghijklmnopqrstuvwxyz"[position] if position < 26 else str(position + 1)
+def _scaled(value: float, std: float, factor: float) -> tuple[Cell, Cell]:
+    """Return value and deviation with the digits that the deviation leaves; dashes for no value."""
+    texts = with_deviation(value * factor, std * factor)
+    return numeric(texts[0], value), numeric(texts[1], std)
 
 
 def _mark(horizon: int, choice: HorizonChoice) -> str:
@@ -164,53 +173,21 @@ def _mark(horizon: int, choice: HorizonChoice) -> str:
     return "plateau" if choice.answered and horizon in choice.plateau else ""
 
 
-def _free_run(rmse: float | None) -> Cell:
-    if rmse is None or not math.isfinite(rmse):
-        return Cell("diverged", kind="number")
-    return _plain(rmse)
-
-
-def _plain(value: float | None) -> Cell:
-    return _number(number(value), value)
-
-
-def _number(text: str, value: float | None) -> Cell:
-    return Cell(text, value, "number")
-
-
-def _shared_unit(states: Sequence[tuple[str, str]]) -> str | None:
-    """Return the unit that all states share, ``""`` where there is none, None where they differ."""
-    units = {unit for _, unit in states}
-    return None if len(units) > 1 else "".join(units)
-
-
-def _error_heads(name: str, states: Sequence[tuple[str, str]]) -> list[str]:
-    unit = _shared_unit(states)
-    if unit is None:
-        return [_in(f"{name} of {state}", own) for state, own in states]
-    return [_in(name, unit)]
-
-
-def _in(name: str, unit: str) -> str:
-    return f"{name} in{_SPACE}{unit}" if unit else name
-
-
-def _one_step(comparison: Comparison) -> list[float]:
-    if comparison.unit is not None:
-        return [comparison.one_step_rmse]
-    return list(comparison.one_step_errors.values())
-
-
-def _free_runs(comparison: Comparison) -> list[float]:
-    if comparison.unit is not None:
-        return [comparison.free_run_rmse]
-    return list(comparison.free_run_errors.values())
-
-
-def _free_run_cells(rung: HorizonSummary, states: Sequence[tuple[str, str]]) -> list[Cell]:
-    if _shared_unit(states) is not None:
-        return [_free_run(rung.free_run_rmse)]
-    return [_free_run(rung.free_run_errors.get(name)) for name, _ in states]
+def _error_columns(
+    name: str, errors: Sequence[Mapping[str, tuple[float | None, str]]], otherwise: str
+) -> list[Column]:
+    """Return a column of errors a state; ``otherwise`` stands for what is not finite."""
+    columns: list[Column] = []
+    for state in errors[0] if errors else ():
+        found = [row[state] for row in errors]
+        cells = [
+            numeric(otherwise) if one is None or not math.isfinite(one) else plain(one)
+            for one, _ in found
+        ]
+        columns.append(
+            (labelled(f"{name} of {state}" if state else name, found[0][1], _SPACE), cells)
+        )
+    return columns
 
 
 def _flat(content: Any, name: str) -> list[tuple[str, str]]:

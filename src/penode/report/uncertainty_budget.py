@@ -7,8 +7,9 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95, Contribution, Estimate
-from penode.report.document import Cell, Row, Section, Table
+from penode.report.document import Cell, Section, Table
 from penode.report.quantities import number, scale_for
+from penode.report.tables import Column, numeric, table
 
 #: Fraction of the largest contribution below which one is not named in a sentence.
 _MINOR = 0.2
@@ -54,26 +55,22 @@ def _assumed(estimate: Estimate) -> list[Contribution]:
 def _table(name: str, estimate: Estimate) -> Table:
     scale = scale_for([row.std for row in estimate.budget], estimate.unit)
     shown = [row for row in estimate.budget if row.std > 0]
-    rows = [
-        Row(
-            (
-                Cell(row.source),
-                Cell(row.accuracy or "from the data"),
-                Cell(number(row.std * scale.factor, 2), row.std, "number"),
-                _bar(fraction),
-                Cell(row.remedy),
-            )
-        )
-        for row, fraction in zip(shown, _fractions([row.std for row in shown]), strict=True)
+    fractions = _fractions([row.std for row in shown])
+    columns: list[Column] = [
+        ("source", [row.source for row in shown]),
+        ("standard deviation assumed", [row.accuracy or "from the data" for row in shown]),
+        (
+            f"contribution in {scale.unit}".rstrip(),
+            [numeric(number(row.std * scale.factor, 2), row.std) for row in shown],
+        ),
+        ("of the variance", [_bar(fraction) for fraction in fractions]),
+        ("what would make it smaller", [row.remedy for row in shown]),
     ]
-    return Table(
-        f"Standard uncertainty of {name}",
-        ("source", "standard deviation assumed", f"contribution in {scale.unit}".rstrip(),
-         "of the variance", "what would make it smaller"),
-        tuple(rows),
+    caption = (
         "Contributions are standard deviations; their squares add (JCGM 100:2008). The 95 % "
-        f"interval is the value ± {NORMAL_95} times their root sum of squares.",
-    )  # fmt: skip
+        f"interval is the value ± {NORMAL_95} times their root sum of squares."
+    )
+    return table(f"Standard uncertainty of {name}", columns, caption)
 
 
 def _fractions(deviations: Sequence[float]) -> FloatArray:

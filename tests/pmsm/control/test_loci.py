@@ -180,9 +180,9 @@ def test_refusals(machine_fit):
         ControlledMachine.of(unknown)
     with pytest.raises(InputError, match="--pole-pairs"):
         ControlledMachine.of(unknown, 0)
-    with pytest.raises(InputError, match="current limit -1"):
+    with pytest.raises(InputError, match="current limit must be > 0 A, got -1"):
         control_loci(LINEAR, -1.0)
-    with pytest.raises(InputError, match="higher voltage"):
+    with pytest.raises(InputError, match="raise it or lower the current limit"):
         control_loci(replace(LINEAR, resistance=1.0), 100.0, 90.0)
 
 

@@ -1,11 +1,10 @@
 """One picture of the difference between two flux maps."""
 
-import io
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from penode.pmsm.comparison.map_comparison import MapComparison
+from penode.report.png import png
 
 
 def comparison_picture(comparison: MapComparison, title: str) -> bytes:
@@ -23,10 +22,6 @@ def comparison_picture(comparison: MapComparison, title: str) -> bytes:
         )
         axes.set(aspect="equal", xlabel="i_d (A)")
         axes.set_title(f"difference of ψ_{axis}", loc="left", fontsize=10)
-        axes.spines[["top", "right"]].set_visible(False)
     panels[0].set_ylabel("i_q (A)")
     figure.colorbar(image, ax=panels, label="mVs", shrink=0.9)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=110)
-    return content.getvalue()
+    return png(figure, panels, title)

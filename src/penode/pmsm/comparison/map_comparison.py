@@ -88,8 +88,8 @@ def compare_maps(first: Fit, second: Fit | FluxGrid) -> MapComparison:
         psi, common = second.flux_map(*mesh), common & _supported(second, mesh)
     if not common.any():
         raise InputError(
-            "two maps came that no recordings support at the same currents; compare fits of "
-            "recordings over the same part of the dq plane."
+            "no current is supported by the recordings of both maps; compare fits of recordings "
+            "over the same part of the dq plane."
         )
     difference = np.where(common, psi - first.flux_map(*mesh), np.nan)
     return MapComparison(i_d, i_q, difference, float(np.hypot(*first.flux_map(0.0, 0.0))))

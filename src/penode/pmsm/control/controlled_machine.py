@@ -54,8 +54,8 @@ class ControlledMachine:
         pairs = fit.provenance.get("pole_pairs") if pole_pairs is None else pole_pairs
         if not pairs or pairs < 1:
             raise InputError(
-                f"{pairs or 'no'} pole pairs came, and the torque needs them; give --pole-pairs, a "
-                "whole number from 1."
+                "pole pairs must be a whole number >= 1 for the torque, got "
+                f"{pairs or 'none'}; set --pole-pairs."
             )
         resistance = fit.parameters["R"].value if fit.horizon.answered else 0.0
         return cls(fit.flux_map, fit.differential_inductance, pairs, resistance, fit.supported)

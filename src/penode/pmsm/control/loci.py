@@ -109,7 +109,7 @@ def control_loci(
     """
     for name, limit, unit in (("current", current_limit, "A"), ("voltage", voltage_limit, "V")):
         if limit is not None and not 0 < limit < np.inf:
-            raise InputError(f"{name} limit {limit} {unit} came; give one above zero.")
+            raise InputError(f"{name} limit must be > 0 {unit}, got {limit} {unit}.")
     base, over_speed = None, None
     if voltage_limit is not None:
         base = base_speed(machine, current_limit, voltage_limit)
@@ -198,8 +198,8 @@ def base_speed(machine: ControlledMachine, current_limit: float, voltage_limit: 
     drop = machine.resistance * current_limit
     if drop >= voltage_limit:
         raise InputError(
-            f"the voltage limit {voltage_limit:g} V came, and the resistance alone takes "
-            f"{drop:.3g} V at {current_limit:g} A; give a higher voltage or a lower current limit."
+            f"the voltage limit must be above the drop at R, {drop:.3g} V at {current_limit:g} A, "
+            f"got {voltage_limit:g} V; raise it or lower the current limit."
         )
     current = most_torque(machine, Circles(np.array([current_limit])))[:, 0]
     psi = machine.flux_map(*current)

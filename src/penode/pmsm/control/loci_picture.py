@@ -1,7 +1,5 @@
 """One picture of a machine's control loci: the dq plane, and torque and power over speed."""
 
-import io
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,9 +9,10 @@ from penode.arrays import FloatArray
 from penode.pmsm.control.controlled_machine import ControlledMachine
 from penode.pmsm.control.loci import ControlLoci, Locus
 from penode.report import palette
+from penode.report.png import D_AXIS, Q_AXIS, png
 
 _INK, _MUTED, _VEIL = palette.INK.light, palette.MUTED.light, "#e4e9f0"
-_MTPA, _MTPV, _SPEED = "#1768ac", "#7a4fb5", "#c8553d"
+_MTPA, _MTPV, _SPEED = D_AXIS, palette.MARKER_LINE.light, Q_AXIS
 _PIXELS = 161
 _TO_RPM = 30 / np.pi
 
@@ -32,14 +31,9 @@ def loci_picture(machine: ControlledMachine, loci: ControlLoci, name: str) -> by
         _draw_over_current(curve, loci)
     else:
         _draw_over_speed(curve, loci, loci.over_speed)
-    for axes in (plane, curve):
-        axes.spines[["top", "right"]].set_visible(False)
     handles, labels = plane.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower left", ncols=4, fontsize=9, frameon=False)
-    figure.suptitle(name, x=0.01, ha="left", fontsize=12)
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=110)
-    return content.getvalue()
+    return png(figure, (plane, curve), name)
 
 
 def _draw_plane(axes: Axes, machine: ControlledMachine, loci: ControlLoci) -> None:

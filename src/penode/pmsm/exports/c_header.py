@@ -2,16 +2,17 @@
 
 Written with MISRA C in mind: no allocation, recursion, pointer or loop; explicit conversions; one
 return a function. The look-up is clamped at the edges, and takes what is not a number for the
-lowest current.
+lowest current. Its text is ``flux_map.h.template``.
 """
 
 import re
+from importlib.resources import files
+from string import Template
 from textwrap import wrap
 
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.pmsm.exports.c_template import HEADER
 from penode.pmsm.machine.flux_grid import FluxGrid
 
 
@@ -36,7 +37,8 @@ def encode(grid: FluxGrid, name: str) -> str:
     if grid.pole_pairs is not None:
         facts["POLE_PAIRS"] = f"{grid.pole_pairs}U"
     entries = grid.inductance.reshape(4, *grid.supported.shape)
-    return HEADER.substitute(
+    text = files("penode.pmsm.exports").joinpath("flux_map.h.template").read_text(encoding="utf-8")
+    return Template(text).substitute(
         _axis("d", grid.i_d) | _axis("q", grid.i_q),
         name=prefix,
         NAME=prefix.upper(),

@@ -75,14 +75,14 @@ def export(
     """
     path = Path(path)
     if to not in FORMATS:
-        raise InputError(f"format {to!r} came; choose one of {', '.join(FORMATS)}.")
+        raise InputError(f"format must be one of {', '.join(FORMATS)}, got {to!r}.")
     target = FORMATS[to]
     if path.suffix.lower() != target.suffix:
         raise InputError(
-            f"{path}: suffix {path.suffix!r} came for the format {to}; use {target.suffix}."
+            f"{path}: suffix must be {target.suffix!r} for the format {to}, got {path.suffix!r}."
         )
     if points is not None and points > _MOST_POINTS:
-        raise InputError(f"{points} points a side came; give at most {_MOST_POINTS}.")
+        raise InputError(f"points a side must be <= {_MOST_POINTS}, got {points}.")
     grid = tabulate(fit, target.points if points is None else points, pole_pairs)
     write_atomically(path, target.encode(fit, grid, path.stem))
     return grid

@@ -52,8 +52,7 @@ def encode(fit: Fit, grid: FluxGrid) -> bytes:
         import onnx
     except ImportError as error:
         raise InputError(
-            "the format onnx came, and it needs a package that is not installed; run pip install "
-            "'penode[onnx]'."
+            "the format onnx needs a package that is not installed; run pip install 'penode[onnx]'."
         ) from error
     graph = _Graph(onnx)
     # Every Fit of a machine has the field; the engine's Model does not know it.
@@ -103,8 +102,8 @@ def _add_flux(graph: _Graph, flux: FluxMap) -> None:
         graph.node("Identity", last, output="flux_linkage")
     else:
         raise InputError(
-            f"a flux map of {type(network).__name__} came, and ONNX export knows those of "
-            "--flux-map coenergy, convex and mlp; export npz, mat or c instead."
+            "the flux map must be coenergy, convex or mlp for ONNX, got "
+            f"{type(network).__name__}; export npz, mat or c instead."
         )
 
 

@@ -2,11 +2,13 @@
 
 from penode.fit.fit import Fit
 from penode.pmsm.report.flux_sections import flux_linkage, inductances
-from penode.pmsm.report.loss_weighting import loss_weighting
+from penode.pmsm.report.line_causes import named_lines, signed_frequency
 from penode.report import sections
 from penode.report.document import Section
-from penode.report.fit_report import Page, Part, fit_report, with_own
-from penode.report.quantities import with_unit
+from penode.report.fit_report import Page, Part, fit_report
+from penode.report.loss_weighting import weighting_of, weighting_section
+from penode.report.quantities import fixed, number, with_unit
+from penode.validation.residual_lines import Line
 
 _HARMONIC = 6
 _LINES = 8
@@ -29,6 +31,35 @@ def residual(fit: Fit) -> Section | None:
     )
 
 
+def loss_weighting(fit: Fit) -> Section | None:
+    """Return the section on what the loss at H = 1, the selected and the longest horizon weighs.
+
+    None where the fit keeps no one-step matrices or no prediction.
+    """
+    base = float(fit.provenance.get("electrical_frequency_hz") or 0.0)
+    base = signed_frequency(base, fit.transitions) if fit.transitions.size else base
+    view = weighting_of(fit, base or None)
+    if view is None:
+        return None
+    if not base:
+        return weighting_section(view, ("A",))
+    note = (
+        f"Orders (×) count the electrical frequency, {with_unit(base, 'Hz')}, as the rotor sees "
+        "it; in the phases each is one higher."
+    )
+
+    def named(line: Line) -> tuple[str, str]:
+        (one,) = named_lines([line], base, fit.provenance.get("pole_pairs"))
+        return _times(one.order), f"{_times(one.stationary_order)} in the phases: {one.cause}"
+
+    return weighting_section(view, ("A",), named, note)
+
+
+def _times(order: float) -> str:
+    sign = "+" if order > 0 else ""
+    return f"{sign}{fixed(order, 0) if order == round(order) else number(order)}×"
+
+
 #: Sections of a machine's report in place of those of any fit.
 _OWN: dict[Part, tuple[Part, ...]] = {
     sections.learned_maps: (flux_linkage, inductances),
@@ -41,7 +72,7 @@ MACHINE_PAGE = Page(
     headline=("R",),
     method="together with the machine's flux-linkage map, so that the voltage equation predicts "
     "the measured currents",
-    parts=with_own(_OWN),
+    own=_OWN,
     words=(
         (
             "Flux-linkage map",

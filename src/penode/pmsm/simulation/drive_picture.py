@@ -1,7 +1,5 @@
 """One picture of a simulated drive over time: currents, voltages and torque."""
 
-import io
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -9,8 +7,9 @@ from matplotlib.figure import Figure
 from penode.bench.run import Recording
 from penode.data.experiment import Experiment
 from penode.pmsm.simulation.simulated_drive import torque_of
+from penode.report.png import D_AXIS, Q_AXIS, png
 
-_COLOURS = {"d": "#1768ac", "q": "#c8553d"}
+_COLOURS = {"d": D_AXIS, "q": Q_AXIS}
 # Points of a curve: more than a picture has columns.
 _POINTS = 4000
 
@@ -31,13 +30,10 @@ def drive_picture(recording: Recording, recorded: Experiment | None = None) -> b
     time = np.arange(len(run))[::every] * run.time_step
     newton_metres.plot(time, torque_of(recording)[::every], color="0.2", lw=0.8)
     newton_metres.set(ylabel="air-gap torque (Nm)", xlabel="time (s)")
-    for axes in (currents, voltages, newton_metres):
-        axes.spines[["top", "right"]].set_visible(False)
+    panels = (currents, voltages, newton_metres)
+    for axes in panels:
         axes.margins(x=0)
-    figure.suptitle(run.name, x=0.01, ha="left", fontsize=12)
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=110)
-    return content.getvalue()
+    return png(figure, panels, run.name)
 
 
 def _draw(axes: Axes, recording: Recording, recorded: Experiment | None, kind: str) -> None:

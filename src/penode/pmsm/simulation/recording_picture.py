@@ -1,7 +1,5 @@
 """One picture of a simulated recording: trajectory, voltages, spectra, harmonics over the angle."""
 
-import io
-
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,8 +8,7 @@ from matplotlib.figure import Figure
 from penode.arrays import FloatArray, float64, on_device
 from penode.bench.coenergy_table import tabulate
 from penode.bench.run import Recording
-
-_D, _Q = "#1768ac", "#c8553d"
+from penode.report.png import D_AXIS, Q_AXIS, png
 
 
 def recording_picture(recording: Recording) -> bytes:
@@ -25,11 +22,7 @@ def recording_picture(recording: Recording) -> bytes:
     drawings = (_draw_disc, _draw_voltages, _draw_spectrum, _draw_harmonics)
     for axes, draw in zip(panels, drawings, strict=True):
         draw(axes, recording)
-        axes.spines[["top", "right"]].set_visible(False)
-    figure.suptitle(recording.experiment.name, x=0.01, ha="left", fontsize=12)
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=110)
-    return content.getvalue()
+    return png(figure, panels, recording.experiment.name)
 
 
 def _draw_disc(axes: Axes, recording: Recording) -> None:
@@ -37,7 +30,7 @@ def _draw_disc(axes: Axes, recording: Recording) -> None:
     currents = recording.experiment.stack(("i_d", "i_q"))
     angle = np.linspace(0, 2 * np.pi, 181)
     axes.plot(limit * np.cos(angle), limit * np.sin(angle), color="0.7", lw=1)
-    axes.plot(*currents.T, color=_D, lw=0.4)
+    axes.plot(*currents.T, color=D_AXIS, lw=0.4)
     axes.set(aspect="equal", xlabel="i_d (A)", ylabel="i_q (A)")
     axes.set_title(f"Currents over the disc, limit {limit:.0f} A", loc="left", fontsize=10)
 
@@ -46,7 +39,7 @@ def _draw_voltages(axes: Axes, recording: Recording) -> None:
     run = recording.experiment
     time = np.arange(len(run)) * run.time_step
     every = max(len(run) // 8000, 1)
-    for name, colour in (("u_d", _D), ("u_q", _Q)):
+    for name, colour in (("u_d", D_AXIS), ("u_q", Q_AXIS)):
         axes.plot(time[::every], run.channels[name][::every], color=colour, lw=0.6, label=name)
     axes.set(xlabel="time (s)", ylabel="voltage asked for (V)")
     axes.set_title("Voltages", loc="left", fontsize=10)
@@ -59,7 +52,7 @@ def _draw_spectrum(axes: Axes, recording: Recording) -> None:
     speed = float(np.abs(np.mean(run.channels["omega_el"])))
     order = 2 * np.pi * np.fft.rfftfreq(len(run), run.time_step) / max(speed, 1e-9)
     shown = order <= 26
-    for name, colour in (("i_d", _D), ("i_q", _Q)):
+    for name, colour in (("i_d", D_AXIS), ("i_q", Q_AXIS)):
         lines = 2 * np.abs(np.fft.rfft(run.channels[name] * taper)) / taper.sum()
         axes.semilogy(order[shown], lines[shown] + 1e-9, color=colour, lw=0.7, label=name)
     axes.set(xlabel="electrical order in dq", ylabel="amplitude (A)", xlim=(0, 26), ylim=1e-5)
@@ -75,8 +68,8 @@ def _draw_harmonics(axes: Axes, recording: Recording) -> None:
     for point, style in (((0.0, 0.0), "-"), ((-reach / 2, reach / 2), "--"), ((0.0, reach), ":")):
         ripple = 1e3 * _ripple(recording, point, angle)
         label = f"at ({point[0]:.0f}, {point[1]:.0f}) A"
-        axes.plot(np.degrees(angle), ripple[0], style, color=_D, lw=1, label=f"ψ_d {label}")
-        axes.plot(np.degrees(angle), ripple[1], style, color=_Q, lw=1, label=f"ψ_q {label}")
+        axes.plot(np.degrees(angle), ripple[0], style, color=D_AXIS, lw=1, label=f"ψ_d {label}")
+        axes.plot(np.degrees(angle), ripple[1], style, color=Q_AXIS, lw=1, label=f"ψ_q {label}")
     axes.set(xlabel="electrical angle (°)", ylabel="flux linkage less its mean (mVs)")
     axes.set_title("Harmonics over the angle", loc="left", fontsize=10)
     axes.legend(frameon=False, fontsize=7, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.15))

@@ -69,7 +69,7 @@ def deviation(recording: Recording, recorded: Experiment) -> Deviation:
     if abs(speeds[0] - speeds[1]) > _SAME_SPEED * abs(speeds[1]):
         raise InputError(
             f"{recorded.name}: turns at {speeds[1]:.6g} rad/s, electrical, and the simulation at "
-            f"{speeds[0]:.6g}; give both one speed."
+            f"{speeds[0]:.6g}; simulate at the speed of the recording."
         )
     rms = {}
     for name in COMPARED:
