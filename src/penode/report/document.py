@@ -137,7 +137,9 @@ def missing(sentence: str) -> Notice:
     return Notice("caution", "Left out", sentence)
 
 
-def picture(title: str, caption: str, draw: Callable[..., go.Figure], *of: Any) -> Figure | Notice:
+def picture(
+    title: str, caption: str, draw: "Callable[..., go.Figure]", *of: Any
+) -> Figure | Notice:
     """Return a figure, or a notice where it cannot be drawn; ``draw`` is called with ``of``."""
     return attempt(named("picture", title), lambda: Figure(title, caption, draw(*of)), missing)
 
