@@ -7,24 +7,22 @@ What the result is used for
     `export`, `ControlledMachine`, `control_loci` and `mtpa`, `compare_maps`, `tabulate`,
     `torque_of` a recording.
 What the model is made of
-    `Machine`: a flux map (`FLUX_MAPS`) and terms (`TERMS`; write your own as a `Term`).
+    `Machine`: a flux map and terms (`TERMS`; write your own as a `Term`).
 
 Whatever else is used by a few is imported from its own module.
 """
 
 from penode.pmsm.comparison.map_comparison import compare_maps
 from penode.pmsm.control.controlled_machine import ControlledMachine
-from penode.pmsm.control.loci import ControlLoci, control_loci, mtpa
-from penode.pmsm.exports.formats import FORMATS, export
-from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime
+from penode.pmsm.control.loci import control_loci, mtpa
+from penode.pmsm.exports.formats import export
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.flux_grid import tabulate
-from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc
-from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.machine.terms import Channel, Resistance, TemperatureResistance, Term
-from penode.pmsm.precheck.recording_check import RecordingCheck, check_recordings
+from penode.pmsm.precheck.recording_check import check_recordings
 from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.recording.guess import guess_study
@@ -34,26 +32,19 @@ from penode.pmsm.report.line_causes import named_lines
 from penode.pmsm.result_files import write
 from penode.pmsm.simulation.simulated_drive import torque_of
 from penode.pmsm.study import identify
-from penode.pmsm.study_file import StudyFile, load_study
+from penode.pmsm.study_file import load_study
 from penode.pmsm.study_settings import Study
 
 __all__ = [
-    "FLUX_MAPS",
-    "FORMATS",
-    "HOLDS",
     "TERMS",
     "Accuracy",
     "Channel",
-    "ControlLoci",
     "ControlledMachine",
     "DeadTime",
     "Machine",
     "NamePlate",
-    "PhaseDeadTime",
-    "RecordingCheck",
     "Resistance",
     "Study",
-    "StudyFile",
     "TemperatureResistance",
     "Term",
     "abc_from_dq",
