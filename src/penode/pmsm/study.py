@@ -14,7 +14,6 @@ from penode.fit.fit import Fit
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import Observer, ignore_events
-from penode.horizon.uncertainty_budget import Imperfection
 from penode.identify import identify as identify_model
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
@@ -30,6 +29,7 @@ from penode.pmsm.machine.standstill import counted_from_zero
 from penode.pmsm.precheck.objections import machine_checks
 from penode.pmsm.precheck.unused_samples import unused_samples
 from penode.pmsm.recording.channels import drive_recording
+from penode.pmsm.recording.imperfections import budget_rows
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 from penode.predictors.base import Predictor
 
@@ -114,8 +114,9 @@ def identify(
         facts=_with_reasons(began.start.facts, (*reasons_of(experiments), used.sentence)),
         checks=checks,
         imperfections=(
-            *calibration.accuracy(study.accuracy).imperfections(recordings),
-            *began.imperfections,
+            *calibration.rows(study.accuracy, recordings),
+            *(doubt.imperfection for doubt in began.doubts),
+            *budget_rows(began.drift.left, recordings, calibration.drive),
         ),
     )
     fit = identify_model(
@@ -173,16 +174,10 @@ class _Beginning:
         acting = [calibration.acting(e) for e in corrected]
         drift = drift_of(acting, study.terms)
         steady = drift.applied(acting)
-        study, reasons, doubts = replace(study, hold=calibration.hold).decided(steady)
+        study, reasons, doubts = replace(study, hold=calibration.drive.hold).decided(steady)
         study.check(corrected)
         start = _start(steady, study, (*calibration.reasons, *drift.reasons, *reasons))
         return cls(found, calibration, study, start, doubts, drift)
-
-    @property
-    def imperfections(self) -> tuple[Imperfection, ...]:
-        """What is left of all that was decided and estimated."""
-        doubts = tuple(doubt.imperfection for doubt in self.doubts)
-        return self.calibration.imperfections + doubts + self.drift.imperfections
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:

@@ -31,8 +31,8 @@ from penode.data.toml_file import (
 from penode.errors import InputError
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.term_registry import terms_of
-from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.recording.drive_mapping import BASES, RECORDED, DriveMapping, DriveOrigin
+from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY, Accuracy
 from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.recording.stationary_frame import LINK
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
@@ -69,7 +69,7 @@ _SETTINGS = {
     "sweep": TABLE,
 }
 _NAME_PLATE = {entry.name: POSITIVE for entry in fields(NamePlate)}
-_ACCURACY = {entry.name: NUMBER for entry in fields(Accuracy)}
+_ACCURACY = dict.fromkeys(DEFAULT_ACCURACY.declared, NUMBER)
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.machine.terms import Term
-from penode.pmsm.recording.accuracy import DEFAULT_ACCURACY, Accuracy
 from penode.pmsm.recording.channels import electrical, require_channels
+from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY, Accuracy
 from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
 from penode.training.plan import Plan
 from penode.training.second_order import LevenbergMarquardt

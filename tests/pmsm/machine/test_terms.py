@@ -15,10 +15,13 @@ from penode.errors import InputError
 from penode.models.inputs import Inputs
 from penode.models.parameters import setting_at, with_batch_axis
 from penode.models.transforms import Positive
-from penode.pmsm.balance.equations import balance_equations, term_columns
-from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.trial_balance import DirectedDeadTime
-from penode.pmsm.balance.voltage_balance import BalanceForm
+from penode.pmsm.balance.voltage_balance import (
+    BalanceForm,
+    PolynomialMap,
+    balance_equations,
+    term_columns,
+)
 from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime
 from penode.pmsm.machine.flux_maps import Flux, FluxMap
 from penode.pmsm.machine.model import Machine

@@ -16,15 +16,14 @@ from penode.fit.fit import Estimate, Fit
 from penode.horizon.ladder import Observer, ignore_events
 from penode.paper.conventional.linear_fit import LinearFit, largest_current, solution_of, usable
 from penode.paper.conventional.linear_maps import LinearMap, coenergy_polynomial
-from penode.pmsm.balance.calibration import Calibration
-from penode.pmsm.balance.equations import balance_equations
-from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.balance.voltage_balance import balance_equations, harmonic_window
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.holds import check_hold
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import completed, with_physical
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.recording.channels import drive_recording, require_channels
+from penode.pmsm.recording.imperfection import KnownDrive
 from penode.training.weak_form import WeakRegression, join
 
 _REASON = "Linear least squares over short windows predicts nothing, so there is no horizon."
@@ -61,7 +60,7 @@ class CoenergyLeastSquares:
         scale, basis = largest_current(runs), coenergy_polynomial(self.degree, self.mirrored)
         dead_time = (DeadTime().prepared(scale),) if self.inverter else ()
         require_channels(runs, dead_time)
-        acting = [Calibration(hold=self.hold).acting(e) for e in runs]
+        acting = [KnownDrive(hold=self.hold).acting(e) for e in runs]
         equations = join([coenergy_equations(e, basis, scale, dead_time) for e in acting])
         smaller = f"a coenergy of a smaller degree than {self.degree}"
         solution = solution_of(equations, runs[0].name, smaller)

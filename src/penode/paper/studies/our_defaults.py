@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.horizon.ladder import Observer, ignore_events
-from penode.pmsm.recording.accuracy import Accuracy
+from penode.pmsm.recording.imperfections import Accuracy
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
 

@@ -16,9 +16,14 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.doubt import Doubt, probability
-from penode.pmsm.balance.equations import balance_equations, term_columns
-from penode.pmsm.balance.polynomial_map import PolynomialMap
-from penode.pmsm.balance.voltage_balance import BalanceForm, short_window, waves
+from penode.pmsm.balance.voltage_balance import (
+    BalanceForm,
+    PolynomialMap,
+    balance_equations,
+    short_window,
+    term_columns,
+    waves,
+)
 from penode.pmsm.machine.dead_time import FOLDS, DeadTime, PhaseDeadTime, PhaseSigns
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import completed, physical_values

@@ -12,9 +12,13 @@ from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.definite import Held, held_definite, held_in_training
-from penode.pmsm.balance.equations import balance_equations
 from penode.pmsm.balance.smoothing import Roughness, Smoothed, smoothed
-from penode.pmsm.balance.voltage_balance import harmonic_window, short_window, waves
+from penode.pmsm.balance.voltage_balance import (
+    balance_equations,
+    harmonic_window,
+    short_window,
+    waves,
+)
 from penode.pmsm.machine.coenergy_map import (
     AMPLITUDE,
     MEAN,

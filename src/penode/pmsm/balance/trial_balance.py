@@ -16,9 +16,7 @@ from penode.arrays import FloatArray, JaxArray, Leaf
 from penode.data.experiment import Experiment
 from penode.models.inputs import Inputs
 from penode.models.parameters import parameter, physical
-from penode.pmsm.balance.equations import balance_equations
-from penode.pmsm.balance.polynomial_map import PolynomialMap
-from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.balance.voltage_balance import PolynomialMap, balance_equations, harmonic_window
 from penode.pmsm.machine.flux_maps import Flux
 from penode.pmsm.machine.frames import quarter_turned
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES

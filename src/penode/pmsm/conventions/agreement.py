@@ -12,9 +12,8 @@ import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
-from penode.pmsm.balance.equations import balance_equations, term_columns
-from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.trial_balance import FINE_DEGREE, DirectedDeadTime, trial_window
+from penode.pmsm.balance.voltage_balance import PolynomialMap, balance_equations, term_columns
 from penode.pmsm.conventions.broken_convention import BrokenConvention
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.standstill import stands_still

@@ -31,6 +31,7 @@ from penode.pmsm.conventions.scales import judge_rms_by_phases, judge_rms_by_pla
 from penode.pmsm.machine.holds import DEFAULT_HOLD
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.recording.channels import drive_recording, require_channels
+from penode.pmsm.recording.imperfection import KnownDrive
 from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
 from penode.pmsm.recording.stationary_frame import with_phases
 
@@ -140,7 +141,7 @@ def judge(experiments: Sequence[Experiment], study: AskedModel) -> tuple[Convent
     recordings = [_long_enough(stretches) for stretches in by_recording(experiments)]
     recorded = [[_as_recorded(e, study.pole_pairs) for e in some] for some in recordings]
     first = [_by_vote([r.found for r in some]) for some in recorded]
-    calibration = Calibration(hold=study.hold or DEFAULT_HOLD)
+    calibration = Calibration(drive=KnownDrive(hold=study.hold or DEFAULT_HOLD))
     if any(one.broken for one in first):
         return _sum(first), calibration
     if study.hold is None and all(r.pole_pairs_known for some in recorded for r in some):

@@ -12,7 +12,7 @@ import numpy as np
 
 from penode.arrays import FloatArray, IntArray
 from penode.data.experiment import Experiment
-from penode.pmsm.balance.polynomial_map import PolynomialMap
+from penode.pmsm.balance.voltage_balance import PolynomialMap
 from penode.pmsm.machine.frames import quarter_turned
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.training.weak_form import OVERLAP, HannWindow
