@@ -101,5 +101,5 @@ def test_what_goes_wrong_in_samples_that_were_not_used_is_an_objection(fit, slow
 
 
 def test_no_samples_are_refused():
-    with pytest.raises(InputError, match="samples 0 came"):
+    with pytest.raises(InputError, match="samples must be >= 1, got 0"):
         Study(samples=0)

@@ -97,7 +97,7 @@ def _conventions(check: RecordingCheck) -> list[tuple[str, str]]:
         "Nothing speaks against the signs, units, order, timing and angle of the channels."
     ]
     return [("conventions", sentence) for sentence in sentences] + [
-        ("undetermined", sentence) for sentence in check.untold
+        ("undetermined", sentence) for sentence in check.undetermined
     ]
 
 

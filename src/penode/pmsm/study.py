@@ -1,10 +1,10 @@
 """From drive recordings to a machine: the application's main path."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 from penode.arrays import one_blas_thread
+from penode.data.excerpt import Excerpt
 from penode.data.experiment import Experiment, require_recordings
 from penode.data.memory import require_memory
 from penode.data.quality import inspect_stretches
@@ -32,6 +32,7 @@ from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.recording.imperfections import budget_rows
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 from penode.predictors.base import Predictor
+from penode.training.plan import Plan
 
 #: What a sample that is used takes at most, measured at 100 000 of them with angle orders.
 _BYTES = 15_000
@@ -79,57 +80,65 @@ def identify(
     Stopped
         On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """
-    study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
-    require_recordings(experiments, validation)
-    require_samples(experiments)
-    given, experiments = experiments, usable_stretches(experiments)
-    validation = usable_stretches(validation)
-    used = study.excerpt(experiments)
-    require_memory(sum(map(len, used.experiments)), _BYTES)
-    asked = {entry.name.replace("_", " "): getattr(study, entry.name) for entry in fields(study)}
-    began = None if checkpoint is None else checkpoint.begun(asked)
-    found, calibration = (
-        (began.found, began.calibration) if began else judge(used.experiments, study)
-    )
-    if found.broken and not study.train_anyway:
-        raise InputError(f"{found.refusal} Nothing was trained; --train-anyway would.")
-    recordings = [drive_recording(e) for e in used.experiments]
-    unseen = [drive_recording(e) for e in study.excerpt(validation).experiments]
-    study.check([*recordings, *unseen])
-    observer({"event": "start", "recordings": [e.name for e in recordings]})
-    began = began or _Beginning.of(recordings, study, found, calibration)
-    calibration, study = began.calibration, began.study
-    recordings, unseen = ([calibration.applied(e) for e in runs] for runs in (recordings, unseen))
-    study.check([*recordings, *unseen])
-    recordings = began.drift.applied(recordings)
-    plan = study.plan(recordings, bool(used.sentence))
-    if checkpoint is not None:
-        plan = checkpoint.over(plan, observer, asked, began)
-    checks = machine_checks(found.broken)
-    if used.sentence:
-        predictor = Predictor(recordings[0].time_step, plan.solver, plan.hold)
-        checks += (unused_samples(experiments, calibration, predictor),)
-    start = replace(
-        began.start,
-        facts=_with_reasons(began.start.facts, (*reasons_of(experiments), used.sentence)),
-        checks=checks,
-        imperfections=(
-            *calibration.rows(study.accuracy, recordings),
-            *(doubt.imperfection for doubt in began.doubts),
-            *budget_rows(began.drift.left, recordings, calibration.drive),
-        ),
-    )
+    asked = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
+    read = _Read.of(experiments, validation, asked)
+    words = {entry.name.replace("_", " "): getattr(asked, entry.name) for entry in fields(asked)}
+    kept = None if checkpoint is None else checkpoint.begun(words)
+    judged = (kept.found, kept.calibration) if kept else judge(read.used.experiments, asked)
+    recorded = read.drives(judged[0], asked, observer)
+    began = kept or _Beginning.of(recorded.recordings, asked, *judged)
+    corrected = began.corrected(recorded)
+    plan = began.study.plan(corrected.recordings, bool(read.used.sentence))
     fit = identify_model(
-        start,
-        recordings,
-        plan=plan,
-        purpose=study.selector(unseen or recordings),
-        validation=unseen,
+        began.start_of(corrected, read, plan),
+        corrected.recordings,
+        plan=plan if checkpoint is None else checkpoint.over(plan, observer, words, began),
+        purpose=began.study.selector(corrected.unseen or corrected.recordings),
+        validation=corrected.unseen,
         observer=observer,
     )
-    choice = fit.horizon
-    reason = " ".join(filter(None, [choice.reason, left_out(given, experiments)]))
-    return counted_from_zero(replace(fit, horizon=replace(choice, reason=reason)))
+    reason = " ".join(filter(None, [fit.horizon.reason, left_out(experiments, read.usable)]))
+    return counted_from_zero(replace(fit, horizon=replace(fit.horizon, reason=reason)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Drives:
+    """Recordings of a drive in dq, to train on and to predict."""
+
+    recordings: list[Experiment]
+    unseen: list[Experiment]
+
+
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """What can be used of recordings, and what of it is."""
+
+    usable: Sequence[Experiment]
+    used: Excerpt
+    unseen: Sequence[Experiment]
+
+    @classmethod
+    def of(
+        cls, experiments: Sequence[Experiment], validation: Sequence[Experiment], study: Study
+    ) -> "_Read":
+        require_recordings(experiments, validation)
+        require_samples(experiments)
+        usable = usable_stretches(experiments)
+        unseen = study.excerpt(usable_stretches(validation)).experiments
+        used = study.excerpt(usable)
+        require_memory(sum(map(len, used.experiments)), _BYTES)
+        return cls(usable, used, unseen)
+
+    def drives(self, found: Conventions, study: Study, observer: Observer) -> _Drives:
+        """Return the channels of a drive, refused where a convention or a channel is missing."""
+        if found.broken and not study.train_anyway:
+            raise InputError(f"{found.refusal} Nothing was trained; --train-anyway would.")
+        runs, unseen = (
+            [drive_recording(e) for e in some] for some in (self.used.experiments, self.unseen)
+        )
+        study.check([*runs, *unseen])
+        observer({"event": "start", "recordings": [e.name for e in runs]})
+        return _Drives(runs, unseen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +167,7 @@ class _Beginning:
         """Return what recordings say; a knee found after the calibration is cause for another."""
         once = cls._with(calibration, recordings, study, found)
         knee = any(isinstance(term, PhaseSigns) for term in once.study.terms)
-        if study.hold is not None or once.calibration == AS_RECORDED or not knee:
+        if study.hold is not None or calibration == AS_RECORDED or not knee:
             return once
         return cls._with(calibration_of(recordings, once.study.terms), recordings, study, found)
 
@@ -174,10 +183,37 @@ class _Beginning:
         acting = [calibration.acting(e) for e in corrected]
         drift = drift_of(acting, study.terms)
         steady = drift.applied(acting)
-        study, reasons, doubts = replace(study, hold=calibration.drive.hold).decided(steady)
-        study.check(corrected)
-        start = _start(steady, study, (*calibration.reasons, *drift.reasons, *reasons))
-        return cls(found, calibration, study, start, doubts, drift)
+        held = replace(study, hold=calibration.drive.hold)
+        decided, reasons, doubts = held.decided(steady)
+        decided.check(corrected)
+        start = _start(steady, decided, (*calibration.reasons, *drift.reasons, *reasons))
+        return cls(found, calibration, decided, start, doubts, drift)
+
+    def corrected(self, drives: _Drives) -> _Drives:
+        """Return recordings corrected, those to train on without their drift."""
+        runs, unseen = (
+            [self.calibration.applied(e) for e in some]
+            for some in (drives.recordings, drives.unseen)
+        )
+        self.study.check([*runs, *unseen])
+        return _Drives(self.drift.applied(runs), unseen)
+
+    def start_of(self, corrected: _Drives, read: _Read, plan: Plan) -> Start:
+        """Return the start with what is left of every imperfection, and what is examined after."""
+        recordings, used = corrected.recordings, read.used.sentence
+        checks = machine_checks(self.found.broken)
+        if used:
+            predictor = Predictor(recordings[0].time_step, plan.solver, plan.hold)
+            checks += (unused_samples(read.usable, self.calibration, predictor),)
+        sentences = filter(None, (*reasons_of(read.usable), used))
+        structure = [*sentences, *self.start.facts["structure"]]
+        left = (
+            *self.calibration.rows(self.study.accuracy, recordings),
+            *(doubt.imperfection for doubt in self.doubts),
+            *budget_rows(self.drift.left, recordings, self.calibration.drive),
+        )
+        facts = {**self.start.facts, "structure": structure}
+        return replace(self.start, facts=facts, checks=checks, imperfections=left)
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:
@@ -195,7 +231,3 @@ def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str
     facts = facts_of(recordings, study, reasons)
     anchor = anchor_of(recordings, balance)
     return Start(machine, balance.independence, anchor, repair, facts, odd, penalties)
-
-
-def _with_reasons(facts: Mapping[str, Any], sentences: Sequence[str]) -> dict[str, Any]:
-    return {**facts, "structure": [*filter(None, sentences), *facts["structure"]]}

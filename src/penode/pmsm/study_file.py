@@ -172,7 +172,7 @@ def _channel(name: str, entry: Any) -> DriveOrigin:
     if isinstance(entry, str):
         entry = {"column": entry}
     if not isinstance(entry, dict):
-        raise InputError(f"channel {name} = {entry!r} came; give the name of a column, or a table.")
+        raise InputError(f"channel {name} must be the name of a column, or a table, got {entry!r}.")
     require_kinds(f"channel {name}:", entry, _TIME if name == TIME else _CHANNEL)
     if "column" not in entry:
         raise InputError(f"channel {name}: column is missing; name the column of the file.")

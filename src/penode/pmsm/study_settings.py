@@ -95,12 +95,12 @@ class Study:
     def __post_init__(self) -> None:
         if self.flux_map not in FLUX_MAPS:
             raise InputError(
-                f"flux map {self.flux_map!r} came; choose one of {', '.join(FLUX_MAPS)}."
+                f"flux_map must be one of {', '.join(FLUX_MAPS)}, got {self.flux_map!r}."
             )
         if self.horizon is not None and self.horizon < 1:
-            raise InputError(f"horizon {self.horizon} came; give a whole number from 1, or auto.")
+            raise InputError(f"horizon must be >= 1 or auto, got {self.horizon}.")
         if self.samples < 1:
-            raise InputError(f"samples {self.samples} came; give a whole number from 1.")
+            raise InputError(f"samples must be >= 1, got {self.samples}.")
         selector_for(self.purpose, ())
         check_hold(self.hold or DEFAULT_HOLD)
         completed(self.terms)

@@ -141,8 +141,8 @@ def test_bad_input_is_refused():
         CoenergyLeastSquares().identify([])
     with pytest.raises(InputError, match="degree 1 came"):
         CoenergyLeastSquares(1)
-    with pytest.raises(InputError, match="choose one of dq, stationary"):
+    with pytest.raises(InputError, match="must be one of dq, stationary"):
         CoenergyLeastSquares(hold="fast")
     blind = {name: values for name, values in run.channels.items() if name != "theta_el"}
-    with pytest.raises(InputError, match="no channel theta_el came"):
+    with pytest.raises(InputError, match="channel theta_el is missing"):
         CoenergyLeastSquares(2, inverter=True).identify([replace(run, channels=blind)])

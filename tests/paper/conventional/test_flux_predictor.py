@@ -164,7 +164,7 @@ def test_bad_input_is_told(rng):
     run = recording(rng, samples=20)
     with pytest.raises(InputError, match="38 equations came for 57 unknowns"):
         FluxPredictor(polynomial(6)).identify([run])
-    with pytest.raises(InputError, match="choose one of dq, stationary"):
+    with pytest.raises(InputError, match="must be one of dq, stationary"):
         FluxPredictor(hold="fast")
     with pytest.raises(InputError, match="give at least one"):
         FluxPredictor().identify([])

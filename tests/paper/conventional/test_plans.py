@@ -70,7 +70,7 @@ def test_the_neural_ode_trains_at_its_horizon(fast_run):
 def test_bad_input_is_told(unseen_run):
     with pytest.raises(InputError, match="horizon 0 came"):
         NeuralODE(0)
-    with pytest.raises(InputError, match="choose one of dq, stationary"):
+    with pytest.raises(InputError, match="must be one of dq, stationary"):
         NeuralODE(hold="round")
     blind = Experiment(
         "blind", 1e-4, {n: v for n, v in unseen_run.channels.items() if n != "theta_el"}

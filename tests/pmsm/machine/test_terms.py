@@ -286,7 +286,7 @@ def test_two_terms_of_one_role_are_refused():
 
 
 def test_an_unknown_term_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="term 'iron' came; choose from resistance, temperature"):
+    with pytest.raises(InputError, match="unknown term 'iron'; known are resistance, temperature"):
         terms_of(["iron"])
 
 

@@ -119,7 +119,7 @@ def test_a_file_that_is_not_there_is_a_row_with_its_sentence(declared):
         (FILES + r"name = '(?P<date>\d{4})'", "the date '2026' came of its name"),
         (FILES + "variants = 3", "variants = 3 came"),
         (FILES + "[sweep.variants]\na = 3", "variant a = 3 came"),
-        (FILES + "[sweep.variants.a]\nflux_map = 'no'", "flux map 'no' came"),
+        (FILES + "[sweep.variants.a]\nflux_map = 'no'", "flux_map must be one of"),
         (FILES + "horizons = [1]\n[sweep.variants.a]\nhorizon = 2", "variant a has horizon"),
     ],
 )

@@ -145,8 +145,8 @@ class _Balance:
     def _without(self) -> tuple[WeakRegression, ...]:
         """The equations of each recording with the columns of drift, terms and map alone."""
 
-        def basis(currents: FloatArray) -> FloatArray:
-            return columns(self.part, currents / self.reach)
+        def basis(experiment: Experiment) -> FloatArray:
+            return columns(self.part, experiment.stack(CURRENTS) / self.reach)
 
         return tuple(
             joint_equations([e], self.terms, basis, harmonic_window, [drifts])

@@ -188,7 +188,7 @@ class BalanceForm:
     def equations(
         self,
         experiments: Sequence[Experiment],
-        window: Window | None = None,
+        window: Window | int | None = None,
         further: Sequence[Sequence[Column]] | None = None,
     ) -> WeakRegression:
         """Return the balance of recordings, without harmonics; windows null the sixth by default.
@@ -196,14 +196,18 @@ class BalanceForm:
         Columns: further ones of each recording, the terms' physical parameters, the mean map.
         """
         return joint_equations(
-            experiments, self.terms, self.polynomial.basis, window or harmonic_window, further
+            experiments, self.terms, self.basis, window or harmonic_window, further
         )
+
+    def basis(self, experiment: Experiment) -> FloatArray:
+        """Return the mean map of each coefficient at a recording's currents, (time, 2, .), Vs."""
+        return self.polynomial.basis(experiment.stack(CURRENTS))
 
     def _harmonic_equations(self, experiment: Experiment, solution: FloatArray) -> WeakRegression:
         """Return the balance that a solution for the mean leaves, in short windows."""
         length = short_window(experiment, max(self.angle_orders))
-        mean = self.equations([experiment], lambda e: length)
-        basis = self.polynomial.basis(experiment.stack(CURRENTS))
+        mean = self.equations([experiment], length)
+        basis = self.basis(experiment)
         turning = waves(experiment.channels["theta_el"], self.angle_orders)
         full = (turning[:, None, :, None] * basis[:, :, None]).reshape(*basis.shape[:2], -1)
         harmonics = balance_equations(experiment, self.terms, full, length)
@@ -238,21 +242,19 @@ def balance_equations(
 def joint_equations(
     experiments: Sequence[Experiment],
     terms: Sequence[Term],
-    basis: Callable[[FloatArray], FloatArray],
-    window: Window,
+    basis: Callable[[Experiment], FloatArray],
+    window: Window | int,
     further: Sequence[Sequence[Column]] | None = None,
 ) -> WeakRegression:
     """Return `balance_equations` of several recordings as one regression.
 
-    `basis` is that of the map at currents (time, 2), A; `further` are columns of each recording.
+    `basis` is that of the map at a recording's samples; `further` are columns of each recording.
     """
-    beside = further or [()] * len(experiments)
-    return join(
-        [
-            balance_equations(e, terms, basis(e.stack(CURRENTS)), window(e), own)
-            for e, own in zip(experiments, beside, strict=True)
-        ]
-    )
+    parts = []
+    for e, own in zip(experiments, further or [()] * len(experiments), strict=True):
+        length = window if isinstance(window, int) else window(e)
+        parts.append(balance_equations(e, terms, basis(e), length, own))
+    return join(parts)
 
 
 def term_columns(

@@ -40,9 +40,9 @@ from penode.pmsm.recording.stationary_frame import with_phases
 _JUDGED = 2000
 #: Shorter ones that are asked where there is no longer one.
 _SHORT_ONES = 5
-_RMS_UNTOLD = (
-    "Rms values cannot be distinguished from peak values; give magnet_flux_linkage and "
-    "resistance in [name_plate] of the study file, or record phase channels beside."
+_RMS_UNDETERMINED = (
+    "Rms values cannot be distinguished from peak values; add magnet_flux_linkage and "
+    "resistance to [name_plate] of the study file, or record phase channels beside."
 )
 
 
@@ -53,13 +53,13 @@ class Conventions:
     Attributes
     ----------
     broken : tuple of BrokenConvention
-        Empty where nothing speaks against the channels.
-    untold : tuple of str
+        Empty where the channels are right.
+    undetermined : tuple of str
         What could not be judged, and why, a sentence each.
     """
 
     broken: tuple[BrokenConvention, ...] = ()
-    untold: tuple[str, ...] = ()
+    undetermined: tuple[str, ...] = ()
 
     @property
     def refusal(self) -> str:
@@ -69,7 +69,7 @@ class Conventions:
         return f"{first.sentence} Broken too: {names}." if names else first.sentence
 
     def __add__(self, other: "Conventions") -> "Conventions":
-        return Conventions(self.broken + other.broken, self.untold + other.untold)
+        return Conventions(self.broken + other.broken, self.undetermined + other.undetermined)
 
 
 class AskedModel(Protocol):
@@ -175,14 +175,16 @@ def _by_vote(each: Sequence[Conventions]) -> Conventions:
     """Return what most stretches of a recording say, each finding and sentence once."""
     votes = Counter(name for one in each for name in {b.name for b in one.broken})
     found = {b.name: b for one in each for b in one.broken if 2 * votes[b.name] > len(each)}
-    reasons = Counter(sentence for one in each for sentence in one.untold)
-    untold = tuple(reason for reason, count in reasons.items() if 2 * count > len(each))
-    return Conventions(tuple(found.values()), untold or (each[0].untold if each else ()))
+    reasons = Counter(sentence for one in each for sentence in one.undetermined)
+    undetermined = tuple(reason for reason, count in reasons.items() if 2 * count > len(each))
+    return Conventions(
+        tuple(found.values()), undetermined or (each[0].undetermined if each else ())
+    )
 
 
 def _sum(each: Sequence[Conventions]) -> Conventions:
     whole = sum(each, Conventions())
-    return replace(whole, untold=tuple(dict.fromkeys(whole.untold)))
+    return replace(whole, undetermined=tuple(dict.fromkeys(whole.undetermined)))
 
 
 def _as_recorded(experiment: Experiment, pole_pairs: int | None) -> _Recorded:
@@ -201,9 +203,11 @@ def _as_recorded(experiment: Experiment, pole_pairs: int | None) -> _Recorded:
         if not broken:
             raise
         return _Recorded(Conventions(broken), fixed, kinds, ended=True)
-    (finding, drive), untold = judge_cures(drive, pole_pairs)
+    (finding, drive), undetermined = judge_cures(drive, pole_pairs)
     broken += (finding,) if finding else ()
-    return _Recorded(Conventions(broken, (untold,) if untold else ()), drive, kinds, not untold)
+    return _Recorded(
+        Conventions(broken, (undetermined,) if undetermined else ()), drive, kinds, not undetermined
+    )
 
 
 def _corrected(recorded: _Recorded, calibration: Calibration) -> _Recorded:
@@ -233,10 +237,10 @@ def _sized(drive: Experiment, kinds: str, plate: NamePlate) -> Conventions:
     aside, why_not = judge_magnet(drive, kinds == "ui")
     broken: tuple[BrokenConvention, ...] = (aside,) if aside else ()
     broken += judge_units(drive, try_balance(drive)) + judge_rms_by_plate(drive, plate)
-    untold: tuple[str, ...] = (why_not,) if why_not else ()
+    undetermined: tuple[str, ...] = (why_not,) if why_not else ()
     if plate.magnet_flux_linkage is None and not _has_both(drive, kinds):
-        untold += (_RMS_UNTOLD,)
-    return Conventions(broken, untold)
+        undetermined += (_RMS_UNDETERMINED,)
+    return Conventions(broken, undetermined)
 
 
 def _judge_motion(

@@ -115,9 +115,9 @@ def tabulate(fit: Fit, points: int, pole_pairs: int | None = None) -> FluxGrid:
         throughout, or the rotor stood still.
     """
     if points < _LEAST_POINTS:
-        raise InputError(f"{points} points a side came; give at least {_LEAST_POINTS}.")
+        raise InputError(f"points a side must be >= {_LEAST_POINTS}, got {points}.")
     if pole_pairs is not None and pole_pairs < 1:
-        raise InputError(f"{pole_pairs} pole pairs came; give a whole number from 1.")
+        raise InputError(f"pole_pairs must be >= 1, got {pole_pairs}.")
     require_magnet(fit)
     low, high = np.minimum(fit.excited.min(axis=0), 0), np.maximum(fit.excited.max(axis=0), 0)
     if not (high > low).all():
@@ -182,8 +182,8 @@ def read_grid(path: str | Path) -> FluxGrid:
     shape = (len(i_d), len(i_q))
     if min(shape) < _LEAST_POINTS or len(row) < shape[0] * shape[1] / 4:
         raise InputError(
-            f"{path}: {len(row)} points on {shape[0]} values of i_d and {shape[1]} of i_q came; "
-            f"give psi on a grid of at least {_LEAST_POINTS} by {_LEAST_POINTS} currents."
+            f"{path}: {len(row)} points on {shape[0]} values of i_d and {shape[1]} of i_q; "
+            f"psi must lie on a grid of at least {_LEAST_POINTS} by {_LEAST_POINTS} currents."
         )
     psi, supported = np.full((2, *shape), np.nan), np.zeros(shape, dtype=bool)
     psi[:, row, column] = table["psi_d"], table["psi_q"]
@@ -197,12 +197,12 @@ def _read_columns(path: Path) -> dict[str, FloatArray]:
         frame = pl.read_csv(path.read_bytes(), infer_schema_length=None)
     except (OSError, pl.exceptions.PolarsError) as error:
         raise InputError(
-            f"{path}: cannot be read as CSV ({type(error).__name__}); give a flux_map.csv."
+            f"{path}: cannot be read as CSV ({type(error).__name__}); it must be a flux_map.csv."
         ) from error
     missing = [name for name in _COLUMNS if name not in frame.columns]
     if missing:
         raise InputError(
-            f"{path}: columns {', '.join(frame.columns)} came without {', '.join(missing)}; name "
+            f"{path}: columns {', '.join(frame.columns)} without {', '.join(missing)}; name "
             f"those of a map {', '.join(_COLUMNS)}, in A and Vs. A recording has none yet: "
             "identify it, and give the folder."
         )
@@ -210,8 +210,8 @@ def _read_columns(path: Path) -> dict[str, FloatArray]:
         frame = frame.with_columns(supported=pl.lit(1.0))
     wanted = frame.select(*_COLUMNS, "supported")
     if not all(kind.is_numeric() for kind in wanted.dtypes):
-        raise InputError(f"{path}: a cell is text where a number was wanted; mend that cell.")
+        raise InputError(f"{path}: a cell is text and must be a number; correct it.")
     numbers = wanted.cast(pl.Float64).fill_null(np.nan)
     if not np.isfinite(numbers.select(_COLUMNS[:2]).to_numpy()).all():
-        raise InputError(f"{path}: a current is missing; give i_d and i_q in every row.")
+        raise InputError(f"{path}: a current is missing; every row needs i_d and i_q.")
     return {name: numbers[name].to_numpy() for name in numbers.columns}

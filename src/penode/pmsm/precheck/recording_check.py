@@ -30,10 +30,10 @@ class RecordingCheck:
     Attributes
     ----------
     recordings : tuple of Experiment
-        As they came.
+        As they were given.
     quality : tuple of Finding
     broken : tuple of BrokenConvention
-    untold : tuple of str
+    undetermined : tuple of str
         Conventions that could not be judged, and why.
     drives : tuple of Experiment
         The recordings in dq; empty where a convention is broken.
@@ -51,7 +51,7 @@ class RecordingCheck:
     recordings: tuple[Experiment, ...]
     quality: tuple[Finding, ...]
     broken: tuple[BrokenConvention, ...]
-    untold: tuple[str, ...]
+    undetermined: tuple[str, ...]
     drives: tuple[Experiment, ...] = ()
     excitation: Excitation | None = None
     identifiability: Identifiability | None = None
@@ -107,11 +107,11 @@ class RecordingCheck:
                     "recording": b.recording,
                     "channels": list(b.channels),
                     "evidence": b.evidence,
-                    "mend": b.mend,
+                    "fix": b.fix,
                 }
                 for b in self.broken
             ],
-            "untold": list(self.untold),
+            "undetermined": list(self.undetermined),
             "used": list(self.sentences),
         }
         if self.excitation is not None and self.identifiability is not None:
@@ -186,9 +186,9 @@ def check_recordings(
     used = excerpt(usable, electrical(usable), SAMPLES)
     sentences = (*reasons_of(usable), *filter(None, [used.sentence]))
     found, calibration = judge(used.experiments, study)
-    broken, untold = found.broken, found.untold
+    broken, undetermined = found.broken, found.undetermined
     if broken:
-        return RecordingCheck(tuple(recordings), quality, broken, untold, sentences=sentences)
+        return RecordingCheck(tuple(recordings), quality, broken, undetermined, sentences=sentences)
     drives = tuple(
         calibration.acting(calibration.applied(e)) for e in _drives(used.experiments, study.terms)
     )
@@ -197,7 +197,7 @@ def check_recordings(
         tuple(recordings),
         quality,
         broken,
-        untold,
+        undetermined,
         drives,
         excitation_of(drives),
         identifiability_of(drives, study.flux_map, structure.terms),
