@@ -11,8 +11,8 @@ from penode.data.gathered import mapping_of
 from penode.errors import InputError
 from penode.pmsm.balance.calibration import AS_RECORDED
 from penode.pmsm.precheck import unused_samples
-from penode.pmsm.precheck.recording_check import check_recordings
 from penode.pmsm.precheck.unused_samples import squared_errors
+from penode.pmsm.recording_check import check_recordings
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
 from penode.predictors.base import Predictor

@@ -114,7 +114,7 @@ def test_a_temperature_in_kelvin_is_refused_in_a_sentence(warming_run):
         identify([wrong], study=Study(terms=(TemperatureResistance(),)))
     assert str(refusal.value) == (
         "warming.csv: data row 1, channel winding_temperature is 313.15 where the temperature of "
-        "the winding lies between -60 and 300 degC; give its column and unit in the study file."
+        "the winding lies between -60 and 300 degC; check its column and unit in the study file."
     )
 
 

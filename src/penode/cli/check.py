@@ -15,7 +15,7 @@ from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
-from penode.pmsm.precheck.recording_check import RecordingCheck, check_recordings
+from penode.pmsm.recording_check import RecordingCheck, check_recordings
 from penode.pmsm.study_file import load_study
 from penode.report.quantities import number
 

@@ -44,13 +44,13 @@ from penode.pmsm.machine.terms import (
     TemperatureResistance,
     Term,
 )
-from penode.pmsm.precheck.recording_check import RecordingCheck, check_recordings
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.recording.drive_mapping import DriveMapping, DriveOrigin
 from penode.pmsm.recording.guess import StudyGuess, guess_study
 from penode.pmsm.recording.imperfections import Accuracy
 from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.recording.study_text import study_text
+from penode.pmsm.recording_check import RecordingCheck, check_recordings
 from penode.pmsm.report.line_causes import NamedLine, named_lines
 from penode.pmsm.report.machine_report import machine_report
 from penode.pmsm.result_files import flux_map_csv, write

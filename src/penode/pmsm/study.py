@@ -23,7 +23,6 @@ from penode.pmsm.balance.start import anchor_of, weak_start
 from penode.pmsm.balance.usable import left_out, require_samples, usable_stretches
 from penode.pmsm.conventions.check import Conventions, judge
 from penode.pmsm.machine.dead_time import PhaseSigns
-from penode.pmsm.machine.facts import facts_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.standstill import counted_from_zero
 from penode.pmsm.precheck.objections import machine_checks
@@ -84,9 +83,9 @@ def identify(
     read = _Read.of(experiments, validation, asked)
     words = {entry.name.replace("_", " "): getattr(asked, entry.name) for entry in fields(asked)}
     kept = None if checkpoint is None else checkpoint.begun(words)
-    judged = (kept.found, kept.calibration) if kept else judge(read.used.experiments, asked)
-    recorded = read.drives(judged[0], asked, observer)
-    began = kept or _Beginning.of(recorded.recordings, asked, *judged)
+    found, calibration = kept.judged if kept else read.judged(asked)
+    recorded = read.drives(found, asked, observer)
+    began = kept or _Beginning.of(recorded.recordings, asked, found, calibration)
     corrected = began.corrected(recorded)
     plan = began.study.plan(corrected.recordings, bool(read.used.sentence))
     fit = identify_model(
@@ -128,6 +127,10 @@ class _Read:
         used = study.excerpt(usable)
         require_memory(sum(map(len, used.experiments)), _BYTES)
         return cls(usable, used, unseen)
+
+    def judged(self, study: Study) -> tuple[Conventions, Calibration]:
+        """Return what is wrong with the channels, and what they have to be corrected by."""
+        return judge(self.used.experiments, **study.conventions)
 
     def drives(self, found: Conventions, study: Study, observer: Observer) -> _Drives:
         """Return the channels of a drive, refused where a convention or a channel is missing."""
@@ -189,6 +192,11 @@ class _Beginning:
         start = _start(steady, decided, (*calibration.reasons, *drift.reasons, *reasons))
         return cls(found, calibration, decided, start, doubts, drift)
 
+    @property
+    def judged(self) -> tuple[Conventions, Calibration]:
+        """As `_Read.judged` gives it, calibrated once more where a knee was found."""
+        return self.found, self.calibration
+
     def corrected(self, drives: _Drives) -> _Drives:
         """Return recordings corrected, those to train on without their drift."""
         runs, unseen = (
@@ -228,6 +236,6 @@ def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str
     channels = ("i_d", "i_q", "u_d", "u_q")
     findings = (f for each in by_recording(recordings) for f in inspect_stretches(each, channels))
     odd = tuple(f.sentence for f in findings)
-    facts = facts_of(recordings, study, reasons)
+    facts = study.facts(recordings, reasons)
     anchor = anchor_of(recordings, balance)
     return Start(machine, balance.independence, anchor, repair, facts, odd, penalties)

@@ -206,7 +206,7 @@ def test_pole_pairs_that_slow_currents_do_not_show_are_said_to_be_undetermined()
     assert found.broken == ()
     assert "whether omega_el counts with the right pole pairs cannot" in found.undetermined[0]
     assert not any("pole pairs" in sentence for sentence in check_conventions(run).undetermined)
-    assert judge([without(run, "theta_el")], Study())[1] == AS_RECORDED
+    assert judge([without(run, "theta_el")])[1] == AS_RECORDED
 
 
 @pytest.mark.parametrize("what", ["noise", "currents of another recording"])
@@ -227,7 +227,7 @@ def test_a_delay_that_feedback_of_noise_imitates_is_not_claimed():
     found, _, why = judge_delay([run], in_phases=False)
     assert found is None
     assert "cannot be determined here" in why
-    calibration = judge([run], Study())[1]
+    calibration = judge([run])[1]
     assert calibration["delay"] == 0.0
 
 
@@ -327,7 +327,9 @@ def test_the_angle_of_hall_sensors_is_refused_by_name(drawn, unit):
 @pytest.mark.slow
 def test_the_verdict_on_hall_sensors_is_that_name(unseen_run):
     study = Study(horizon=1, candidates=(), angle_orders=(), hold="dq", train_anyway=True)
-    assert [b.name for b in judge([hall(unseen_run)], study)[0].broken] == ["stepped angle"]
+    assert [b.name for b in judge([hall(unseen_run)], **study.conventions)[0].broken] == [
+        "stepped angle"
+    ]
     fit = identify([hall(unseen_run)], study=study)
     assert not fit.horizon.answered
     assert fit.horizon.objections[0].name == "stepped angle"

@@ -416,7 +416,7 @@ def test_identification_with_the_inverter_term(dead_time_run, tmp_path):
 @pytest.mark.parametrize(
     ("choice", "sentence"),
     [
-        ({"flux_map": "spline", "angle_orders": (6,)}, "cannot follow the angle"),
+        ({"flux_map": "spline", "angle_orders": (6,)}, "cannot follow angle orders"),
         ({"angle_orders": (6, 6)}, "distinct whole numbers"),
         ({"angle_orders": (0,)}, "from 1"),
         ({"hold": "alpha"}, "must be one of dq, stationary"),

@@ -281,7 +281,7 @@ def test_resistance_and_rotation_are_added_where_nothing_stands_in_their_place()
 
 
 def test_two_terms_of_one_role_are_refused():
-    with pytest.raises(InputError, match="Resistance and TemperatureResistance came, and both"):
+    with pytest.raises(InputError, match="Resistance and TemperatureResistance both"):
         Machine(FluxMap(Linear(), 1.0, 1.0), (Resistance(), TemperatureResistance()))
 
 

@@ -46,7 +46,7 @@ def test_phase_quantities_give_the_same_recording():
         ({"u_q": None}, ("drive.csv", "u_q")),
         ({"omega_el": None}, ("drive.csv", "omega_el")),
         ({"i_d": np.full(400, 3.0)}, ("drive.csv", "i_d")),
-        ({"omega_el": np.full(400, 5e4)}, ("drive.csv", "omega_el", "seconds")),
+        ({"omega_el": np.full(400, 5e4)}, ("drive.csv", "omega_el", "t in s")),
     ],
     ids=["missing voltage", "missing speed", "constant current", "speed against time step"],
 )
@@ -94,7 +94,7 @@ def test_a_sample_turns_a_quarter_at_most(turn, usable):
     if usable:
         assert drive_recording(run) is run
     else:
-        with pytest.raises(InputError, match=r"turns 1\.59 rad a sample where less than 1\.6"):
+        with pytest.raises(InputError, match=r"turns 1\.59 rad a sample, must be < 1\.6"):
             drive_recording(run)
 
 

@@ -6,8 +6,8 @@ import pytest
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.pmsm.conventions.check import check_conventions
-from penode.pmsm.precheck.recording_check import check_recordings
 from penode.pmsm.recording.channels import drive_recording, missing_channels
+from penode.pmsm.recording_check import check_recordings
 from penode.pmsm.study_file import load_study
 
 DQ = ("u_d", "u_q", "i_d", "i_q", "omega_el")

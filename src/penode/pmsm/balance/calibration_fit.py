@@ -244,9 +244,6 @@ def _refined(found: Calibration, free: _Estimate, balance: _Balance) -> Calibrat
         size, own = rest.sizes[name], rest.deviation[name]
         sizes[name] = size if balance.credible(rest, name) else 0.0
         deviation[name] = own if sizes[name] else float(np.hypot(abs(size), own))
-    if "current_offset" in sizes:  # a share of the largest current, as what is declared of it
-        largest = max(float(np.hypot(*e.stack(CURRENTS).T).max()) for e in balance.experiments)
-        deviation["current_offset"] *= largest / balance.reach
     sentences = [
         IMPERFECTIONS[name].sentence(size, deviation[name]) for name, size in sizes.items() if size
     ]

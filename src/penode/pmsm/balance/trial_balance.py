@@ -44,26 +44,33 @@ _OVERLAPPING = 16
 
 
 @dataclass(frozen=True, eq=False)
-class TrialBalance:
-    """What the balance makes of a recording; deviations are HAC."""
+class Trial:
+    """What a balance makes of a recording."""
 
-    # R, ohm.
-    resistance: float
-    deviation: float
-    # Of the balance over the voltages (root mean square).
+    # What it leaves of the voltages (root mean square), as a fraction of them.
     residual: float
     # Fraction of the visited currents at which d psi / d i is positive definite, as it must be.
     definite: float
-    # Flux linkage at no current (2,), Vs; the deviation is of its q part.
+    # Flux linkage at no current (2,), Vs.
     magnet: FloatArray
-    magnet_deviation: float
-    # L_dd and L_qq at no current (2,), H.
-    inductance: FloatArray
 
     @property
     def misfit(self) -> float:
         """The residual, doubled where no d psi / d i is positive definite: smaller is better."""
         return self.residual * (2.0 - self.definite)
+
+
+@dataclass(frozen=True, eq=False)
+class TrialBalance(Trial):
+    """The same with R and inductance; deviations are HAC."""
+
+    # R, ohm.
+    resistance: float
+    deviation: float
+    # Of the q part of the flux linkage.
+    magnet_deviation: float
+    # L_dd and L_qq at no current (2,), H.
+    inductance: FloatArray
 
 
 def try_balance(

@@ -9,7 +9,6 @@ pole pairs imitate all of these. What is found is set right for the judgement of
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
@@ -72,26 +71,6 @@ class Conventions:
         return Conventions(self.broken + other.broken, self.undetermined + other.undetermined)
 
 
-class AskedModel(Protocol):
-    """What a model was asked to be; a `penode.pmsm.Study` is one."""
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """Terms of the voltage equation that are certain."""
-
-    @property
-    def hold(self) -> str | None:
-        """Frame in which the voltage of a row is held; None decides from the data."""
-
-    @property
-    def pole_pairs(self) -> int | None:
-        """Of the machine, where it is known."""
-
-    @property
-    def name_plate(self) -> NamePlate:
-        """Of the machine."""
-
-
 @dataclass(frozen=True, eq=False)
 class _Recorded:
     """One stretch as it was recorded, and what its channels turn out to be."""
@@ -131,26 +110,33 @@ def check_conventions(
     return recorded.found if recorded.ended else recorded.found + _placed([recorded], plate)
 
 
-def judge(experiments: Sequence[Experiment], study: AskedModel) -> tuple[Conventions, Calibration]:
+def judge(
+    experiments: Sequence[Experiment],
+    terms: Sequence[Term] = (),
+    hold: str | None = None,
+    pole_pairs: int | None = None,
+    plate: NamePlate = NO_PLATE,
+) -> tuple[Conventions, Calibration]:
     """Test the conventions of recordings, and estimate what their channels are corrected by.
 
+    Terms are certain; without a frame of the hold it is decided from the data.
     Of a recording in stretches those are looked at that are long enough not to mislead; where
     there are none, what most of the longest say is taken. Nothing is corrected where a
     convention is broken or pole pairs cannot be determined.
     """
     recordings = [_long_enough(stretches) for stretches in by_recording(experiments)]
-    recorded = [[_as_recorded(e, study.pole_pairs) for e in some] for some in recordings]
+    recorded = [[_as_recorded(e, pole_pairs) for e in some] for some in recordings]
     first = [_by_vote([r.found for r in some]) for some in recorded]
-    calibration = Calibration(drive=KnownDrive(hold=study.hold or DEFAULT_HOLD))
+    calibration = Calibration(drive=KnownDrive(hold=hold or DEFAULT_HOLD))
     if any(one.broken for one in first):
         return _sum(first), calibration
-    if study.hold is None and all(r.pole_pairs_known for some in recorded for r in some):
+    if hold is None and all(r.pole_pairs_known for some in recorded for r in some):
         drives = [drive_recording(e) for e in experiments]
-        require_channels(drives, study.terms)
-        calibration = calibration_of(drives, study.terms)
+        require_channels(drives, terms)
+        calibration = calibration_of(drives, terms)
     corrected = [[_corrected(r, calibration) for r in some] for some in recorded]
-    placed = [_placed(some, study.name_plate) for some in corrected]
-    apart = disagreement_of([r.drive for some in corrected for r in some], study.terms)
+    placed = [_placed(some, plate) for some in corrected]
+    apart = disagreement_of([r.drive for some in corrected for r in some], terms)
     short = [_few(some) for some in recordings]
     return _sum([*first, *placed, Conventions(apart), *short]), calibration
 

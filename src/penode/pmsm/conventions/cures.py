@@ -13,10 +13,10 @@ from typing import TypeAlias
 import numpy as np
 
 from penode.data.experiment import Experiment
-from penode.pmsm.balance.trial_balance import trial_window
+from penode.pmsm.balance.trial_balance import Trial, trial_window
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judged, with_channels
 from penode.pmsm.conventions.motion import MOST_POLE_PAIRS, angle_over_speed
-from penode.pmsm.conventions.speed_balance import SpeedBalance, Trial
+from penode.pmsm.conventions.speed_balance import SpeedBalance
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.standstill import stands_still
 from penode.pmsm.recording.stationary_frame import LINK

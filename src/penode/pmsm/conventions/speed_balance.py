@@ -13,7 +13,7 @@ import numpy as np
 
 from penode.arrays import FloatArray, IntArray
 from penode.data.experiment import Experiment
-from penode.pmsm.balance.trial_balance import trial_form
+from penode.pmsm.balance.trial_balance import Trial, trial_form
 from penode.pmsm.balance.voltage_balance import BalanceForm
 from penode.pmsm.conventions.broken_convention import with_channels
 from penode.pmsm.machine.space_vectors import CURRENTS
@@ -32,23 +32,6 @@ _RIDGE = 1e-12
 _AT_REST = 0.01
 #: Currents at which the differential inductance is looked at.
 _POINTS = 200
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """What the balance makes of a recording at one factor of the speed."""
-
-    # What it leaves of the voltages (root mean square), as a fraction of them.
-    residual: float
-    # Fraction of the visited currents at which d psi / d i is positive definite, as it must be.
-    definite: float
-    # Flux linkage at no current (2,), Vs.
-    magnet: FloatArray
-
-    @property
-    def misfit(self) -> float:
-        """The residual, doubled where no d psi / d i is positive definite: smaller is better."""
-        return self.residual * (2.0 - self.definite)
 
 
 @dataclass(frozen=True, eq=False)

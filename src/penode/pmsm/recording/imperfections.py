@@ -251,15 +251,6 @@ class Iron(DriveImperfection):
         taken = size * self.voltage(experiment, drive)
         return Change(-taken, -drive.resistance * taken)
 
-    def columns(
-        self, experiment: Experiment, drive: KnownDrive
-    ) -> list[tuple[FloatArray, FloatArray]]:
-        """See `DriveImperfection`; of the voltage from the sample on."""
-        voltage, current = (vector_of(experiment, pair) for pair in (VOLTAGES, CURRENTS))
-        taken = Change(current=drive.resistance * current - voltage)
-        left = Change(taken.current, drive.resistance * taken.current)
-        return [left.column(experiment, drive)]
-
     def scale(self, experiments: Sequence[Experiment]) -> float:
         """Return the conductance of which all current would be the iron's."""
         taken, whole = (
@@ -284,12 +275,6 @@ class IronOfRotation(Iron):
     def voltage(self, experiment: Experiment, drive: KnownDrive) -> Vector:
         """See `Iron`."""
         return drive.rotation(experiment)
-
-    def columns(
-        self, experiment: Experiment, drive: KnownDrive
-    ) -> list[tuple[FloatArray, FloatArray]]:
-        """See `DriveImperfection`."""
-        return DriveImperfection.columns(self, experiment, drive)
 
 
 class IronOfChange(IronOfRotation):
