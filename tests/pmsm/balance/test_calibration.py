@@ -18,8 +18,8 @@ from penode.pmsm import Accuracy
 from penode.pmsm.balance.calibration import Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.machine.holds import HOLDS, mean_over_samples, turned_voltage
-from penode.pmsm.machine.space_vectors import in_frame_ahead
-from penode.pmsm.recording.imperfection import KnownDrive
+from penode.pmsm.machine.space_vectors import CURRENTS, in_frame_ahead, vector_of
+from penode.pmsm.recording.imperfection import Change, DriveImperfection, KnownDrive
 from penode.pmsm.recording.imperfections import IMPERFECTIONS
 
 VOLTAGES = ("u_d", "u_q")
@@ -402,3 +402,36 @@ def test_without_an_angle_no_sensor_is_corrected(slow_run):
     assert (result["current_mismatch"], result["current_offset"]) == (0.0, 0.0)
     left = result.left(Accuracy().deviations([run]))
     assert left["current_mismatch"] == Accuracy().declared["current_mismatch"]
+
+
+# --- an imperfection that nobody knew of --------------------------------------------------------
+
+
+class Eccentric(DriveImperfection):
+    """A resolver whose angle errs once a turn: a frame ahead by Re(size exp(-j theta)), rad."""
+
+    name, source, remedy = "eccentricity", "eccentricity of the resolver", "Centre the resolver."
+    unit, axes, channels = (float(np.rad2deg(1.0)), "°"), (1.0, 1j), ("theta_el",)
+    credible, beside = (1e-4, 0.1), True
+
+    def change(self, experiment, size, drive):
+        error = np.real(size * np.exp(-1j * experiment.channels["theta_el"]))
+        current, voltage = (
+            -1j * error * vector_of(experiment, pair) for pair in (CURRENTS, VOLTAGES)
+        )
+        return Change(current, voltage, angle=error)
+
+
+def test_a_new_imperfection_is_one_object_and_one_line(slow_run, monkeypatch):
+    """It is estimated beside all others, corrected and named, and what is left is in the budget."""
+    one, size = Eccentric(), 0.003 - 0.004j
+    run = one.corrected(slow_run, -size, KnownDrive())
+    monkeypatch.setitem(IMPERFECTIONS, one.name, one)
+    result = calibration_of([run])
+    assert result["eccentricity"] == pytest.approx(size, abs=2e-4)
+    assert (result["delay"], result["turn"], result["angle"]) == (0.0, 0.0, 0.0)
+    assert result.reasons[0].startswith("eccentricity of the resolver: 0.28")
+    apart = result.applied(run).stack(VOLTAGES) - slow_run.stack(VOLTAGES)
+    assert np.abs(apart).max() < 0.1 * np.abs(run.stack(VOLTAGES) - slow_run.stack(VOLTAGES)).max()
+    rows = [row.source for row in result.rows(Accuracy(), [run])]
+    assert rows.count("eccentricity of the resolver") == 2

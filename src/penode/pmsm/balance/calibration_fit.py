@@ -16,21 +16,20 @@ from penode.pmsm.balance.doubt import probability
 from penode.pmsm.balance.drift import drift_columns
 from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
 from penode.pmsm.balance.trial_balance import imitated_lag, mean_lag
-from penode.pmsm.balance.voltage_balance import Column, harmonic_window, joint_equations
+from penode.pmsm.balance.voltage_balance import harmonic_window, joint_equations
 from penode.pmsm.machine.coenergy_map import MEAN, CoenergyPart, columns, roughness
 from penode.pmsm.machine.dead_time import PhaseDeadTime
 from penode.pmsm.machine.linkage import Linkage
 from penode.pmsm.machine.space_vectors import CURRENTS, in_frame_ahead
 from penode.pmsm.machine.term_registry import completed, physical_values
 from penode.pmsm.machine.terms import ANGLE, SPEED, Term
-from penode.pmsm.recording.imperfection import UNKNOWN_DRIVE, KnownDrive
+from penode.pmsm.recording.imperfection import UNKNOWN_DRIVE, Column, KnownDrive
 from penode.pmsm.recording.imperfections import IMPERFECTIONS, SLOPE
 from penode.training.weak_form import OVERLAP, HannWindow, WeakRegression, join
 
-#: What each step estimates: when the voltages act, what bends the map beside it, what iron may take
-#: current by, and what differs between the phases' current sensors.
-_TIMING, _ERRORS = ("delay", "turn"), ("angle", "iron")
-_IRON, _SENSORS = ("iron", "iron_of_rotation"), ("current_mismatch", "current_offset")
+#: What each step estimates: when the voltages act, what bends the map beside it, and what iron may
+#: take current by.
+_TIMING, _ERRORS, _IRON = ("delay", "turn"), ("angle", "iron"), ("iron", "iron_of_rotation")
 #: Rounds in which map and imperfections that bend it follow each other.
 _ROUNDS = 2
 #: -2 log likelihood by which another model of the voltages has to be better.
@@ -96,13 +95,14 @@ class _Balance:
         return cls(experiments, every, CoenergyPart.zero(MEAN, True), reach)
 
     @property
-    def sensors(self) -> tuple[str, ...]:
-        """Imperfections of the current sensors that these recordings show."""
-        return tuple(n for n in _SENSORS if IMPERFECTIONS[n].recorded(self.experiments))
+    def beside(self) -> tuple[str, ...]:
+        """Imperfections that are estimated beside all others, such as those of current sensors."""
+        every = IMPERFECTIONS.items()
+        return tuple(n for n, one in every if one.beside and one.recorded(self.experiments))
 
     def solved(self, names: Sequence[str], before: _Estimate | None = None) -> _Estimate:
-        """Estimate imperfections by name; the sensors' and the map's own need the round before."""
-        names = (*(self.sensors if before else ()), *names)
+        """Estimate imperfections by name; those beside and of the map need the round before."""
+        names = (*(self.beside if before else ()), *names)
         drive = before.drive if before else UNKNOWN_DRIVE
         rows = [
             WeakRegression(
@@ -137,7 +137,8 @@ class _Balance:
     def credible(self, estimate: _Estimate, name: str) -> bool:
         """Return whether a size is significant, large enough to matter, and not absurd."""
         one, size, own = IMPERFECTIONS[name], estimate.sizes[name], estimate.deviation[name]
-        relative = (size.real if one.positive else abs(size)) / one.scale(self.experiments)
+        relative = size.real if one.positive else abs(size)
+        relative /= one.scale(self.experiments, estimate.drive)
         matters, most = one.credible
         return bool(abs(size) > _SIGNIFICANT * own and matters < relative < most)
 
@@ -189,7 +190,7 @@ def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
     result = _refined(found, free, balance)
     if lagging is None:
         return result
-    reason = IMPERFECTIONS["speed_lag"].sentence(1.0, 0.0)
+    reason = IMPERFECTIONS["speed_lag"].sentence(1.0, 0.0, UNKNOWN_DRIVE)
     return replace(_with(result, speed_lag=1.0), reasons=(reason, *result.reasons))
 
 
@@ -240,12 +241,14 @@ def _refined(found: Calibration, free: _Estimate, balance: _Balance) -> Calibrat
     if found["turn"] % 1.0:
         deviation["turn"] = free.deviation["turn"]
     sizes = {"angle": angle, **iron}
-    for name in balance.sensors:
+    for name in balance.beside:
         size, own = rest.sizes[name], rest.deviation[name]
         sizes[name] = size if balance.credible(rest, name) else 0.0
         deviation[name] = own if sizes[name] else float(np.hypot(abs(size), own))
     sentences = [
-        IMPERFECTIONS[name].sentence(size, deviation[name]) for name, size in sizes.items() if size
+        IMPERFECTIONS[name].sentence(size, deviation[name], rest.drive)
+        for name, size in sizes.items()
+        if size
     ]
     timed = _with(found, delay=whole)
     drive = replace(found.drive, resistance=rest.drive.resistance, linkage=rest.drive.linkage)
@@ -391,7 +394,7 @@ def _iron_left(
     """
     size, own = whole[kind], whole.deviation[kind]
     probable = min(probability(size / max(own, 1e-300), whole.equations / OVERLAP), likely)
-    usual = _USUAL * IMPERFECTIONS[kind].scale(experiments)
+    usual = _USUAL * IMPERFECTIONS[kind].scale(experiments, whole.drive)
     return float(np.sqrt(probable) * min(np.hypot(size, own), usual))
 
 

@@ -15,17 +15,15 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.data.stretches import recording_numbers
 from penode.pmsm.balance.doubt import probability
-from penode.pmsm.balance.voltage_balance import BalanceForm, Column
+from penode.pmsm.balance.voltage_balance import BalanceForm
 from penode.pmsm.machine.dead_time import DeadTime
-from penode.pmsm.machine.space_vectors import VOLTAGES
-from penode.pmsm.machine.terms import ANGLE, SPEED, TEMPERATURE, Term
-from penode.pmsm.recording.imperfection import UNKNOWN_DRIVE
+from penode.pmsm.machine.terms import ANGLE, TEMPERATURE, Term
+from penode.pmsm.recording.imperfection import UNKNOWN_DRIVE, Column, KnownDrive
 from penode.pmsm.recording.imperfections import IMPERFECTIONS
 from penode.training.weak_form import OVERLAP
 
-#: What drifts, and the probability from which it is taken off: a drift that is not there may be one
-#: of something else.
-DRIFTS, _SURE = ("resistance_drift", "magnet_drift"), 0.99
+#: Probability from which it is taken off: a drift that is not there may be one of something else.
+_SURE = 0.99
 
 
 @dataclass(frozen=True)
@@ -62,24 +60,21 @@ def drift_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> D
     form = BalanceForm.of(experiments, True, (*terms, *extra))
     equations = form.equations(experiments, further=drifts)
     solution, count = equations.solve(), len(equations.target) / OVERLAP
-    resistance = abs(float(solution[len(drifts[0])]))
-    scales = dict(zip(DRIFTS, (resistance, _largest_flux(experiments)), strict=True))
+    drive = KnownDrive(float(solution[len(drifts[0])]))
     names, numbers = _drifting(terms), recording_numbers(experiments)
-    changes, left = (
-        {name: np.zeros(len(experiments)) for name in DRIFTS},
-        dict.fromkeys(DRIFTS, 0.0),
-    )
+    changes, left = {name: np.zeros(len(experiments)) for name in names}, dict.fromkeys(names, 0.0)
     reasons = list[str]()
     each = [(name, k) for name in names for k in range(numbers.max() + 1)]
     for column, (name, k) in enumerate(each):
+        one = IMPERFECTIONS[name]
         value, deviation = float(solution[column]), equations.deviation(column)
-        matters, most = (limit * scales[name] for limit in IMPERFECTIONS[name].credible)
+        matters, most = (limit * one.scale(experiments, drive) for limit in one.credible)
         share = probability(value / max(deviation, 1e-300), count)
         unsure = math.sqrt(share) * math.hypot(value, deviation)
         if share > _SURE and matters < abs(value) < most:
             changes[name][numbers == k], unsure = value, deviation
             recording = experiments[int(np.argmax(numbers == k))].place.recording
-            reasons.append(_sentence(recording, name, value, deviation, resistance))
+            reasons.append(f"{recording}: {one.sentence(value, deviation, drive)}")
         left[name] = max(left[name], unsure if matters < unsure < most else 0.0)
     sizes = {name: tuple(row.tolist()) for name, row in changes.items()}
     return Drift(sizes, left, tuple(reasons))
@@ -102,27 +97,7 @@ def drift_columns(experiments: Sequence[Experiment], terms: Sequence[Term]) -> l
     ]
 
 
-def _drifting(terms: Sequence[Term]) -> tuple[str, ...]:
-    return DRIFTS[1:] if any(TEMPERATURE in term.channels for term in terms) else DRIFTS
-
-
-def _largest_flux(experiments: Sequence[Experiment]) -> float:
-    """Return about the largest flux linkage in Vs, from voltage over speed."""
-    return max(
-        float(np.median(np.hypot(*e.stack(VOLTAGES).T)))
-        / max(float(np.median(np.abs(e.channels[SPEED.name]))), 1e-9)
-        for e in experiments
-    )
-
-
-def _sentence(recording: str, name: str, value: float, deviation: float, resistance: float) -> str:
-    if name == "magnet_drift":
-        return (
-            f"{recording}: the magnets' flux linkage changes by {1e3 * value:.3g} ± "
-            f"{1e3 * deviation:.2g} mVs over the recording; the map is that of its middle."
-        )
-    share, own = (100 * part / resistance for part in (value, deviation))
-    return (
-        f"{recording}: R changes by {share:.2g} ± {own:.1g} % over the recording; R is that "
-        "of its middle."
-    )
+def _drifting(terms: Sequence[Term]) -> list[str]:
+    known = any(TEMPERATURE in term.channels for term in terms)
+    drifts = [name for name, one in IMPERFECTIONS.items() if one.drifts]
+    return [name for name in drifts if not (known and name == "resistance_drift")]

@@ -31,6 +31,7 @@ from penode.pmsm.machine.term_registry import (
     with_physical,
 )
 from penode.pmsm.machine.terms import Term
+from penode.pmsm.recording.imperfection import Column
 from penode.training.weak_form import HannWindow, WeakRegression, join
 
 #: Windows of the second step in periods of the highest order: short enough to see them.
@@ -43,8 +44,6 @@ _DEGREE = {True: 8, False: 6}
 
 #: Returns the samples of a window for a recording.
 Window: TypeAlias = Callable[[Experiment], int]
-#: Stored and supplied quantity, (time, 2) each, of a coefficient beside terms and map.
-Column: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ it in the uncertainty budget, and its entry in the study file.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -57,6 +57,8 @@ class KnownDrive:
 
 
 UNKNOWN_DRIVE = KnownDrive()
+#: Stored and supplied quantity of the balance, (time, 2) each, that a coefficient adds.
+Column: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class Change:
     voltage: Vector | float = 0.0
     speed: FloatArray | float = 0.0
     # Of the rotor, rad; currents and voltages are not turned with it.
-    angle: float = 0.0
+    angle: FloatArray | float = 0.0
     # By which the map of these channels is another, Vs.
     linkage: Vector | float = 0.0
 
@@ -85,7 +87,7 @@ class Change:
         }
         return replace(experiment, channels={**experiment.channels, **channels})
 
-    def column(self, experiment: Experiment, drive: KnownDrive) -> tuple[FloatArray, FloatArray]:
+    def column(self, experiment: Experiment, drive: KnownDrive) -> Column:
         """Return what the change adds to stored and supplied quantity of the balance, (time, 2).
 
         Of psi(i), and of u - R i - omega J psi(i); the map and R are those of the drive.
@@ -126,6 +128,11 @@ class DriveImperfection:
     credible: ClassVar[tuple[float, float]] = (0.0, math.inf)
     # Whether physics allows no negative size.
     positive: ClassVar[bool] = False
+    # Whether it is estimated beside all others, and taken off where it is credible: no map, timing
+    # or angle imitates it.
+    beside: ClassVar[bool] = False
+    # Whether every recording has a size of its own.
+    drifts: ClassVar[bool] = False
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
         """Return what is added to a recording to take a small size off, linear in it."""
@@ -135,18 +142,16 @@ class DriveImperfection:
         """Return the recording with a size of it taken off, not only to first order."""
         return self.change(experiment, size, drive).applied(experiment)
 
-    def columns(
-        self, experiment: Experiment, drive: KnownDrive
-    ) -> list[tuple[FloatArray, FloatArray]]:
+    def columns(self, experiment: Experiment, drive: KnownDrive) -> list[Column]:
         """Return for each axis stored and supplied quantity (time, 2) that a size of 1 adds."""
         changes = (self.change(experiment, axis, drive) for axis in self.axes)
         return [change.column(experiment, drive) for change in changes]
 
-    def scale(self, experiments: Sequence[Experiment]) -> float:
+    def scale(self, experiments: Sequence[Experiment], drive: KnownDrive) -> float:
         """Return what sizes are divided by to judge them."""
         return 1.0
 
-    def sentence(self, size: complex, deviation: float) -> str:
+    def sentence(self, size: complex, deviation: float, drive: KnownDrive) -> str:
         """Return what was found and is corrected."""
         value, own = (self.unit[0] * abs(part) for part in (size, deviation))
         return f"{self.source}: {value:.3g} ± {own:.2g} {self.unit[1]}, taken off."

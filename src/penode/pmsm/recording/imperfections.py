@@ -29,6 +29,7 @@ from penode.pmsm.machine.space_vectors import (
 from penode.pmsm.machine.terms import ANGLE, SPEED
 from penode.pmsm.recording.imperfection import (
     Change,
+    Column,
     DriveImperfection,
     KnownDrive,
     along,
@@ -48,29 +49,27 @@ class _Gain(DriveImperfection):
     declared = 0.005
 
 
-class CurrentGain(_Gain):
+class _CurrentGain(_Gain):
     """Of all current sensors together."""
 
     name, source = "current_gain", "gain of the currents"
     remedy = "Calibrate the current sensors, and give their accuracy in the study file."
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
-        """See `DriveImperfection`."""
         return Change(current=size * vector_of(experiment, CURRENTS))
 
 
-class VoltageGain(_Gain):
+class _VoltageGain(_Gain):
     """Of all voltages together."""
 
     name, source = "voltage_gain", "gain of the voltages"
     remedy = "Calibrate the voltage sensors, and give their accuracy in the study file."
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
-        """See `DriveImperfection`."""
         return Change(voltage=size * vector_of(experiment, VOLTAGES))
 
 
-class SpeedGain(_Gain):
+class _SpeedGain(_Gain):
     """Of the speed."""
 
     name, source = "speed_gain", "gain of the speed"
@@ -78,54 +77,48 @@ class SpeedGain(_Gain):
     declared = 0.0005
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
-        """See `DriveImperfection`."""
         return Change(speed=size.real * experiment.channels[SPEED.name])
 
 
-class CurrentOffset(DriveImperfection):
+class _CurrentOffset(DriveImperfection):
     """Offset alpha + j beta of the currents in the stationary frame, A: it stands still there."""
 
     name, source = "current_offset", "offset of the currents"
     remedy = "Zero the current sensors before recording."
     unit, declared, axes, channels = (1.0, "A"), 0.001, (1.0, 1j), (ANGLE.name,)
-    credible = (1e-4, 0.1)
+    credible, beside = (1e-4, 0.1), True
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
-        """See `DriveImperfection`."""
         return Change(current=-size / rotor_of(experiment))
 
-    def scale(self, experiments: Sequence[Experiment]) -> float:
+    def scale(self, experiments: Sequence[Experiment], drive: KnownDrive) -> float:
         """Return the largest current along an axis in A."""
         return max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
 
-    def sentence(self, size: complex, deviation: float) -> str:
-        """See `DriveImperfection`."""
+    def sentence(self, size: complex, deviation: float, drive: KnownDrive) -> str:
         return (
             f"The currents have an offset of {abs(size):.3g} ± {deviation:.2g} A in the stationary "
             "frame: it is taken off."
         )
 
 
-class CurrentMismatch(DriveImperfection):
+class _CurrentMismatch(DriveImperfection):
     """Gains of the phases' current sensors that differ: it turns backwards, see `with_mismatch`."""
 
     name, source = "current_mismatch", "gains of the phases among each other"
     remedy = "Calibrate the current sensors against each other."
     unit, declared, axes, channels = (100.0, "%"), 0.002, (1.0, 1j), (ANGLE.name,)
-    credible = (1e-4, 0.1)
+    credible, beside = (1e-4, 0.1), True
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
-        """See `DriveImperfection`."""
         mirrored = np.conj(vector_of(experiment, CURRENTS) * rotor_of(experiment) ** 2)
         return Change(current=-size * mirrored)
 
     def corrected(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Experiment:
-        """See `DriveImperfection`."""
         whole = with_mismatch(experiment, -size)
         return with_vector(whole, CURRENTS, lambda current: current / (1 - abs(size) ** 2))
 
-    def sentence(self, size: complex, deviation: float) -> str:
-        """See `DriveImperfection`."""
+    def sentence(self, size: complex, deviation: float, drive: KnownDrive) -> str:
         largest, own = (100 * 2 * abs(part) for part in (size, deviation))
         return (
             f"The gains of the current sensors differ by up to {largest:.3f} ± {own:.3f} % from "
@@ -133,23 +126,21 @@ class CurrentMismatch(DriveImperfection):
         )
 
 
-class SpeedLag(DriveImperfection):
+class _SpeedLag(DriveImperfection):
     """A speed that lags behind the angle, by all (1) or nothing (0) of what its slope differs."""
 
     name, source, remedy = "speed_lag", "lag of the speed", "Compute the speed from the angle."
     unit, channels = (100.0, "%"), (ANGLE.name,)
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
-        """See `DriveImperfection`."""
         slope = _slopes(np.unwrap(experiment.channels[ANGLE.name])) / experiment.time_step
         return Change(speed=size.real * (slope - experiment.channels[SPEED.name]))
 
-    def sentence(self, size: complex, deviation: float) -> str:
-        """See `DriveImperfection`."""
+    def sentence(self, size: complex, deviation: float, drive: KnownDrive) -> str:
         return "The recorded speed lags behind the angle: its slope is taken for the speed."
 
 
-class Angle(DriveImperfection):
+class _Angle(DriveImperfection):
     """By which the d axis of the machine lies before that of the recording, rad."""
 
     name, source = "angle", "angle of the d axis"
@@ -158,19 +149,15 @@ class Angle(DriveImperfection):
     credible = (float(np.deg2rad(0.05)), float(np.deg2rad(12.0)))
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
-        """See `DriveImperfection`."""
         back = -1j * size
         current, voltage = (back * vector_of(experiment, pair) for pair in (CURRENTS, VOLTAGES))
         return Change(current, voltage, angle=size.real)
 
     def corrected(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Experiment:
-        """See `DriveImperfection`."""
         return in_frame_ahead(experiment, size.real)
 
-    def columns(
-        self, experiment: Experiment, drive: KnownDrive
-    ) -> list[tuple[FloatArray, FloatArray]]:
-        """See `DriveImperfection`; the same by the balance itself, without the voltages' noise.
+    def columns(self, experiment: Experiment, drive: KnownDrive) -> list[Column]:
+        """Return the same by the balance itself, without the voltages' noise.
 
         Seen from the recording's frame the map is psi + delta (J psi - L J i).
         """
@@ -178,31 +165,28 @@ class Angle(DriveImperfection):
         turned = along(slope, 1j * vector_of(experiment, CURRENTS))
         return [Change(linkage=1j * (psi_d + 1j * psi_q) - turned).column(experiment, drive)]
 
-    def sentence(self, size: complex, deviation: float) -> str:
-        """See `DriveImperfection`."""
+    def sentence(self, size: complex, deviation: float, drive: KnownDrive) -> str:
         return (
             f"The d axis lies {np.rad2deg(size.real):.3f} ± {np.rad2deg(deviation):.3f}° before "
             "that of the recording: currents, voltages and angle are turned by it."
         )
 
 
-class Turn(DriveImperfection):
+class _Turn(DriveImperfection):
     """Samples of rotation by which the voltage acts ahead of where it is recorded."""
 
     name, source, remedy = "turn", "turn of the voltage", _MORE
     unit, exact = (1.0, "samples"), 1.0
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
-        """See `DriveImperfection`."""
         turn = experiment.time_step * experiment.channels[SPEED.name]
         return Change(voltage=size * (turn * (1j * vector_of(experiment, VOLTAGES))))
 
     def corrected(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Experiment:
-        """See `DriveImperfection`."""
         return turned_voltage(experiment, size.real)
 
 
-class Delay(DriveImperfection):
+class _Delay(DriveImperfection):
     """Samples by which the voltage acts later than it is recorded."""
 
     name, source = "delay", "delay of the voltage"
@@ -210,12 +194,11 @@ class Delay(DriveImperfection):
     unit, declared, exact = (1.0, "samples"), 0.02, 1.0
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
-        """See `DriveImperfection`."""
         voltage = vector_of(experiment, VOLTAGES)
         return Change(voltage=-size * np.diff(voltage, prepend=voltage[:1]))
 
     def corrected(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Experiment:
-        """See `DriveImperfection`; cut at its ends where no voltage was recorded."""
+        """Cut at its ends where no voltage was recorded."""
         count, delay = len(experiment), size.real
         first, last = math.ceil(max(delay, 0.0)), count + math.floor(min(delay, 0.0))
         channels = {name: values[first:last] for name, values in experiment.channels.items()}
@@ -224,15 +207,13 @@ class Delay(DriveImperfection):
             channels[name] = np.interp(at, np.arange(count), experiment.channels[name])
         return replace(experiment, channels=channels)
 
-    def columns(
-        self, experiment: Experiment, drive: KnownDrive
-    ) -> list[tuple[FloatArray, FloatArray]]:
-        """See `DriveImperfection`; the window, and not the voltage, is differentiated."""
+    def columns(self, experiment: Experiment, drive: KnownDrive) -> list[Column]:
+        """Return the same with the window, and not the voltage, differentiated."""
         voltage = experiment.stack(VOLTAGES)
         return [(experiment.time_step * voltage, np.zeros_like(voltage))]
 
 
-class Iron(DriveImperfection):
+class _Iron(DriveImperfection):
     """Conductance parallel to the induced voltage, S; the current that is left magnetises.
 
     The voltage behind R is kept.
@@ -247,11 +228,10 @@ class Iron(DriveImperfection):
         return drive.induced(experiment)
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
-        """See `DriveImperfection`."""
         taken = size * self.voltage(experiment, drive)
         return Change(-taken, -drive.resistance * taken)
 
-    def scale(self, experiments: Sequence[Experiment]) -> float:
+    def scale(self, experiments: Sequence[Experiment], drive: KnownDrive) -> float:
         """Return the conductance of which all current would be the iron's."""
         taken, whole = (
             np.sqrt(sum(float(np.sum(e.stack(names) ** 2)) for e in experiments))
@@ -259,63 +239,78 @@ class Iron(DriveImperfection):
         )
         return float(whole / max(taken, 1e-300))
 
-    def sentence(self, size: complex, deviation: float) -> str:
-        """See `DriveImperfection`."""
+    def sentence(self, size: complex, deviation: float, drive: KnownDrive) -> str:
         return (
             f"The iron takes {1e3 * size.real:.3g} ± {1e3 * deviation:.2g} mS times {self.takes} "
             f"({1 / size.real:.3g} ohm in parallel): the current that is left magnetises."
         )
 
 
-class IronOfRotation(Iron):
+class _IronOfRotation(_Iron):
     """Conductance to omega J psi alone, without d psi/dt (doi:10.1109/41.315269)."""
 
     name, takes = "iron_of_rotation", "the voltage that rotation induces"
 
     def voltage(self, experiment: Experiment, drive: KnownDrive) -> Vector:
-        """See `Iron`."""
         return drive.rotation(experiment)
 
 
-class IronOfChange(IronOfRotation):
+class _IronOfChange(_IronOfRotation):
     """What the two kinds of iron loss differ by: conductance to d psi/dt alone."""
 
     name, source, takes = "iron_of_change", "kind of iron loss", "the change of the flux linkage"
     positive = False
 
     def voltage(self, experiment: Experiment, drive: KnownDrive) -> Vector:
-        """See `Iron`."""
         return np.asarray(drive.induced(experiment) - drive.rotation(experiment))
 
 
-class ResistanceDrift(DriveImperfection):
+class _ResistanceDrift(DriveImperfection):
     """Rise of R from a recording's beginning to its end, ohm; R is that of the middle."""
 
     name, source, remedy = "resistance_drift", "drift of R", _STEADY
-    unit, credible = (1.0, "ohm"), (2e-3, 0.6)
+    unit, credible, drifts = (1.0, "ohm"), (2e-3, 0.6), True
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
-        """See `DriveImperfection`."""
         return Change(voltage=-size * (_clock(experiment) * vector_of(experiment, CURRENTS)))
 
+    def scale(self, experiments: Sequence[Experiment], drive: KnownDrive) -> float:
+        return abs(drive.resistance)
 
-class MagnetDrift(DriveImperfection):
+    def sentence(self, size: complex, deviation: float, drive: KnownDrive) -> str:
+        share, own = (100 * part / abs(drive.resistance) for part in (size.real, deviation))
+        change = f"R changes by {share:.2g} ± {own:.1g} % over the recording"
+        return f"{change}; R is that of its middle."
+
+
+class _MagnetDrift(DriveImperfection):
     """Rise of the magnets' flux linkage from a recording's beginning to its end, Vs."""
 
     name, source, remedy = "magnet_drift", "drift of the magnets", _STEADY
-    unit, credible = (1e3, "mVs"), (2e-4, 0.1)
+    unit, credible, drifts = (1e3, "mVs"), (2e-4, 0.1), True
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
-        """See `DriveImperfection`; the flux linkage lies along the d axis."""
         turned = 1j * (_clock(experiment) * experiment.channels[SPEED.name])
         rise = 1.0 / max(experiment.place.duration, 1e-300)
         return Change(voltage=np.asarray(-size * (turned + rise)))
 
-    def columns(
-        self, experiment: Experiment, drive: KnownDrive
-    ) -> list[tuple[FloatArray, FloatArray]]:
-        """See `DriveImperfection`; the window is differentiated."""
+    def columns(self, experiment: Experiment, drive: KnownDrive) -> list[Column]:
+        """Return the same with the window differentiated."""
         return [Change(linkage=np.asarray(_clock(experiment) + 0j)).column(experiment, drive)]
+
+    def scale(self, experiments: Sequence[Experiment], drive: KnownDrive) -> float:
+        """Return about the largest flux linkage in Vs, from voltage over speed."""
+        return max(
+            float(np.median(np.hypot(*e.stack(VOLTAGES).T)))
+            / max(float(np.median(np.abs(e.channels[SPEED.name]))), 1e-9)
+            for e in experiments
+        )
+
+    def sentence(self, size: complex, deviation: float, drive: KnownDrive) -> str:
+        return (
+            f"the magnets' flux linkage changes by {1e3 * size.real:.3g} ± {1e3 * deviation:.2g} "
+            "mVs over the recording; the map is that of its middle."
+        )
 
 
 #: Every imperfection, in the order of corrections: what currents and speed are, in which frame,
@@ -323,20 +318,20 @@ class MagnetDrift(DriveImperfection):
 IMPERFECTIONS: dict[str, DriveImperfection] = {
     one.name: one
     for one in (
-        CurrentGain(),
-        VoltageGain(),
-        SpeedGain(),
-        CurrentOffset(),
-        CurrentMismatch(),
-        SpeedLag(),
-        Angle(),
-        Turn(),
-        Delay(),
-        Iron(),
-        IronOfRotation(),
-        IronOfChange(),
-        ResistanceDrift(),
-        MagnetDrift(),
+        _CurrentGain(),
+        _VoltageGain(),
+        _SpeedGain(),
+        _CurrentOffset(),
+        _CurrentMismatch(),
+        _SpeedLag(),
+        _Angle(),
+        _Turn(),
+        _Delay(),
+        _Iron(),
+        _IronOfRotation(),
+        _IronOfChange(),
+        _ResistanceDrift(),
+        _MagnetDrift(),
     )
 }
 
@@ -389,7 +384,7 @@ class Accuracy:
         """Return them by name, SI units; an offset's is that of the largest current."""
         largest = max(float(np.hypot(*e.stack(CURRENTS).T).max()) for e in experiments)
         units = {name: IMPERFECTIONS[name].declared_unit for name in self.declared}
-        units[CurrentOffset.name] = largest
+        units[_CurrentOffset.name] = largest
         return {name: units[name] * value for name, value in self.declared.items()}
 
 
