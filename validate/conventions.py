@@ -183,7 +183,7 @@ def main() -> None:
             names = [broken.name for broken in found.broken]
             hit = not wrong.name or wrong.name in names
             surplus = [name for name in names if name != wrong.name]
-            told = not any("a delay" in sentence for sentence in found.untold)
+            told = not any("a delay" in sentence for sentence in found.undetermined)
             said = not hit and wrong.name == "one-sample delay" and not told
             tally[case] += (1, not hit and not said, said, bool(surplus))
             if not hit or surplus:

@@ -3,20 +3,20 @@
 import re
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 from penode.data.experiment import Experiment
 from penode.data.save import save
 from penode.fit.fit import Fit
-from penode.pmsm.recording.accuracy import Accuracy
+from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY
 from validate.command import Ended, identify
 
 FOLDER = Path("out") / "validate"
 #: Exit statuses that the command promises: done, no answer, unusable input.
 _PROMISED = (0, 1, 2)
 #: A study file that says that simulated sensors are exact.
-EXACT = "\n".join(["[accuracy]", *(f"{one.name} = 0.0" for one in fields(Accuracy))]) + "\n"
+EXACT = "\n".join(["[accuracy]", *(f"{name} = 0.0" for name in DEFAULT_ACCURACY.declared)]) + "\n"
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,7 @@ def test_identify_refuses_with_the_sentence_of_check(run, penode, tmp_path, name
     done = penode("identify", wrong, "--out", out)
     assert done.returncode == 2
     (found,) = checked["conventions"]
-    sentence = f"{found['recording']}: {name}: {found['evidence']}; {found['mend']}."
+    sentence = f"{found['recording']}: {name}: {found['evidence']}; {found['fix']}."
     assert sentence in " ".join(done.stderr.split())
     assert "--train-anyway" in done.stderr
     assert not (out / "result.json").exists()

@@ -29,13 +29,14 @@ from penode.horizon.identifiability import Start
 from penode.pmsm.balance.calibration import Calibration
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.drift import Drift
-from penode.pmsm.balance.linkage import Linkage
 from penode.pmsm.machine.coenergy_map import CoenergyPart
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.holds import HOLDS
+from penode.pmsm.machine.linkage import Linkage
 from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.machine.terms import Resistance
-from penode.pmsm.recording.accuracy import Accuracy
+from penode.pmsm.recording.imperfection import KnownDrive
+from penode.pmsm.recording.imperfections import IMPERFECTIONS, Accuracy
 from penode.pmsm.study_settings import Study
 from penode.training.penalties import GaussianPrior, WeightDecay
 
@@ -100,20 +101,11 @@ LINKAGES = st.builds(
     ),
     NUMBERS,
 )
+SIZES = st.sampled_from(sorted(IMPERFECTIONS))
 CALIBRATIONS = st.builds(
     Calibration,
-    delay=NUMBERS,
-    hold=st.sampled_from(sorted(HOLDS)),
-    turn=NUMBERS,
-    ripple=NUMBERS,
-    angle=NUMBERS,
-    iron=NUMBERS,
-    rotation_alone=st.booleans() | st.booleans().map(np.bool_),
-    resistance=NUMBERS,
-    linkage=st.none() | LINKAGES,
-    mismatch=NUMBERS | COMPLEX | COMPLEX.map(np.complex128),
-    offset=NUMBERS | COMPLEX | COMPLEX.map(np.complex128),
-    speed_from_angle=st.booleans(),
+    st.dictionaries(SIZES, NUMBERS | COMPLEX | COMPLEX.map(np.complex128), max_size=4),
+    st.builds(KnownDrive, NUMBERS, st.none() | LINKAGES, st.sampled_from(sorted(HOLDS)), NUMBERS),
     deviation=st.dictionaries(TEXT, NUMBERS, max_size=3),
     reasons=REASONS,
 )
@@ -150,10 +142,9 @@ STARTS = st.builds(
 )
 DRIFTS = st.builds(
     Drift,
-    resistance=st.lists(NUMBERS, max_size=3).map(tuple),
-    magnet=st.lists(NUMBERS, max_size=3).map(tuple),
-    left=st.tuples(NUMBERS, NUMBERS),
-    reasons=REASONS,
+    st.dictionaries(SIZES, st.lists(NUMBERS, max_size=3).map(tuple), max_size=2),
+    st.dictionaries(SIZES, NUMBERS, max_size=2),
+    REASONS,
 )
 DOUBTS = st.builds(Doubt, TEXT, TEXT, KNOWN, st.none() | KNOWN, NUMBERS)
 

@@ -79,15 +79,17 @@ def test_a_check_says_it_and_judges_the_stretches(paused):
 def test_conventions_of_short_stretches_are_what_most_of_them_say(run):
     """Of stretches of this length every tenth would be called broken by itself."""
     short = [(first, first + 700) for first in range(0, 9000, 1000)]
-    judged, _ = judge([run.part(*span) for span in short], STUDY)
+    judged, _ = judge([run.part(*span) for span in short], **STUDY.conventions)
     assert judged.broken == ()
-    assert "no stretch has 2000 samples; conventions are what most of the 5" in judged.untold[-1]
+    assert (
+        "no stretch has 2000 samples; conventions are what most of the 5" in judged.undetermined[-1]
+    )
     turned = replace(run, channels={**run.channels, "i_q": -run.channels["i_q"]})
-    judged, _ = judge([turned.part(*span) for span in short], STUDY)
+    judged, _ = judge([turned.part(*span) for span in short], **STUDY.conventions)
     assert [b.name for b in judged.broken] == ["negative q current"]
-    judged, _ = judge([turned.part(0, 700), turned.part(1000, 5000)], STUDY)
+    judged, _ = judge([turned.part(0, 700), turned.part(1000, 5000)], **STUDY.conventions)
     assert [b.name for b in judged.broken] == ["negative q current"]
-    assert not any("no stretch has" in sentence for sentence in judged.untold)
+    assert not any("no stretch has" in sentence for sentence in judged.undetermined)
 
 
 def test_stretches_in_which_the_drive_rests_are_left_out(run):

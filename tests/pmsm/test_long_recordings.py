@@ -11,8 +11,8 @@ from penode.data.gathered import mapping_of
 from penode.errors import InputError
 from penode.pmsm.balance.calibration import AS_RECORDED
 from penode.pmsm.precheck import unused_samples
-from penode.pmsm.precheck.recording_check import check_recordings
 from penode.pmsm.precheck.unused_samples import squared_errors
+from penode.pmsm.recording_check import check_recordings
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
 from penode.predictors.base import Predictor
@@ -101,5 +101,5 @@ def test_what_goes_wrong_in_samples_that_were_not_used_is_an_objection(fit, slow
 
 
 def test_no_samples_are_refused():
-    with pytest.raises(InputError, match="samples 0 came"):
+    with pytest.raises(InputError, match="samples must be >= 1, got 0"):
         Study(samples=0)

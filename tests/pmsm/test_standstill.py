@@ -17,7 +17,7 @@ from penode.bench.run import simulate
 from penode.errors import InputError
 from penode.pmsm import export
 from penode.pmsm.balance.voltage_balance import BalanceForm
-from penode.pmsm.recording.accuracy import Accuracy
+from penode.pmsm.recording.imperfections import Accuracy
 from penode.pmsm.result_files import flux_map_csv
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study

@@ -9,7 +9,7 @@ import pytest
 
 from penode.errors import InputError
 from penode.pmsm.machine.dead_time import DeadTime
-from penode.pmsm.recording.accuracy import Accuracy
+from penode.pmsm.recording.imperfections import Accuracy
 from penode.pmsm.study_file import load_study
 from penode.pmsm.study_settings import Study
 
@@ -142,7 +142,7 @@ def test_options_override_the_file(config):
             ["channels.t.delay is unknown", "column, unit, scale"],
         ),
         ("horizon = ", ["not a TOML file"]),
-        ("[accuracy]\nvoltage_gain = -1", ["accuracy voltage_gain", "from 0"]),
+        ("[accuracy]\nvoltage_gain = -1", ["accuracy voltage_gain", "must be >= 0"]),
         ('[accuracy]\nangle = "1 deg"', ["accuracy", "angle", "number"]),
         ("[accuracy]\ngain = 0.01", ["accuracy", "gain"]),
     ],

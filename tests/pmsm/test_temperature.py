@@ -101,8 +101,8 @@ def test_a_missing_temperature_is_refused_in_a_sentence(slow_run):
     with pytest.raises(InputError) as refusal:
         identify([slow_run], study=Study(terms=(TemperatureResistance(),)))
     assert str(refusal.value) == (
-        f"{slow_run.name}: no channel winding_temperature came, and the resistance over "
-        "temperature needs the temperature of the winding in degC; record it, or identify without."
+        f"{slow_run.name}: channel winding_temperature is missing; the resistance over "
+        "temperature needs the temperature of the winding in degC: record it, or identify without."
     )
 
 
@@ -114,7 +114,7 @@ def test_a_temperature_in_kelvin_is_refused_in_a_sentence(warming_run):
         identify([wrong], study=Study(terms=(TemperatureResistance(),)))
     assert str(refusal.value) == (
         "warming.csv: data row 1, channel winding_temperature is 313.15 where the temperature of "
-        "the winding lies between -60 and 300 degC; give its column and unit in the study file."
+        "the winding lies between -60 and 300 degC; check its column and unit in the study file."
     )
 
 
@@ -127,7 +127,7 @@ def test_words_of_the_study_file(tmp_path):
     again = load_study(path, {"terms": ["resistance"], "inverter": False}).study
     assert [type(term).__name__ for term in again.terms] == ["Resistance"]
     path.write_text('terms = ["temperature"]\n')
-    with pytest.raises(InputError, match="term 'temperature' came; choose from resistance, "):
+    with pytest.raises(InputError, match="unknown term 'temperature'; known are resistance, "):
         load_study(path)
     path.write_text('terms = "dead_time"\n')
     with pytest.raises(InputError, match="terms = 'dead_time' came; give names in brackets"):

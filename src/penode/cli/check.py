@@ -14,7 +14,7 @@ from penode.cli.options import Config, Json, Recordings, require_png
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.fit.archive import write_atomically
-from penode.pmsm.precheck.recording_check import RecordingCheck, check_recordings
+from penode.pmsm.recording_check import RecordingCheck, check_recordings
 from penode.pmsm.study_file import load_study
 from penode.report.quantities import number
 
@@ -70,7 +70,7 @@ def _recordings(check: RecordingCheck) -> list[Row]:
         *(("quality", sentence) for sentence in quality),
         *(("used", sentence) for sentence in check.sentences),
         *(("conventions", sentence) for sentence in conventions),
-        *(("undetermined", sentence) for sentence in check.untold),
+        *(("undetermined", sentence) for sentence in check.undetermined),
     ]
 
 

@@ -22,12 +22,12 @@ from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.machine.terms import Channel, Resistance, TemperatureResistance, Term
-from penode.pmsm.precheck.recording_check import check_recordings
-from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.recording.guess import guess_study
+from penode.pmsm.recording.imperfections import Accuracy
 from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.recording.study_text import study_text
+from penode.pmsm.recording_check import check_recordings
 from penode.pmsm.report.line_causes import named_lines
 from penode.pmsm.result_files import write
 from penode.pmsm.simulation.simulated_drive import torque_of

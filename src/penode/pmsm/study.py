@@ -1,20 +1,18 @@
 """From drive recordings to a machine: the application's main path."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment, require_recordings
 from penode.data.gathered import require_memory
 from penode.data.quality import inspect_stretches
-from penode.data.stretches import by_recording, reasons_of
+from penode.data.stretches import Excerpt, by_recording, reasons_of
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import Observer, ignore_events
-from penode.horizon.uncertainty_budget import Imperfection
 from penode.identify import identify as identify_model
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
@@ -24,14 +22,15 @@ from penode.pmsm.balance.start import anchor_of, weak_start
 from penode.pmsm.balance.usable import left_out, require_samples, usable_stretches
 from penode.pmsm.conventions.check import Conventions, judge
 from penode.pmsm.machine.dead_time import PhaseSigns
-from penode.pmsm.machine.facts import facts_of
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.standstill import counted_from_zero
 from penode.pmsm.precheck.objections import machine_checks
 from penode.pmsm.precheck.unused_samples import unused_samples
 from penode.pmsm.recording.channels import drive_recording
+from penode.pmsm.recording.imperfections import budget_rows
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 from penode.predictors.base import Predictor
+from penode.training.plan import Plan
 
 #: What a sample that is used takes at most, measured at 100 000 of them with angle orders.
 _BYTES = 15_000
@@ -79,56 +78,69 @@ def identify(
     Stopped
         On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """
-    study = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
-    require_recordings(experiments, validation)
-    require_samples(experiments)
-    given, experiments = experiments, usable_stretches(experiments)
-    validation = usable_stretches(validation)
-    used = study.excerpt(experiments)
-    require_memory(sum(map(len, used.experiments)), _BYTES)
-    asked = {entry.name.replace("_", " "): getattr(study, entry.name) for entry in fields(study)}
-    began = None if checkpoint is None else checkpoint.begun(asked)
-    found, calibration = (
-        (began.found, began.calibration) if began else judge(used.experiments, study)
-    )
-    if found.broken and not study.train_anyway:
-        raise InputError(f"{found.refusal} Nothing was trained; --train-anyway would.")
-    recordings = [drive_recording(e) for e in used.experiments]
-    unseen = [drive_recording(e) for e in study.excerpt(validation).experiments]
-    study.check([*recordings, *unseen])
-    observer({"event": "start", "recordings": [e.name for e in recordings]})
-    began = began or _Beginning.of(recordings, study, found, calibration)
-    calibration, study = began.calibration, began.study
-    recordings, unseen = ([calibration.applied(e) for e in runs] for runs in (recordings, unseen))
-    study.check([*recordings, *unseen])
-    recordings = began.drift.applied(recordings)
-    plan = study.plan(recordings, bool(used.sentence))
-    if checkpoint is not None:
-        plan = checkpoint.over(plan, observer, asked, began)
-    checks = machine_checks(found.broken)
-    if used.sentence:
-        predictor = Predictor(recordings[0].time_step, plan.solver, plan.hold)
-        checks += (unused_samples(experiments, calibration, predictor),)
-    start = replace(
-        began.start,
-        facts=_with_reasons(began.start.facts, (*reasons_of(experiments), used.sentence)),
-        checks=checks,
-        imperfections=(
-            *calibration.accuracy(study.accuracy).imperfections(recordings),
-            *began.imperfections,
-        ),
-    )
+    asked = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
+    read = _Read.of(experiments, validation, asked)
+    words = {entry.name.replace("_", " "): getattr(asked, entry.name) for entry in fields(asked)}
+    kept = None if checkpoint is None else checkpoint.begun(words)
+    found, calibration = kept.judged if kept else read.judged(asked)
+    recorded = read.drives(found, asked, observer)
+    began = kept or _Beginning.of(recorded.recordings, asked, found, calibration)
+    corrected = began.corrected(recorded)
+    plan = began.study.plan(corrected.recordings, bool(read.used.sentence))
     fit = identify_model(
-        start,
-        recordings,
-        plan=plan,
-        purpose=study.selector(unseen or recordings),
-        validation=unseen,
+        began.start_of(corrected, read, plan),
+        corrected.recordings,
+        plan=plan if checkpoint is None else checkpoint.over(plan, observer, words, began),
+        purpose=began.study.selector(corrected.unseen or corrected.recordings),
+        validation=corrected.unseen,
         observer=observer,
     )
-    choice = fit.horizon
-    reason = " ".join(filter(None, [choice.reason, left_out(given, experiments)]))
-    return counted_from_zero(replace(fit, horizon=replace(choice, reason=reason)))
+    reason = " ".join(filter(None, [fit.horizon.reason, left_out(experiments, read.usable)]))
+    return counted_from_zero(replace(fit, horizon=replace(fit.horizon, reason=reason)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Drives:
+    """Recordings of a drive in dq, to train on and to predict."""
+
+    recordings: list[Experiment]
+    unseen: list[Experiment]
+
+
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """What can be used of recordings, and what of it is."""
+
+    usable: Sequence[Experiment]
+    used: Excerpt
+    unseen: Sequence[Experiment]
+
+    @classmethod
+    def of(
+        cls, experiments: Sequence[Experiment], validation: Sequence[Experiment], study: Study
+    ) -> "_Read":
+        require_recordings(experiments, validation)
+        require_samples(experiments)
+        usable = usable_stretches(experiments)
+        unseen = study.excerpt(usable_stretches(validation)).experiments
+        used = study.excerpt(usable)
+        require_memory(sum(map(len, used.experiments)), _BYTES)
+        return cls(usable, used, unseen)
+
+    def judged(self, study: Study) -> tuple[Conventions, Calibration]:
+        """Return what is wrong with the channels, and what they have to be corrected by."""
+        return judge(self.used.experiments, **study.conventions)
+
+    def drives(self, found: Conventions, study: Study, observer: Observer) -> _Drives:
+        """Return the channels of a drive, refused where a convention or a channel is missing."""
+        if found.broken and not study.train_anyway:
+            raise InputError(f"{found.refusal} Nothing was trained; --train-anyway would.")
+        runs, unseen = (
+            [drive_recording(e) for e in some] for some in (self.used.experiments, self.unseen)
+        )
+        study.check([*runs, *unseen])
+        observer({"event": "start", "recordings": [e.name for e in runs]})
+        return _Drives(runs, unseen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +169,7 @@ class _Beginning:
         """Return what recordings say; a knee found after the calibration is cause for another."""
         once = cls._with(calibration, recordings, study, found)
         knee = any(isinstance(term, PhaseSigns) for term in once.study.terms)
-        if study.hold is not None or once.calibration == AS_RECORDED or not knee:
+        if study.hold is not None or calibration == AS_RECORDED or not knee:
             return once
         return cls._with(calibration_of(recordings, once.study.terms), recordings, study, found)
 
@@ -173,16 +185,42 @@ class _Beginning:
         acting = [calibration.acting(e) for e in corrected]
         drift = drift_of(acting, study.terms)
         steady = drift.applied(acting)
-        study, reasons, doubts = replace(study, hold=calibration.hold).decided(steady)
-        study.check(corrected)
-        start = _start(steady, study, (*calibration.reasons, *drift.reasons, *reasons))
-        return cls(found, calibration, study, start, doubts, drift)
+        held = replace(study, hold=calibration.drive.hold)
+        decided, reasons, doubts = held.decided(steady)
+        decided.check(corrected)
+        start = _start(steady, decided, (*calibration.reasons, *drift.reasons, *reasons))
+        return cls(found, calibration, decided, start, doubts, drift)
 
     @property
-    def imperfections(self) -> tuple[Imperfection, ...]:
-        """What is left of all that was decided and estimated."""
-        doubts = tuple(doubt.imperfection for doubt in self.doubts)
-        return self.calibration.imperfections + doubts + self.drift.imperfections
+    def judged(self) -> tuple[Conventions, Calibration]:
+        """As `_Read.judged` gives it, calibrated once more where a knee was found."""
+        return self.found, self.calibration
+
+    def corrected(self, drives: _Drives) -> _Drives:
+        """Return recordings corrected, those to train on without their drift."""
+        runs, unseen = (
+            [self.calibration.applied(e) for e in some]
+            for some in (drives.recordings, drives.unseen)
+        )
+        self.study.check([*runs, *unseen])
+        return _Drives(self.drift.applied(runs), unseen)
+
+    def start_of(self, corrected: _Drives, read: _Read, plan: Plan) -> Start:
+        """Return the start with what is left of every imperfection, and what is examined after."""
+        recordings, used = corrected.recordings, read.used.sentence
+        checks = machine_checks(self.found.broken)
+        if used:
+            predictor = Predictor(recordings[0].time_step, plan.solver, plan.hold)
+            checks += (unused_samples(read.usable, self.calibration, predictor),)
+        sentences = filter(None, (*reasons_of(read.usable), used))
+        structure = [*sentences, *self.start.facts["structure"]]
+        left = (
+            *self.calibration.rows(self.study.accuracy, recordings),
+            *(doubt.imperfection for doubt in self.doubts),
+            *budget_rows(self.drift.left, recordings, self.calibration.drive),
+        )
+        facts = {**self.start.facts, "structure": structure}
+        return replace(self.start, facts=facts, checks=checks, imperfections=left)
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:
@@ -197,10 +235,6 @@ def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str
     channels = ("i_d", "i_q", "u_d", "u_q")
     findings = (f for each in by_recording(recordings) for f in inspect_stretches(each, channels))
     odd = tuple(f.sentence for f in findings)
-    facts = facts_of(recordings, study, reasons)
+    facts = study.facts(recordings, reasons)
     anchor = anchor_of(recordings, balance)
     return Start(machine, balance.independence, anchor, repair, facts, odd, penalties)
-
-
-def _with_reasons(facts: Mapping[str, Any], sentences: Sequence[str]) -> dict[str, Any]:
-    return {**facts, "structure": [*filter(None, sentences), *facts["structure"]]}

@@ -16,8 +16,8 @@ from penode.data.toml_file import COUNT, FINITE, NATURAL, POSITIVE, held_against
 from penode.errors import InputError
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.term_registry import terms_of
-from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.recording.drive_mapping import BASES, RECORDED, DriveMapping, DriveOrigin
+from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY, Accuracy
 from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.recording.stationary_frame import LINK
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
@@ -68,7 +68,7 @@ _FILE: Any = _table(
         **dict.fromkeys((*BASES.values(), LINK), POSITIVE),
         "resample": Literal["linear"],
         "name_plate": _table("NamePlate", {one.name: POSITIVE for one in fields(NamePlate)}),
-        "accuracy": _table("Accuracy", {one.name: float for one in fields(Accuracy)}),
+        "accuracy": _table("Accuracy", dict.fromkeys(DEFAULT_ACCURACY.declared, float)),
         "channels": _table(
             "Channels", {name: str | (_Time if name == TIME else _Channel) for name in RECORDED}
         ),

@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.data.stretches import STRETCH, Excerpt, excerpt
@@ -12,13 +15,16 @@ from penode.horizon.ladder import HORIZONS, fitting_plan, ladder_plan
 from penode.horizon.selection import Longest, Selector
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.term_selection import CANDIDATES, is_open, structure_of
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
 from penode.pmsm.machine.space_vectors import CURRENTS
-from penode.pmsm.machine.term_registry import completed
-from penode.pmsm.machine.terms import Term
-from penode.pmsm.recording.accuracy import DEFAULT_ACCURACY, Accuracy
+from penode.pmsm.machine.standstill import SCOPE, STANDSTILL, stands_still
+from penode.pmsm.machine.temperatures import RECORDED, recorded_temperatures
+from penode.pmsm.machine.term_registry import completed, term_name
+from penode.pmsm.machine.terms import SPEED, Term
 from penode.pmsm.recording.channels import electrical, require_channels
+from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY, Accuracy
 from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
 from penode.training.plan import Plan
 from penode.training.second_order import LevenbergMarquardt
@@ -151,6 +157,32 @@ class Study:
             study = replace(study, angle_orders=structure.angle_orders)
             reasons += structure.angle_reasons
         return study, reasons, structure.doubts
+
+    @property
+    def conventions(self) -> dict[str, Any]:
+        """What `penode.pmsm.conventions.check.judge` is to know."""
+        of = {"terms": self.terms, "hold": self.hold, "pole_pairs": self.pole_pairs}
+        return {**of, "plate": self.name_plate}
+
+    def facts(self, recordings: Sequence[Experiment], reasons: Sequence[str]) -> dict[str, Any]:
+        """Return what provenance says of a model with nothing left open, and in sentences why."""
+        speed = float(np.median(np.abs(recordings[0].channels[SPEED.name])))
+        still = stands_still(recordings)
+        facts = {
+            "flux_map": self.flux_map,
+            "inverter": any(term.role == DeadTime.role for term in self.terms),
+            "terms": [term_name(term) for term in completed(self.terms)],
+            "angle_orders": list(self.angle_orders or ()),
+            "structure": [SCOPE, *reasons] if still else list(reasons),
+            STANDSTILL: still or None,
+            "hold": self.hold,
+            "purpose": self.purpose,
+            "seed": self.seed,
+            "pole_pairs": self.pole_pairs,
+            "electrical_frequency_hz": speed / (2 * np.pi),
+            RECORDED: recorded_temperatures(recordings),
+        }
+        return {name: fact for name, fact in facts.items() if fact is not None}
 
     def selector(self, experiments: Sequence[Experiment]) -> Selector:
         """Return the rule that picks the horizon, given what it may predict."""

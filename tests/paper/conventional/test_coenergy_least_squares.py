@@ -124,5 +124,5 @@ def test_bad_input_is_refused():
     with pytest.raises(InputError, match="degree must be >= 2, got 1"):
         CoenergyLeastSquares(1).identify([run])
     blind = {name: values for name, values in run.channels.items() if name != "theta_el"}
-    with pytest.raises(InputError, match="no channel theta_el came"):
+    with pytest.raises(InputError, match="channel theta_el is missing"):
         CoenergyLeastSquares(2, inverter=True).identify([replace(run, channels=blind)])

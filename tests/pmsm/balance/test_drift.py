@@ -10,6 +10,8 @@ from penode.bench.references import Lissajous
 from penode.bench.run import simulate
 from penode.pmsm.balance.drift import Drift, drift_of
 from penode.pmsm.machine.terms import TemperatureResistance
+from penode.pmsm.recording.imperfection import KnownDrive
+from penode.pmsm.recording.imperfections import budget_rows
 
 VOLTAGES = ("u_d", "u_q")
 R = TRACTION_300A.resistance
@@ -42,17 +44,17 @@ def drifting(run, of_resistance, of_magnet):
 def test_a_drift_is_estimated_and_taken_off(steady_run, share, magnet):
     run = drifting(steady_run, share * R, magnet)
     drift = drift_of([run])
-    assert drift.resistance[0] == pytest.approx(share * R, rel=0.1, abs=1e-9)
-    assert drift.magnet[0] == pytest.approx(magnet, rel=0.1, abs=1e-9)
+    assert drift.sizes["resistance_drift"][0] == pytest.approx(share * R, rel=0.1, abs=1e-9)
+    assert drift.sizes["magnet_drift"][0] == pytest.approx(magnet, rel=0.1, abs=1e-9)
     assert len(drift.reasons) == (share != 0) + (magnet != 0)
-    known = Drift((share * R,), (magnet,))
+    known = Drift({"resistance_drift": (share * R,), "magnet_drift": (magnet,)})
     (steady,) = known.applied([run])
     np.testing.assert_allclose(steady.stack(VOLTAGES), steady_run.stack(VOLTAGES), atol=1e-9)
 
 
 def test_a_steady_machine_is_left_alone(steady_run, slow_run):
     drift = drift_of([steady_run, slow_run])
-    assert drift.resistance == drift.magnet == (0.0, 0.0)
+    assert drift.sizes == dict.fromkeys(("resistance_drift", "magnet_drift"), (0.0, 0.0))
     assert drift.reasons == ()
     assert drift.applied([steady_run, slow_run]) == [steady_run, slow_run]
 
@@ -60,19 +62,20 @@ def test_a_steady_machine_is_left_alone(steady_run, slow_run):
 def test_every_recording_has_a_drift_of_its_own(steady_run):
     warming, cooling = (drifting(steady_run, share * R, 0.0) for share in (0.1, -0.05))
     drift = drift_of([warming, cooling])
-    np.testing.assert_allclose(drift.resistance, [0.1 * R, -0.05 * R], rtol=0.1)
+    np.testing.assert_allclose(drift.sizes["resistance_drift"], [0.1 * R, -0.05 * R], rtol=0.1)
 
 
 def test_a_recorded_temperature_leaves_no_drift_of_the_resistance(steady_run):
     warm = {"winding_temperature": np.full(len(steady_run), 20.0)}
     run = replace(steady_run, channels={**steady_run.channels, **warm})
     drift = drift_of([drifting(run, 0.1 * R, 0.0)], (TemperatureResistance(),))
-    assert drift.resistance == (0.0,)
+    assert "resistance_drift" not in drift.sizes
 
 
 def test_what_is_left_of_a_drift_is_in_the_budget(steady_run):
-    assert Drift((0.1,), (0.0,)).imperfections == ()
-    rows = Drift((0.1,), (0.0,), (2e-4, 3e-6)).imperfections
+    left = {"resistance_drift": 2e-4, "magnet_drift": 3e-6}
+    assert budget_rows({}, [steady_run], KnownDrive()) == ()
+    rows = budget_rows(left, [steady_run], KnownDrive())
     assert [row.source for row in rows] == ["drift of R", "drift of the magnets"]
     for row, of_resistance, of_magnet in zip(rows, (2e-4, 0.0), (0.0, 3e-6), strict=True):
         found = row.applied(steady_run, -2.0).stack(VOLTAGES)
@@ -85,10 +88,14 @@ def test_stretches_of_a_recording_share_its_clock(steady_run):
     run = drifting(steady_run, 0.1 * R, 0.0)
     stretches = [run.part(0, 1800), run.part(3100, 5000)]
     drift = drift_of(stretches)
-    assert drift.resistance[0] == drift.resistance[1] == pytest.approx(0.1 * R, rel=0.1)
+    assert (
+        drift.sizes["resistance_drift"][0]
+        == drift.sizes["resistance_drift"][1]
+        == pytest.approx(0.1 * R, rel=0.1)
+    )
     assert drift.reasons[0].startswith(f"{run.name}: R changes by 10 ")
     assert len(drift.reasons) == 1
-    known = Drift((0.1 * R,) * 2, (0.0,) * 2)
+    known = Drift({"resistance_drift": (0.1 * R,) * 2})
     for steady, place in zip(known.applied(stretches), ((0, 1800), (3100, 5000)), strict=True):
         expected = steady_run.stack(VOLTAGES)[slice(*place)]
         np.testing.assert_allclose(steady.stack(VOLTAGES), expected, atol=1e-9)

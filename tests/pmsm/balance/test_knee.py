@@ -15,7 +15,7 @@ from penode.pmsm.balance.knee import spread_over_knees, with_knee
 from penode.pmsm.balance.term_evidence import judged
 from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime
 from penode.pmsm.machine.term_registry import physical_values
-from penode.pmsm.recording.accuracy import Accuracy
+from penode.pmsm.recording.imperfections import Accuracy
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
 

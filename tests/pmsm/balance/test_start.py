@@ -5,9 +5,8 @@ import pytest
 
 from penode.bench.coenergy_table import true_flux_map
 from penode.bench.machines import TRACTION_300A
-from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.start import weak_start
-from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.balance.voltage_balance import PolynomialMap, harmonic_window
 
 
 @pytest.mark.parametrize("reciprocal", [True, False])

@@ -12,9 +12,8 @@ from penode.bench.inverter import Inverter
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
-from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.term_selection import order_power, structure_of
-from penode.pmsm.balance.voltage_balance import BalanceForm
+from penode.pmsm.balance.voltage_balance import BalanceForm, PolynomialMap
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.study_settings import Study

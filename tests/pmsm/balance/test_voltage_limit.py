@@ -19,7 +19,7 @@ from penode.errors import InputError
 from penode.pmsm.balance.usable import usable_stretches
 from penode.pmsm.balance.voltage_limit import below_limit
 from penode.pmsm.machine.frames import abc_from_dq
-from penode.pmsm.precheck.recording_check import check_recordings
+from penode.pmsm.recording_check import check_recordings
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
 

@@ -416,10 +416,10 @@ def test_identification_with_the_inverter_term(dead_time_run, tmp_path):
 @pytest.mark.parametrize(
     ("choice", "sentence"),
     [
-        ({"flux_map": "spline", "angle_orders": (6,)}, "cannot follow the angle"),
+        ({"flux_map": "spline", "angle_orders": (6,)}, "cannot follow angle orders"),
         ({"angle_orders": (6, 6)}, "distinct whole numbers"),
         ({"angle_orders": (0,)}, "from 1"),
-        ({"hold": "alpha"}, "choose one of dq, stationary"),
+        ({"hold": "alpha"}, "must be one of dq, stationary"),
     ],
 )
 def test_choices_that_cannot_be_are_refused(choice, sentence):
@@ -431,5 +431,5 @@ def test_choices_that_cannot_be_are_refused(choice, sentence):
 def test_a_recording_without_the_angle_is_refused_where_it_is_needed(dead_time_run, choice):
     channels = {k: v for k, v in dead_time_run.channels.items() if k != "theta_el"}
     bare = replace(dead_time_run, name="bare.csv", channels=channels)
-    with pytest.raises(InputError, match=r"bare\.csv: no channel theta_el"):
+    with pytest.raises(InputError, match=r"bare\.csv: channel theta_el is missing"):
         identify([dead_time_run], study=Study(**choice), validation=[bare])

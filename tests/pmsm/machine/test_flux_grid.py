@@ -60,9 +60,9 @@ def test_resistance_that_the_recordings_cannot_tell_is_left_out(machine_fit):
 
 
 def test_refusals(machine_fit):
-    with pytest.raises(InputError, match="at least 5"):
+    with pytest.raises(InputError, match="must be >= 5"):
         tabulate(machine_fit, 4)
-    with pytest.raises(InputError, match="0 pole pairs"):
+    with pytest.raises(InputError, match="pole_pairs must be >= 1, got 0"):
         tabulate(machine_fit, 5, pole_pairs=0)
     flat = replace(machine_fit, excited=machine_fit.excited * [0, 1])
     with pytest.raises(InputError, match="i_d or i_q at zero"):

@@ -15,10 +15,13 @@ from penode.errors import InputError
 from penode.models.inputs import Inputs
 from penode.models.parameters import setting_at, with_batch_axis
 from penode.models.transforms import Positive
-from penode.pmsm.balance.equations import balance_equations, term_columns
-from penode.pmsm.balance.polynomial_map import PolynomialMap
 from penode.pmsm.balance.trial_balance import DirectedDeadTime
-from penode.pmsm.balance.voltage_balance import BalanceForm
+from penode.pmsm.balance.voltage_balance import (
+    BalanceForm,
+    PolynomialMap,
+    balance_equations,
+    term_columns,
+)
 from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime
 from penode.pmsm.machine.flux_maps import Flux, FluxMap
 from penode.pmsm.machine.model import Machine
@@ -278,12 +281,12 @@ def test_resistance_and_rotation_are_added_where_nothing_stands_in_their_place()
 
 
 def test_two_terms_of_one_role_are_refused():
-    with pytest.raises(InputError, match="Resistance and TemperatureResistance came, and both"):
+    with pytest.raises(InputError, match="Resistance and TemperatureResistance both"):
         Machine(FluxMap(Linear(), 1.0, 1.0), (Resistance(), TemperatureResistance()))
 
 
 def test_an_unknown_term_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="term 'iron' came; choose from resistance, temperature"):
+    with pytest.raises(InputError, match="unknown term 'iron'; known are resistance, temperature"):
         terms_of(["iron"])
 
 

@@ -13,8 +13,7 @@ from penode.pmsm.conventions.check import check_conventions, judge
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.machine.holds import turned_voltage
 from penode.pmsm.precheck.objections import machine_checks, per_unit, voltage_limit
-from penode.pmsm.precheck.recording_check import check_recordings
-from penode.pmsm.study_settings import Study
+from penode.pmsm.recording_check import check_recordings
 from penode.validation.comparison import Comparison
 
 COUNT, STEP = 4000, 1e-4
@@ -179,9 +178,9 @@ def test_conventions_are_tested_where_the_voltage_acts(slow_run):
     """At 6000 rpm half a sample's turn looks like an angle with an offset of more than 5 deg."""
     fast = turned_voltage(slow_run, 2.0)  # as half a sample does at four times the speed
     assert [b.name for b in check_conventions(fast).broken] == ["offset angle"]
-    found, calibration = judge([fast], Study())
+    found, calibration = judge([fast])
     assert found.broken == ()
-    assert calibration.turn == pytest.approx(-2.0, abs=0.05)
+    assert calibration["turn"] == pytest.approx(-2.0, abs=0.05)
 
 
 def in_phases(run, kinds):
@@ -205,8 +204,8 @@ def test_a_recording_that_cannot_be_mapped_has_its_convention_named(slow_run):
 
 
 def test_phases_that_dq_was_made_from_are_no_second_measurement(slow_run):
-    found, _ = judge([in_phases(slow_run, "u")], Study(hold="stationary"))
-    assert any("Rms values cannot be distinguished" in sentence for sentence in found.untold)
+    found, _ = judge([in_phases(slow_run, "u")], hold="stationary")
+    assert any("Rms values cannot be distinguished" in sentence for sentence in found.undetermined)
 
 
 @pytest.mark.parametrize("verdict", ["plateau", "fixed", "H = 1 suffices", "predicts best"])

@@ -46,7 +46,7 @@ def test_phase_quantities_give_the_same_recording():
         ({"u_q": None}, ("drive.csv", "u_q")),
         ({"omega_el": None}, ("drive.csv", "omega_el")),
         ({"i_d": np.full(400, 3.0)}, ("drive.csv", "i_d")),
-        ({"omega_el": np.full(400, 5e4)}, ("drive.csv", "omega_el", "seconds")),
+        ({"omega_el": np.full(400, 5e4)}, ("drive.csv", "omega_el", "t in s")),
     ],
     ids=["missing voltage", "missing speed", "constant current", "speed against time step"],
 )
@@ -59,7 +59,7 @@ def test_unusable_recordings_are_refused_in_one_sentence(changes, words):
 
 def test_time_in_milliseconds_is_noticed():
     run = recording()
-    with pytest.raises(InputError, match="give t in seconds"):
+    with pytest.raises(InputError, match="t in s, omega_el"):
         drive_recording(Experiment("drive.csv", 0.1, run.channels))
 
 
@@ -94,7 +94,7 @@ def test_a_sample_turns_a_quarter_at_most(turn, usable):
     if usable:
         assert drive_recording(run) is run
     else:
-        with pytest.raises(InputError, match=r"turns 1\.59 rad a sample where less than 1\.6"):
+        with pytest.raises(InputError, match=r"turns 1\.59 rad a sample, must be < 1\.6"):
             drive_recording(run)
 
 
@@ -103,7 +103,7 @@ def test_a_terms_channels_are_there_and_within_their_limits(kind):
     good = {channel.name: np.full(400, 20.0) for channel in kind.channels}
     require_channels([recording(**good)], [kind()])
     for channel in kind.channels:
-        with pytest.raises(InputError, match=f"drive.csv: no channel {channel.name} came"):
+        with pytest.raises(InputError, match=f"drive.csv: channel {channel.name} is missing"):
             require_channels([recording(**{**good, channel.name: None})], [kind()])
         for limit, beyond in ((channel.lowest, -1.0), (channel.highest, 1.0), (0.0, np.nan)):
             values = np.full(400, 20.0)

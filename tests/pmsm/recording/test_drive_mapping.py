@@ -45,7 +45,7 @@ def test_only_amplitudes_are_rms_and_only_motion_is_of_the_shaft(name):
         if name in allowed:
             assert DriveMapping(channels, pole_pairs=2).channels == channels
             continue
-        with pytest.raises(InputError, match=f"{flag} = true came for {name}"):
+        with pytest.raises(InputError, match=f"channel {name}: {flag} = true is for"):
             DriveMapping(channels, pole_pairs=2)
 
 

@@ -6,8 +6,8 @@ import pytest
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.pmsm.conventions.check import check_conventions
-from penode.pmsm.precheck.recording_check import check_recordings
 from penode.pmsm.recording.channels import drive_recording, missing_channels
+from penode.pmsm.recording_check import check_recordings
 from penode.pmsm.study_file import load_study
 
 DQ = ("u_d", "u_q", "i_d", "i_q", "omega_el")
@@ -103,7 +103,9 @@ def test_a_constant_dc_link(run, tmp_path):
         columns[f"duty_{phase}"] = 0.5 + columns[f"u_{phase}"] / LINK
     text = f"u_dc = 400\n[channels]\n{ANGLE}{entries('omega_el')}{CURRENTS}{DUTIES}"
     assert_same(drive_recording(written(tmp_path, columns, text)), run)
-    with pytest.raises(InputError, match=r"u_dc = 400 came beside a channel u_dc; remove one\."):
+    with pytest.raises(
+        InputError, match=r"u_dc is both a number \(400\) and a channel; remove one\."
+    ):
         written(tmp_path, columns, text + LINKED)
 
 
@@ -127,11 +129,11 @@ def test_fractions_of_bases(run, tmp_path):
     [
         (
             '[channels]\ni_d = { column = "i_d", unit = "pu" }\n',
-            ["channel i_d: column i_d is per unit (pu)", "give i_base, what 1 is in A"],
+            ["channel i_d: column i_d is per unit (pu)", "add i_base, what 1 is in A"],
         ),
         (
             'u_base = 230\n[channels]\nu_d = { column = "u_d", unit = "V" }\n',
-            ["channel u_d: unit 'V' came for column u_d beside u_base", 'unit = "1"'],
+            ["channel u_d: column u_d has unit 'V' beside u_base", 'unit = "1"'],
         ),
         ("u_base = 0\n", ["u_base = 0", "a number above zero"]),
     ],
@@ -168,7 +170,7 @@ def test_conventions_are_judged_in_every_form(run):
     turned = {name: -columns[name] for name in ("u_beta", "i_beta")}
     broken = check_conventions(Experiment("run", 1e-4, {**good.channels, **turned})).broken
     assert [finding.name for finding in broken] == ["swapped phases"]
-    assert broken[0].mend.startswith("give u_beta and i_beta sign = -1, or give theta_el")
+    assert broken[0].fix.startswith("give u_beta and i_beta sign = -1, or give theta_el")
 
 
 def test_two_currents_and_duties_pass_the_check(run):

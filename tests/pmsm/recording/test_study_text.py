@@ -9,10 +9,10 @@ import pytest
 from penode.data.table import Table
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.holds import HOLDS
-from penode.pmsm.recording.accuracy import DEFAULT_ACCURACY
 from penode.pmsm.recording.channel_guess import ChannelGuess
 from penode.pmsm.recording.drive_mapping import RECORDED
 from penode.pmsm.recording.guess import StudyGuess, guess_study
+from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY
 from penode.pmsm.recording.study_text import study_text
 from penode.pmsm.study_file import load_study
 from penode.pmsm.study_settings import DEFAULT_STUDY
@@ -56,7 +56,7 @@ def test_every_map_and_hold_that_is_named_exists():
 
 def test_the_accuracies_are_those_assumed_and_each_can_be_given(study):
     own = re.sub(r"^# (\[accuracy\]|\w+ = [\d.]+)$", r"\1", TEXT, flags=re.MULTILINE)
-    assert set(tomllib.loads(own)["accuracy"]) == set(vars(DEFAULT_ACCURACY))
+    assert set(tomllib.loads(own)["accuracy"]) == set(DEFAULT_ACCURACY.declared)
     assert study(own).study.accuracy == DEFAULT_ACCURACY
 
 

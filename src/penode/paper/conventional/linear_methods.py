@@ -20,8 +20,7 @@ from penode.horizon.ladder import Observer, ignore_events
 from penode.horizon.loss_weighting import linearised
 from penode.models.base import LearnedMap
 from penode.paper.conventional.linear_maps import LinearMap, coenergy_polynomial, polynomial
-from penode.pmsm.balance.equations import balance_equations
-from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.balance.voltage_balance import balance_equations, harmonic_window
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.holds import HOLDS

@@ -6,7 +6,7 @@ import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.horizon.uncertainty_budget import Imperfection
-from penode.pmsm.balance.equations import term_columns
+from penode.pmsm.balance.voltage_balance import term_columns
 from penode.pmsm.machine.space_vectors import less_voltage
 from penode.pmsm.machine.term_registry import physical_values
 from penode.pmsm.machine.terms import Term

@@ -9,6 +9,7 @@ constant voltage, the law of a junction goes on rising with the logarithm of the
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -16,14 +17,19 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.doubt import Doubt, probability
-from penode.pmsm.balance.equations import balance_equations, term_columns
-from penode.pmsm.balance.polynomial_map import PolynomialMap
-from penode.pmsm.balance.voltage_balance import BalanceForm, short_window, waves
+from penode.pmsm.balance.voltage_balance import (
+    BalanceForm,
+    PolynomialMap,
+    joint_equations,
+    short_window,
+    term_columns,
+    waves,
+)
 from penode.pmsm.machine.dead_time import FOLDS, DeadTime, PhaseDeadTime, PhaseSigns
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import completed, physical_values
 from penode.pmsm.machine.terms import ANGLE, Term
-from penode.training.weak_form import OVERLAP, HannWindow, join
+from penode.training.weak_form import OVERLAP, HannWindow
 
 #: Harmonics of the machine that short windows see too, and the degree of their coenergies.
 _HARMONICS, _DEGREE = (6, 12), 4
@@ -124,17 +130,12 @@ class _Search:
     def of(cls, experiments: Sequence[Experiment], terms: Sequence[Term]) -> "_Search":
         reach = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
         every = tuple(term.prepared(reach) for term in completed(terms))
-        windows = [short_window(e, min(_HARMONICS)) for e in experiments]
-        whole = join(
-            [
-                balance_equations(e, every, _map_columns(e, reach), length)
-                for e, length in zip(experiments, windows, strict=True)
-            ]
-        )
+        window = partial(short_window, order=min(_HARMONICS))
+        whole = joint_equations(experiments, every, partial(_map_columns, reach=reach), window)
         size = np.maximum(np.linalg.norm(whole.matrix, axis=0), 1e-300)
         basis = np.linalg.qr(whole.matrix / size)[0]
         left = whole.target - basis @ (basis.T @ whole.target)
-        return cls(experiments, windows, reach, basis, left)
+        return cls(experiments, [window(e) for e in experiments], reach, basis, left)
 
     def best(self) -> tuple[_Fitted, ...]:
         """Return the best knees, sharp, of any softness and wholly soft, with one voltage."""

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -12,9 +12,14 @@ from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.definite import Held, held_definite, held_in_training
-from penode.pmsm.balance.equations import balance_equations
 from penode.pmsm.balance.smoothing import Roughness, Smoothed, smoothed
-from penode.pmsm.balance.voltage_balance import harmonic_window, short_window, waves
+from penode.pmsm.balance.voltage_balance import (
+    balance_equations,
+    harmonic_window,
+    joint_equations,
+    short_window,
+    waves,
+)
 from penode.pmsm.machine.coenergy_map import (
     AMPLITUDE,
     MEAN,
@@ -121,12 +126,8 @@ class _Setting:
 
     def equations(self, parts: Sequence[CoenergyPart]) -> WeakRegression:
         """Return the balance with mean maps of the parts."""
-        return join(
-            [
-                balance_equations(e, self.terms, self.basis(e, parts), harmonic_window(e))
-                for e in self.experiments
-            ]
-        )
+        basis = partial(self.basis, parts=parts)
+        return joint_equations(self.experiments, self.terms, basis, harmonic_window)
 
     def mean(self, whole: WeakRegression, parts: Sequence[CoenergyPart]) -> "_Mean":
         """Return physical parameters and mean map of the parts that come first in equations."""

@@ -77,13 +77,13 @@ def _presence(
     if certain:
         return Judged(candidate, f"{title}: the voltage balance shows {shown}.", balance)
     equations = len(balance.equations.target) / OVERLAP
-    share = probability(value / max(deviation, 1e-300), equations)
+    taken = max(value, 0.0)  # no inverter adds a voltage
+    share = probability(taken / max(deviation, 1e-300), equations)
     largest = abs(balance.resistance) * balance.form.polynomial.current_scale
-    if share < 0.5 or abs(value) < _MATTERS * largest:
-        root_mean_square = math.hypot(max(value, 0.0), deviation)  # no inverter adds a voltage
-        share = min(share, probability(max(value, 0.0) / max(deviation, 1e-300), equations))
+    if share < 0.5 or taken < _MATTERS * largest:
         (term,) = with_physical(
-            (candidate.prepared(balance.form.polynomial.current_scale),), [root_mean_square]
+            (candidate.prepared(balance.form.polynomial.current_scale),),
+            [math.hypot(taken, deviation)],
         )
         doubt = Doubt(title.lower(), _MORE, term, None, math.sqrt(share))
         why = f"{title} was left out: the voltage balance shows {shown} of it."

@@ -9,9 +9,8 @@ from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.pmsm.balance.doubt import Doubt
-from penode.pmsm.balance.equations import term_columns
 from penode.pmsm.balance.term_evidence import Judged, judged
-from penode.pmsm.balance.voltage_balance import BalanceForm, BalanceSolution
+from penode.pmsm.balance.voltage_balance import BalanceForm, BalanceSolution, term_columns
 from penode.pmsm.machine.dead_time import DeadTime, PhaseSigns
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES

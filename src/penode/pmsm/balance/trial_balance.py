@@ -5,9 +5,9 @@ weak form. The rotor's angle is not used, so that a wrong one cannot spoil the j
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,16 +16,14 @@ from penode.arrays import FloatArray, JaxArray, Leaf
 from penode.data.experiment import Experiment
 from penode.models.inputs import Inputs
 from penode.models.parameters import parameter, physical
-from penode.pmsm.balance.equations import balance_equations
-from penode.pmsm.balance.polynomial_map import PolynomialMap
-from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.balance.voltage_balance import BalanceForm, PolynomialMap, Window, harmonic_window
 from penode.pmsm.machine.flux_maps import Flux
 from penode.pmsm.machine.frames import quarter_turned
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.machine.terms import Term
 from penode.training.covariance import bartlett_variance
-from penode.training.weak_form import HannWindow, WeakRegression, join
+from penode.training.weak_form import HannWindow, WeakRegression
 
 #: Degree of the coenergy: enough for factors and the magnet, and for timing and R.
 _DEGREE, FINE_DEGREE = 4, 8
@@ -45,26 +43,16 @@ _ORDER = 6
 _OVERLAPPING = 16
 
 
-#: Returns the samples of a window for a recording.
-Window: TypeAlias = Callable[[Experiment], int]
-
-
 @dataclass(frozen=True, eq=False)
-class TrialBalance:
-    """What the balance makes of a recording; deviations are HAC."""
+class Trial:
+    """What a balance makes of a recording."""
 
-    # R, ohm.
-    resistance: float
-    deviation: float
-    # Of the balance over the voltages (root mean square).
+    # What it leaves of the voltages (root mean square), as a fraction of them.
     residual: float
     # Fraction of the visited currents at which d psi / d i is positive definite, as it must be.
     definite: float
-    # Flux linkage at no current (2,), Vs; the deviation is of its q part.
+    # Flux linkage at no current (2,), Vs.
     magnet: FloatArray
-    magnet_deviation: float
-    # L_dd and L_qq at no current (2,), H.
-    inductance: FloatArray
 
     @property
     def misfit(self) -> float:
@@ -72,27 +60,33 @@ class TrialBalance:
         return self.residual * (2.0 - self.definite)
 
 
+@dataclass(frozen=True, eq=False)
+class TrialBalance(Trial):
+    """The same with R and inductance; deviations are HAC."""
+
+    # R, ohm.
+    resistance: float
+    deviation: float
+    # Of the q part of the flux linkage.
+    magnet_deviation: float
+    # L_dd and L_qq at no current (2,), H.
+    inductance: FloatArray
+
+
 def try_balance(
     experiment: Experiment, window: int | None = None, degree: int = _DEGREE
 ) -> TrialBalance:
     """Solve the balance of one recording; windows null the sixth harmonic unless given, samples."""
-    currents = experiment.stack(CURRENTS)
-    polynomial = _polynomial(currents, degree)
-    length = window or trial_window(experiment)
-    basis = polynomial.basis(currents)
-    equations = balance_equations(experiment, _terms(currents), basis, length)
-    solution = equations.solve()
-    weights = solution[2:]
-    points = currents[:: max(len(currents) // _POINTS, 1)]
-    slopes = polynomial.slopes(points) @ weights
+    form = trial_form([experiment], degree)
+    equations = form.equations([experiment], window or trial_window)
+    solution, polynomial = equations.solve(), form.polynomial
+    weights, currents = solution[2:], experiment.stack(CURRENTS)
+    slopes = polynomial.slopes(currents[:: max(len(currents) // _POINTS, 1)]) @ weights
     origin = np.zeros((1, 2))
     return TrialBalance(
         resistance=float(solution[0]),
         deviation=equations.deviation(0),
-        residual=float(
-            np.linalg.norm(equations.target - equations.matrix @ solution)
-            / np.linalg.norm(equations.target)
-        ),
+        residual=_share_left(equations, solution),
         definite=float(np.mean(np.linalg.eigvalsh(slopes)[:, 0] > 0.0)),
         magnet=(polynomial.basis(origin) @ weights)[0],
         # The coefficient of i_q in the coenergy, which comes first, is psi_q at no current.
@@ -103,16 +97,20 @@ def try_balance(
 
 def residual_of(experiments: Sequence[Experiment]) -> float:
     """Return what one balance of several recordings leaves over, as a share of the voltages."""
-    currents = np.concatenate([e.stack(CURRENTS) for e in experiments])
-    polynomial, terms = _polynomial(currents, _DEGREE), _terms(currents)
-    equations = join(
-        [
-            balance_equations(e, terms, polynomial.basis(e.stack(CURRENTS)), trial_window(e))
-            for e in experiments
-        ]
-    )
-    left = equations.target - equations.matrix @ equations.solve()
+    equations = trial_form(experiments).equations(experiments, trial_window)
+    return _share_left(equations, equations.solve())
+
+
+def _share_left(equations: WeakRegression, solution: FloatArray) -> float:
+    left = equations.target - equations.matrix @ solution
     return float(np.linalg.norm(left) / np.linalg.norm(equations.target))
+
+
+def trial_form(experiments: Sequence[Experiment], degree: int = _DEGREE) -> BalanceForm:
+    """Return a balance with R, rotation, and a dead time by the direction of the current."""
+    reach = max(float(np.hypot(*e.stack(CURRENTS).T).max()) for e in experiments)
+    terms = completed([DirectedDeadTime(fade=_FADE * reach)])
+    return BalanceForm(PolynomialMap(True, reach, degree), terms)
 
 
 def trial_window(experiment: Experiment) -> int:
@@ -128,8 +126,7 @@ def lag_of_voltage(experiment: Experiment, in_phases: bool) -> tuple[float, floa
     such as dead time, that of phases is taken from tau du/dt alone where the rotor turns
     slowly. Of windows of several lengths the one with the least deviation is taken.
     """
-    currents, voltage = experiment.stack(CURRENTS), experiment.stack(VOLTAGES)
-    terms, basis = _terms(currents), _polynomial(currents, FINE_DEGREE).basis(currents)
+    voltage, form = experiment.stack(VOLTAGES), trial_form([experiment], FINE_DEGREE)
     turned = quarter_turned(voltage.T).T
     turn = experiment.channels["omega_el"] * experiment.time_step
     earlier, nothing = -experiment.time_step * voltage, np.zeros_like(voltage)
@@ -145,7 +142,7 @@ def lag_of_voltage(experiment: Experiment, in_phases: bool) -> tuple[float, floa
     estimates = []
     for length in (n * window for n in _TIMING_WINDOWS if n * window <= longest):
         for columns, ambiguity in tried:
-            equations = balance_equations(experiment, terms, basis, length, columns)
+            equations = form.equations([experiment], length, [columns])
             deviation, lag, size = _first_coefficient(equations)
             noise = _noise_products(experiment, length) / size**2
             estimates.append((float(np.linalg.norm([deviation, ambiguity, noise])), lag))
@@ -171,13 +168,12 @@ def imitated_lag(experiments: Sequence[Experiment], window: Window) -> float:
     """
     products, squares = 0.0, 0.0
     for experiment in experiments:
-        currents, voltage = experiment.stack(CURRENTS), experiment.stack(VOLTAGES)
-        basis, length = _polynomial(currents, FINE_DEGREE).basis(currents), window(experiment)
+        voltage, form = experiment.stack(VOLTAGES), trial_form([experiment], FINE_DEGREE)
         columns = [(-experiment.time_step * voltage, np.zeros_like(voltage))]
-        equations = balance_equations(experiment, _terms(currents), basis, length, columns)
+        equations = form.equations([experiment], window, [columns])
         size = _first_coefficient(equations)[2]
         count = len(equations.target)
-        products += count * _noise_products(experiment, length)
+        products += count * _noise_products(experiment, window(experiment))
         squares += count * size**2
     return products / max(squares, 1e-300)
 
@@ -216,11 +212,6 @@ def _first_coefficient(equations: WeakRegression) -> tuple[float, float, float]:
     return deviation, value, float(np.sqrt(square / len(own)))
 
 
-def _terms(currents: FloatArray) -> tuple[Term, ...]:
-    """Return resistance, rotation, and a dead time by the direction of the current."""
-    return completed([DirectedDeadTime(fade=_FADE * float(np.hypot(*currents.T).max()))])
-
-
 class DirectedDeadTime(Term):
     """dU i / |i|: the mean of dead time over the rotor's angle, faded out below a current."""
 
@@ -235,7 +226,3 @@ class DirectedDeadTime(Term):
         """Return dU i / |i| in V; see `Term.drop`."""
         length = jnp.hypot(x[0], x[1])
         return self.directed_voltage * x / jnp.hypot(length, self.fade)
-
-
-def _polynomial(currents: FloatArray, degree: int) -> PolynomialMap:
-    return PolynomialMap(True, float(np.hypot(*currents.T).max()), degree)

@@ -27,8 +27,8 @@ def require_samples(experiments: Sequence[Experiment]) -> None:
     longest = max(experiments, key=len)
     if len(longest) < SHORTEST:
         raise InputError(
-            f"{longest.name}: only {len(longest)} samples in a row came where a machine is "
-            f"identified from at least {SHORTEST}; record for longer."
+            f"{longest.name}: a machine needs at least {SHORTEST} samples in a row, got "
+            f"{len(longest)}; record for longer."
         )
 
 

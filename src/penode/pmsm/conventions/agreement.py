@@ -12,15 +12,12 @@ import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
-from penode.pmsm.balance.equations import balance_equations, term_columns
-from penode.pmsm.balance.polynomial_map import PolynomialMap
-from penode.pmsm.balance.trial_balance import FINE_DEGREE, DirectedDeadTime, trial_window
+from penode.pmsm.balance.trial_balance import FINE_DEGREE, trial_form, trial_window
+from penode.pmsm.balance.voltage_balance import term_columns
 from penode.pmsm.conventions.broken_convention import BrokenConvention
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.standstill import stands_still
-from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.machine.terms import SPEED, Term
-from penode.training.weak_form import join
 
 #: Differences of R, and of the magnets' flux linkage, over their size from which recordings
 #: disagree: copper some 13 K, magnets some 10 K warmer.
@@ -34,8 +31,6 @@ _PER_KELVIN = (0.0039, -0.001)
 _HOTTEST = 200.0
 #: Ratio of two speeds from which R may differ by losses that grow with the speed.
 _OTHER_SPEED = 1.1
-#: Fraction of the largest current below which the dead-time voltage fades.
-_FADE = 0.02
 #: Recordings that are compared at most: of many, those next to the first.
 _MOST = 12
 _REPAIR = (
@@ -85,23 +80,17 @@ def disagreement_of(
 
 def _differences(recordings: Sequence[Experiment]) -> list[tuple[_Difference, _Difference]]:
     """Return what R and the magnets of each recording differ by from those of the first."""
-    currents = np.concatenate([e.stack(CURRENTS) for e in recordings])
-    reach = float(np.hypot(*currents.T).max())
-    terms = completed([DirectedDeadTime(fade=_FADE * reach)])
-    polynomial = PolynomialMap(True, reach, FINE_DEGREE)
-    count = len(recordings) - 1
-    parts = []
+    form, count = trial_form(recordings, FINE_DEGREE), len(recordings) - 1
+    columns = []
     for place, e in enumerate(recordings):
-        _, by_parameter, by_psi = term_columns(e, terms)
+        _, by_parameter, by_psi = term_columns(e, form.terms)
         drops = np.stack([by_parameter[..., 0], by_psi[..., 0], by_parameter[..., 1]])
-        own = [(0 * d, -d * (k == place)) for d in drops for k in range(1, count + 1)]
-        basis = polynomial.basis(e.stack(CURRENTS))
-        parts.append(balance_equations(e, terms, basis, trial_window(e), own))
-    equations = join(parts)
+        columns.append([(0 * d, -d * (k == place)) for d in drops for k in range(1, count + 1)])
+    equations = form.equations(recordings, trial_window, columns)
     solution = equations.solve()
     # First the differences, then R and the dead time, then the map.
     resistance, weights = float(solution[3 * count]), solution[3 * count + 2 :]
-    magnet = float((polynomial.basis(np.zeros((1, 2))) @ weights)[0, 0])
+    magnet = float((form.polynomial.basis(np.zeros((1, 2))) @ weights)[0, 0])
     each = [
         _Difference(float(solution[k]), equations.deviation(k), (resistance, magnet)[k // count])
         for k in range(2 * count)

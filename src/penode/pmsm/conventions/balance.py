@@ -97,11 +97,11 @@ def judge_magnet(experiment: Experiment, in_phases: bool) -> tuple[BrokenConvent
     if abs(aside) < _ASIDE or abs(aside) < _SIGNIFICANT * deviation:
         return None, ""
     offset = -aside
-    mend = f"subtract {offset:.3g} deg ({np.radians(offset):.4g} rad) from theta_el"
+    fix = f"subtract {offset:.3g} deg ({np.radians(offset):.4g} rad) from theta_el"
     if not in_phases:
         turn = np.median(np.abs(experiment.channels["omega_el"])) * experiment.time_step
         samples = np.radians(abs(aside)) / max(float(turn), 1e-9)
-        mend += (
+        fix += (
             ", or turn the recorded dq channels by as much; a voltage that the inverter holds or "
             f"delays without correction of the turn looks alike ({samples:.2g} samples)"
         )
@@ -110,6 +110,6 @@ def judge_magnet(experiment: Experiment, in_phases: bool) -> tuple[BrokenConvent
         experiment.name,
         ("theta_el",),
         f"the flux linkage at no current lies {aside:.3g} ± {deviation:.2g} deg beside the d axis",
-        mend,
+        fix,
     )
     return finding, ""

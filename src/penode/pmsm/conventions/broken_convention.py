@@ -19,12 +19,12 @@ class BrokenConvention:
     # What shows it, with numbers; the beginning of a sentence.
     evidence: str
     # An entry of the study file, or what to do; the end of that sentence.
-    mend: str
+    fix: str
 
     @property
     def sentence(self) -> str:
         """The finding as one sentence."""
-        return f"{self.recording}: {self.name}: {self.evidence}; {self.mend}."
+        return f"{self.recording}: {self.name}: {self.evidence}; {self.fix}."
 
 
 #: What a judgement gives: the finding or None, and the recording with it mended.

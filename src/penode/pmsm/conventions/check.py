@@ -9,7 +9,6 @@ pole pairs imitate all of these. What is found is set right for the judgement of
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
@@ -31,6 +30,7 @@ from penode.pmsm.conventions.scales import judge_rms_by_phases, judge_rms_by_pla
 from penode.pmsm.machine.holds import DEFAULT_HOLD
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.recording.channels import drive_recording, require_channels
+from penode.pmsm.recording.imperfection import KnownDrive
 from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
 from penode.pmsm.recording.stationary_frame import with_phases
 
@@ -39,9 +39,9 @@ from penode.pmsm.recording.stationary_frame import with_phases
 _JUDGED = 2000
 #: Shorter ones that are asked where there is no longer one.
 _SHORT_ONES = 5
-_RMS_UNTOLD = (
-    "Rms values cannot be distinguished from peak values; give magnet_flux_linkage and "
-    "resistance in [name_plate] of the study file, or record phase channels beside."
+_RMS_UNDETERMINED = (
+    "Rms values cannot be distinguished from peak values; add magnet_flux_linkage and "
+    "resistance to [name_plate] of the study file, or record phase channels beside."
 )
 
 
@@ -52,13 +52,13 @@ class Conventions:
     Attributes
     ----------
     broken : tuple of BrokenConvention
-        Empty where nothing speaks against the channels.
-    untold : tuple of str
+        Empty where the channels are right.
+    undetermined : tuple of str
         What could not be judged, and why, a sentence each.
     """
 
     broken: tuple[BrokenConvention, ...] = ()
-    untold: tuple[str, ...] = ()
+    undetermined: tuple[str, ...] = ()
 
     @property
     def refusal(self) -> str:
@@ -68,27 +68,7 @@ class Conventions:
         return f"{first.sentence} Broken too: {names}." if names else first.sentence
 
     def __add__(self, other: "Conventions") -> "Conventions":
-        return Conventions(self.broken + other.broken, self.untold + other.untold)
-
-
-class AskedModel(Protocol):
-    """What a model was asked to be; a `penode.pmsm.Study` is one."""
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """Terms of the voltage equation that are certain."""
-
-    @property
-    def hold(self) -> str | None:
-        """Frame in which the voltage of a row is held; None decides from the data."""
-
-    @property
-    def pole_pairs(self) -> int | None:
-        """Of the machine, where it is known."""
-
-    @property
-    def name_plate(self) -> NamePlate:
-        """Of the machine."""
+        return Conventions(self.broken + other.broken, self.undetermined + other.undetermined)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,26 +110,33 @@ def check_conventions(
     return recorded.found if recorded.ended else recorded.found + _placed([recorded], plate)
 
 
-def judge(experiments: Sequence[Experiment], study: AskedModel) -> tuple[Conventions, Calibration]:
+def judge(
+    experiments: Sequence[Experiment],
+    terms: Sequence[Term] = (),
+    hold: str | None = None,
+    pole_pairs: int | None = None,
+    plate: NamePlate = NO_PLATE,
+) -> tuple[Conventions, Calibration]:
     """Test the conventions of recordings, and estimate what their channels are corrected by.
 
+    Terms are certain; without a frame of the hold it is decided from the data.
     Of a recording in stretches those are looked at that are long enough not to mislead; where
     there are none, what most of the longest say is taken. Nothing is corrected where a
     convention is broken or pole pairs cannot be determined.
     """
     recordings = [_long_enough(stretches) for stretches in by_recording(experiments)]
-    recorded = [[_as_recorded(e, study.pole_pairs) for e in some] for some in recordings]
+    recorded = [[_as_recorded(e, pole_pairs) for e in some] for some in recordings]
     first = [_by_vote([r.found for r in some]) for some in recorded]
-    calibration = Calibration(hold=study.hold or DEFAULT_HOLD)
+    calibration = Calibration(drive=KnownDrive(hold=hold or DEFAULT_HOLD))
     if any(one.broken for one in first):
         return _sum(first), calibration
-    if study.hold is None and all(r.pole_pairs_known for some in recorded for r in some):
+    if hold is None and all(r.pole_pairs_known for some in recorded for r in some):
         drives = [drive_recording(e) for e in experiments]
-        require_channels(drives, study.terms)
-        calibration = calibration_of(drives, study.terms)
+        require_channels(drives, terms)
+        calibration = calibration_of(drives, terms)
     corrected = [[_corrected(r, calibration) for r in some] for some in recorded]
-    placed = [_placed(some, study.name_plate) for some in corrected]
-    apart = disagreement_of([r.drive for some in corrected for r in some], study.terms)
+    placed = [_placed(some, plate) for some in corrected]
+    apart = disagreement_of([r.drive for some in corrected for r in some], terms)
     short = [_few(some) for some in recordings]
     return _sum([*first, *placed, Conventions(apart), *short]), calibration
 
@@ -174,14 +161,16 @@ def _by_vote(each: Sequence[Conventions]) -> Conventions:
     """Return what most stretches of a recording say, each finding and sentence once."""
     votes = Counter(name for one in each for name in {b.name for b in one.broken})
     found = {b.name: b for one in each for b in one.broken if 2 * votes[b.name] > len(each)}
-    reasons = Counter(sentence for one in each for sentence in one.untold)
-    untold = tuple(reason for reason, count in reasons.items() if 2 * count > len(each))
-    return Conventions(tuple(found.values()), untold or (each[0].untold if each else ()))
+    reasons = Counter(sentence for one in each for sentence in one.undetermined)
+    undetermined = tuple(reason for reason, count in reasons.items() if 2 * count > len(each))
+    return Conventions(
+        tuple(found.values()), undetermined or (each[0].undetermined if each else ())
+    )
 
 
 def _sum(each: Sequence[Conventions]) -> Conventions:
     whole = sum(each, Conventions())
-    return replace(whole, untold=tuple(dict.fromkeys(whole.untold)))
+    return replace(whole, undetermined=tuple(dict.fromkeys(whole.undetermined)))
 
 
 def _as_recorded(experiment: Experiment, pole_pairs: int | None) -> _Recorded:
@@ -200,9 +189,11 @@ def _as_recorded(experiment: Experiment, pole_pairs: int | None) -> _Recorded:
         if not broken:
             raise
         return _Recorded(Conventions(broken), fixed, kinds, ended=True)
-    (finding, drive), untold = judge_cures(drive, pole_pairs)
+    (finding, drive), undetermined = judge_cures(drive, pole_pairs)
     broken += (finding,) if finding else ()
-    return _Recorded(Conventions(broken, (untold,) if untold else ()), drive, kinds, not untold)
+    return _Recorded(
+        Conventions(broken, (undetermined,) if undetermined else ()), drive, kinds, not undetermined
+    )
 
 
 def _corrected(recorded: _Recorded, calibration: Calibration) -> _Recorded:
@@ -232,10 +223,10 @@ def _sized(drive: Experiment, kinds: str, plate: NamePlate) -> Conventions:
     aside, why_not = judge_magnet(drive, kinds == "ui")
     broken: tuple[BrokenConvention, ...] = (aside,) if aside else ()
     broken += judge_units(drive, try_balance(drive)) + judge_rms_by_plate(drive, plate)
-    untold: tuple[str, ...] = (why_not,) if why_not else ()
+    undetermined: tuple[str, ...] = (why_not,) if why_not else ()
     if plate.magnet_flux_linkage is None and not _has_both(drive, kinds):
-        untold += (_RMS_UNTOLD,)
-    return Conventions(broken, untold)
+        undetermined += (_RMS_UNDETERMINED,)
+    return Conventions(broken, undetermined)
 
 
 def _judge_motion(

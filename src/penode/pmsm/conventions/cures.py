@@ -13,10 +13,10 @@ from typing import TypeAlias
 import numpy as np
 
 from penode.data.experiment import Experiment
-from penode.pmsm.balance.trial_balance import trial_window
+from penode.pmsm.balance.trial_balance import Trial, trial_window
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judged, with_channels
 from penode.pmsm.conventions.motion import MOST_POLE_PAIRS, angle_over_speed
-from penode.pmsm.conventions.speed_balance import SpeedBalance, Trial
+from penode.pmsm.conventions.speed_balance import SpeedBalance
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.standstill import stands_still
 from penode.pmsm.recording.stationary_frame import LINK
@@ -146,7 +146,7 @@ def judge_cures(experiment: Experiment, pole_pairs: int | None) -> tuple[Judged,
     angle, cure = _angle_sign(experiment), cures[best]
     clear = _MUCH_CLEARER if angle and abs(cure.factor) != 1.0 else _CLEARER
     if others[best].misfit > clear * standing.misfit:
-        return _as_recorded(experiment, standing, angle), _untold(experiment, cures, trials)
+        return _as_recorded(experiment, standing, angle), _undetermined(experiment, cures, trials)
     if _is_no_machine(others[best]):
         return _as_recorded(experiment, others[best], angle), ""
     like = [
@@ -214,7 +214,7 @@ def _found(
     )
 
 
-def _untold(experiment: Experiment, cures: Sequence[Cure], trials: Sequence[Trial]) -> str:
+def _undetermined(experiment: Experiment, cures: Sequence[Cure], trials: Sequence[Trial]) -> str:
     """Return why pole pairs cannot be determined: others leave as little, and there is no angle."""
     if "theta_el" in experiment.channels or stands_still([experiment]):
         return ""

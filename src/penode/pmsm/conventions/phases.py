@@ -52,14 +52,14 @@ def judge_phases(experiment: Experiment, kinds: str) -> Judged:
     )
     orders = {pair: _exchanged(experiment, swapped, pair) for pair in ("bc", "ab", "ac")}
     pair = min(orders, key=lambda p: _misfit_in_dq(orders[p], kinds))
-    mend = f"exchange the columns of phases {pair[0]} and {pair[1]} of the {what}"
+    fix = f"exchange the columns of phases {pair[0]} and {pair[1]} of the {what}"
     betas = [f"{kind}_beta" for kind in swapped if f"{kind}_beta" in experiment.channels]
     if len(betas) == len(swapped):
-        mend = f"give {' and '.join(betas)} sign = -1"
+        fix = f"give {' and '.join(betas)} sign = -1"
     if len(swapped) == 2:
-        mend += ", or give theta_el and omega_el sign = -1 if it is they that count backwards"
+        fix += ", or give theta_el and omega_el sign = -1 if it is they that count backwards"
     channels = tuple(f"{kind}_{phase}" for kind in swapped for phase in pair)
-    finding = BrokenConvention("swapped phases", experiment.name, channels, evidence, mend)
+    finding = BrokenConvention("swapped phases", experiment.name, channels, evidence, fix)
     return finding, orders[pair]
 
 

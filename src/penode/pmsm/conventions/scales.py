@@ -105,7 +105,5 @@ def judge_rms_by_plate(experiment: Experiment, plate: NamePlate) -> tuple[Broken
 
 def _rms(experiment: Experiment, kind: str, evidence: str) -> BrokenConvention:
     names = _NAMES[kind]
-    mend = f"give {' and '.join(names)} rms = true"
-    return BrokenConvention(
-        f"rms for peak ({_WORDS[kind]})", experiment.name, names, evidence, mend
-    )
+    fix = f"give {' and '.join(names)} rms = true"
+    return BrokenConvention(f"rms for peak ({_WORDS[kind]})", experiment.name, names, evidence, fix)

@@ -115,9 +115,9 @@ def tabulate(fit: Fit, points: int, pole_pairs: int | None = None) -> FluxGrid:
         throughout, or the rotor stood still.
     """
     if points < _LEAST_POINTS:
-        raise InputError(f"{points} points a side came; give at least {_LEAST_POINTS}.")
+        raise InputError(f"points a side must be >= {_LEAST_POINTS}, got {points}.")
     if pole_pairs is not None and pole_pairs < 1:
-        raise InputError(f"{pole_pairs} pole pairs came; give a whole number from 1.")
+        raise InputError(f"pole_pairs must be >= 1, got {pole_pairs}.")
     require_magnet(fit)
     low, high = np.minimum(fit.excited.min(axis=0), 0), np.maximum(fit.excited.max(axis=0), 0)
     if not (high > low).all():
@@ -182,8 +182,8 @@ def read_grid(path: str | Path) -> FluxGrid:
     shape = (len(i_d), len(i_q))
     if min(shape) < _LEAST_POINTS or len(row) < shape[0] * shape[1] / 4:
         raise InputError(
-            f"{path}: {len(row)} points on {shape[0]} values of i_d and {shape[1]} of i_q came; "
-            f"give psi on a grid of at least {_LEAST_POINTS} by {_LEAST_POINTS} currents."
+            f"{path}: {len(row)} points on {shape[0]} values of i_d and {shape[1]} of i_q; "
+            f"psi must lie on a grid of at least {_LEAST_POINTS} by {_LEAST_POINTS} currents."
         )
     psi, supported = np.full((2, *shape), np.nan), np.zeros(shape, dtype=bool)
     psi[:, row, column] = table["psi_d"], table["psi_q"]
@@ -199,7 +199,7 @@ def _read_columns(path: Path) -> dict[str, FloatArray]:
         cells = dict(zip(header, zip(*rows, strict=True), strict=True))
     except (OSError, ValueError, csv.Error) as error:
         raise InputError(
-            f"{path}: cannot be read as CSV ({type(error).__name__}); give a flux_map.csv."
+            f"{path}: cannot be read as CSV ({type(error).__name__}); it must be a flux_map.csv."
         ) from error
     missing = [name for name in _COLUMNS if name not in cells]
     if missing:

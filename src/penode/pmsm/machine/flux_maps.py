@@ -233,12 +233,12 @@ def check_angle_orders(kind: str, angle_orders: tuple[int, ...]) -> None:
         return
     if len({*angle_orders} & {*range(1, _HIGHEST_ORDER + 1)}) < len(angle_orders):
         raise InputError(
-            f"angle orders {', '.join(map(str, angle_orders))[:200]} came; give distinct whole "
-            f"numbers from 1 to {_HIGHEST_ORDER}, such as 6,12."
+            f"angle orders must be distinct whole numbers from 1 to {_HIGHEST_ORDER}, such as "
+            f"6,12, got {', '.join(map(str, angle_orders))[:200]}."
         )
     able = [name for name, family in FLUX_MAPS.items() if family.draw_with_features is not None]
     if kind not in able:
         raise InputError(
-            f"angle orders came with the flux map {kind!r}, which cannot follow the angle; use "
+            f"the flux map {kind!r} cannot follow angle orders; use "
             f"--flux-map {' or '.join(able)}, or leave the orders out."
         )

@@ -58,4 +58,4 @@ DEFAULT_HOLD = "dq"
 def check_hold(name: str) -> None:
     """Refuse a frame that is not a key of `HOLDS`."""
     if name not in HOLDS:
-        raise InputError(f"hold {name!r} came; choose one of {', '.join(HOLDS)}.")
+        raise InputError(f"hold must be one of {', '.join(HOLDS)}, got {name!r}.")

@@ -59,7 +59,7 @@ def with_mismatch(experiment: Experiment, mismatch: complex) -> Experiment:
     Measured is i + m conj(i) of the stationary current i; of a phase a whose gain is g too
     large m = g / 3, beside a common gain.
     """
-    rotor = _rotor(experiment)
+    rotor = rotor_of(experiment)
     return with_vector(
         experiment, CURRENTS, lambda current: current + mismatch * np.conj(current * rotor**2)
     )
@@ -70,10 +70,10 @@ def with_offset(experiment: Experiment, offset: complex) -> Experiment:
 
     It needs theta_el.
     """
-    rotor = _rotor(experiment)
+    rotor = rotor_of(experiment)
     return with_vector(experiment, CURRENTS, lambda current: current + offset / rotor)
 
 
-def _rotor(experiment: Experiment) -> Vector:
+def rotor_of(experiment: Experiment) -> Vector:
     """Return the d axis seen from the stationary frame, of length 1."""
     return np.asarray(np.exp(1j * experiment.channels[ANGLE.name]))

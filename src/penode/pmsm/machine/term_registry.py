@@ -27,7 +27,7 @@ def terms_of(names: Sequence[str]) -> tuple[Term, ...]:
     """Return terms by name, with nothing known of their parameters; unknown names are refused."""
     for name in names:
         if name not in TERMS:
-            raise InputError(f"term {name!r} came; choose from {', '.join(TERMS)}.")
+            raise InputError(f"unknown term {name!r}; known are {', '.join(TERMS)}.")
     return tuple(TERMS[name]() for name in names)
 
 
@@ -40,7 +40,7 @@ def completed(terms: Sequence[Term]) -> tuple[Term, ...]:
     twice = next((role for role in roles if roles.count(role) > 1), None)
     if twice is not None:
         names = " and ".join(type(term).__name__ for term in terms if term.role == twice)
-        raise InputError(f"{names} came, and both describe the {twice}; leave one of them out.")
+        raise InputError(f"{names} both describe the {twice}; remove one of them.")
     first = () if "resistance" in roles else (Resistance(),)
     last = () if "rotation" in roles else (Rotation(),)
     return (*first, *terms, *last)

@@ -28,7 +28,7 @@ def machine_checks(broken: Sequence[BrokenConvention] = ()) -> tuple[Check, ...]
     `broken` is of its recordings, where it was trained all the same.
     """
     objections = [
-        Objection(b.name, f"{b.recording}: {b.evidence}.", f"To fix it, {b.mend}.") for b in broken
+        Objection(b.name, f"{b.recording}: {b.evidence}.", f"To fix it, {b.fix}.") for b in broken
     ]
 
     def broken_conventions(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
@@ -49,7 +49,7 @@ def per_unit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]
                 "per unit",
                 f"{stretches[0].place.recording}: no current is above {current:.2g} A and no "
                 f"voltage above {voltage:.2g} V, as if they were given per unit.",
-                "Give u_base and i_base, what 1 is in V and A, in the study file.",
+                "Add u_base and i_base, what 1 is in V and A, to the study file.",
             )
 
 

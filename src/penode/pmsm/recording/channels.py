@@ -61,8 +61,8 @@ def drive_recording(experiment: Experiment) -> Experiment:
     if turn > _LARGEST_TURN:
         raise InputError(
             f"{experiment.name}: omega_el {np.median(speed):.4g} rad/s at a time step of "
-            f"{experiment.time_step:.4g} s turns {turn:.3g} rad a sample where less than "
-            f"{_LARGEST_TURN:.2g} was wanted; give t in seconds and omega_el in electrical rad/s."
+            f"{experiment.time_step:.4g} s turns {turn:.3g} rad a sample, must be < "
+            f"{_LARGEST_TURN:.2g}; check the units: t in s, omega_el in electrical rad/s."
         )
     return experiment
 
@@ -114,8 +114,8 @@ def _require(experiment: Experiment, channel: Channel, purpose: str) -> None:
     name = channel.name
     if name not in experiment.channels:
         raise InputError(
-            f"{experiment.name}: no channel {name} came, and {purpose} needs {channel.meaning} in "
-            f"{channel.unit}; record it, or identify without."
+            f"{experiment.name}: channel {name} is missing; {purpose} needs {channel.meaning} in "
+            f"{channel.unit}: record it, or identify without."
         )
     values = experiment.channels[name]
     bad = np.flatnonzero(~((values >= channel.lowest) & (values <= channel.highest)))
@@ -123,7 +123,7 @@ def _require(experiment: Experiment, channel: Channel, purpose: str) -> None:
         raise InputError(
             f"{experiment.name}: data row {experiment.place.row + bad[0] + 1}, channel {name} is "
             f"{values[bad[0]]:.6g} where {channel.meaning} lies between {channel.lowest:g} and "
-            f"{channel.highest:g} {channel.unit}; give its column and unit in the study file."
+            f"{channel.highest:g} {channel.unit}; check its column and unit in the study file."
         )
 
 

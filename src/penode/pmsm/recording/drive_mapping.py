@@ -84,12 +84,11 @@ class DriveMapping:
         for name, channel in self.channels.items():
             if channel.rms and name not in IN_RMS:
                 raise InputError(
-                    f"rms = true came for {name}, which is no amplitude; it may stand at "
-                    f"{', '.join(IN_RMS)}."
+                    f"channel {name}: rms = true is for amplitudes only: {', '.join(IN_RMS)}."
                 )
             if channel.mechanical and name not in OF_SHAFT:
                 raise InputError(
-                    f"mechanical = true came for {name}; it may stand at {', '.join(OF_SHAFT)}."
+                    f"channel {name}: mechanical = true is for {', '.join(OF_SHAFT)} only."
                 )
             if channel.mechanical and self.pole_pairs is None:
                 raise InputError(
@@ -99,7 +98,7 @@ class DriveMapping:
 
         if LINK in self.constants and LINK in self.channels:
             raise InputError(
-                f"{LINK} = {self.constants[LINK]:g} came beside a channel {LINK}; remove one."
+                f"{LINK} is both a number ({self.constants[LINK]:g}) and a channel; remove one."
             )
 
     def load(self, path: str | Path) -> Experiment:
@@ -181,15 +180,15 @@ class DriveMapping:
             return origin
         if base in self.constants and given and not fraction:
             raise InputError(
-                f"{file}: channel {name}: unit {given!r} came for column {origin.column} beside "
-                f'{base}; remove {base}, or give unit = "1" for a column per unit.'
+                f"{file}: channel {name}: column {origin.column} has unit {given!r} beside "
+                f'{base}; remove {base}, or set unit = "1" for a column per unit.'
             )
         if base in self.constants:
             return replace(origin, si="1")
         if fraction:
             raise InputError(
                 f"{file}: channel {name}: column {origin.column} is per unit ({given}) and {base} "
-                f"is missing; give {base}, what 1 is in {origin.si}, in the study file."
+                f"is missing; add {base}, what 1 is in {origin.si}, to the study file."
             )
         return origin
 

@@ -1,12 +1,11 @@
 """The text of a guessed study file, with the reason for every guess."""
 
 import json
-from dataclasses import fields
 
-from penode.pmsm.recording.accuracy import Accuracy
 from penode.pmsm.recording.channel_guess import ChannelGuess
 from penode.pmsm.recording.drive_mapping import BASES, IN_RMS, RECORDED
 from penode.pmsm.recording.guess import StudyGuess
+from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY
 from penode.pmsm.recording.stationary_frame import LINK
 
 _HEAD = """\
@@ -70,7 +69,7 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
 
 def _accuracy() -> str:
     """Return the accuracies that are assumed, for the user to replace."""
-    lines = [f"# {entry.name} = {entry.default}\n" for entry in fields(Accuracy)]
+    lines = [f"# {name} = {value}\n" for name, value in DEFAULT_ACCURACY.declared.items()]
     return "".join(
         ["\n# Standard deviations assumed of your bench; give your own:\n# [accuracy]\n", *lines]
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from penode.data.experiment import Experiment
-from penode.pmsm.precheck.recording_check import check_recordings
+from penode.pmsm.recording_check import check_recordings
 from penode.pmsm.study_settings import Study
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")

@@ -2,21 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
 from penode.data.quality import Finding, inspect_stretches
 from penode.data.stretches import STRETCH, by_recording, excerpt, reasons_of
-from penode.pmsm.balance.term_selection import CANDIDATES, structure_of
+from penode.pmsm.balance.term_selection import structure_of
 from penode.pmsm.balance.usable import left_out, require_samples, usable_stretches
 from penode.pmsm.conventions.broken_convention import BrokenConvention
-from penode.pmsm.conventions.check import AskedModel, judge
+from penode.pmsm.conventions.check import judge
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.precheck.excitation import Excitation, excitation_of
 from penode.pmsm.precheck.identifiability import Identifiability, identifiability_of
 from penode.pmsm.recording.channels import drive_recording, electrical, require_channels
-from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
+from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 
 #: Samples that are enough to judge all but the quality of the channels by.
 SAMPLES = 10 * STRETCH
@@ -29,10 +29,10 @@ class RecordingCheck:
     Attributes
     ----------
     recordings : tuple of Experiment
-        As they came.
+        As they were given.
     quality : tuple of Finding
     broken : tuple of BrokenConvention
-    untold : tuple of str
+    undetermined : tuple of str
         Conventions that could not be judged, and why.
     drives : tuple of Experiment
         The recordings in dq; empty where a convention is broken.
@@ -50,7 +50,7 @@ class RecordingCheck:
     recordings: tuple[Experiment, ...]
     quality: tuple[Finding, ...]
     broken: tuple[BrokenConvention, ...]
-    untold: tuple[str, ...]
+    undetermined: tuple[str, ...]
     drives: tuple[Experiment, ...] = ()
     excitation: Excitation | None = None
     identifiability: Identifiability | None = None
@@ -106,11 +106,11 @@ class RecordingCheck:
                     "recording": b.recording,
                     "channels": list(b.channels),
                     "evidence": b.evidence,
-                    "mend": b.mend,
+                    "fix": b.fix,
                 }
                 for b in self.broken
             ],
-            "untold": list(self.untold),
+            "undetermined": list(self.undetermined),
             "used": list(self.sentences),
         }
         if self.excitation is not None and self.identifiability is not None:
@@ -133,34 +133,10 @@ class RecordingCheck:
         return document
 
 
-class CheckedModel(AskedModel, Protocol):
-    """What a model was asked to be; a `penode.pmsm.Study` is one."""
-
-    @property
-    def flux_map(self) -> str:
-        """A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`."""
-
-    @property
-    def candidates(self) -> tuple[Term, ...]:
-        """Terms that the data decide."""
-
-
-@dataclass(frozen=True)
-class _DefaultModel:
-    """What is asked for where nothing is said."""
-
-    flux_map: str = "coenergy"
-    terms: tuple[Term, ...] = ()
-    candidates: tuple[Term, ...] = CANDIDATES
-    hold: str | None = None
-    pole_pairs: int | None = None
-    name_plate: NamePlate = NO_PLATE
-
-
 @one_blas_thread
 def check_recordings(
     recordings: Sequence[Experiment],
-    study: CheckedModel = _DefaultModel(),  # frozen
+    study: Study = DEFAULT_STUDY,
 ) -> RecordingCheck:
     """Check recordings as an identification would use them.
 
@@ -168,9 +144,8 @@ def check_recordings(
     ----------
     recordings : sequence of Experiment
         As a study file maps them.
-    study : CheckedModel
-        Flux map, terms, hold, pole pairs and name plate; the defaults of a `penode.pmsm.Study` if
-        not given.
+    study : Study
+        Flux map, terms, hold, pole pairs and name plate.
 
     Raises
     ------
@@ -184,10 +159,10 @@ def check_recordings(
     usable = usable_stretches(recordings)
     used = excerpt(usable, electrical(usable), SAMPLES)
     sentences = (*reasons_of(usable), *filter(None, [used.sentence]))
-    found, calibration = judge(used.experiments, study)
-    broken, untold = found.broken, found.untold
+    found, calibration = judge(used.experiments, **study.conventions)
+    broken, undetermined = found.broken, found.undetermined
     if broken:
-        return RecordingCheck(tuple(recordings), quality, broken, untold, sentences=sentences)
+        return RecordingCheck(tuple(recordings), quality, broken, undetermined, sentences=sentences)
     drives = tuple(
         calibration.acting(calibration.applied(e)) for e in _drives(used.experiments, study.terms)
     )
@@ -196,7 +171,7 @@ def check_recordings(
         tuple(recordings),
         quality,
         broken,
-        untold,
+        undetermined,
         drives,
         excitation_of(drives),
         identifiability_of(drives, study.flux_map, structure.terms),
