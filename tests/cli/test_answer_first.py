@@ -100,7 +100,7 @@ BROKEN = {
     "a section": ("penode.report.sections.ladder_table", "The section on horizons"),
     "a picture": ("penode.report.sections.parameter_over_ladder", "The picture "),
     "the machine's own picture": (
-        "penode.pmsm.report.map_figures.flux_map_surfaces",
+        "penode.pmsm.report.flux_sections.flux_map_surfaces",
         "The picture \N{LEFT DOUBLE QUOTATION MARK}The same map in perspective",
     ),
     "the verdict's box": ("penode.report.fit_report.verdict_notice", "The verdict"),

@@ -112,7 +112,10 @@ def test_options_override_the_file(config):
             ["flux_map must be one of", "got 'coenrgy' (did you mean coenergy?)"],
         ),
         ("angle_orders = [6.5]", ["angle_orders[0] must be a whole number, got 6.5"]),
-        ("angle_orders = [100000]", ["angle orders 100000 came", "from 1 to 1000"]),
+        (
+            "angle_orders = [100000]",
+            ["angle orders must be distinct whole numbers from 1 to 1000", "got"],
+        ),
         ('resample = "cubic"', ["resample must be 'linear', got 'cubic'"]),
         ("channels = 3", ["channels must be a table, got 3"]),
         ("[channels]\nid = 'Id'", ["channels.id is unknown (did you mean i_d?)"]),

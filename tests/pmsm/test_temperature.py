@@ -130,7 +130,7 @@ def test_words_of_the_study_file(tmp_path):
     with pytest.raises(InputError, match="unknown term 'temperature'; known are resistance, "):
         load_study(path)
     path.write_text('terms = "dead_time"\n')
-    with pytest.raises(InputError, match="terms = 'dead_time' came; give names in brackets"):
+    with pytest.raises(InputError, match="terms must be a list, each item text, got 'dead_time'"):
         load_study(path)
     path.write_text('terms = ["resistance", "temperature_resistance"]\n')
     with pytest.raises(InputError, match="both describe the resistance"):

@@ -135,7 +135,7 @@ def test_what_is_not_there_is_told():
         U["d"]
     with pytest.raises(IndexError):
         U[3]
-    with pytest.raises(TypeError, match="give the name of an input or its place"):
+    with pytest.raises(TypeError, match="an input is taken by its name or place"):
         U[1:]
     with pytest.raises(InputError, match="dead time takes its mean over the part of a sample"):
         U.over(None).part_for("dead time")

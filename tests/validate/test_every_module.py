@@ -135,7 +135,7 @@ def test_a_recording_that_is_refused_leaves_no_files(campaign, monkeypatch, tmp_
     few = replace(run, channels={name: values[:3] for name, values in run.channels.items()})
     found = identified("few/samples!", [few])
     assert (found.fit, found.verdict, found.noted) == (None, "refused", "")
-    assert "only 3 samples" in found.why
+    assert "at least 8 samples, got 3" in found.why
     assert not list(tmp_path.rglob("*.csv"))
 
 

@@ -74,8 +74,23 @@ def load_stretches(path: str | os.PathLike[str]) -> tuple[Experiment, ...]:
 
     Nothing that works on experiments crosses from one into another. Their `Experiment.stretch`
     says where in the recording they lie, and what was left out. Where there is no gap, the one
-    stretch is the recording as `load` gives it. Files are taken and refused as there, but gaps only
-    where what lies between is shorter than 200 samples for the most part.
+    stretch is the recording as `load` gives it.
+
+    Parameters
+    ----------
+    path : str or path-like
+        As in `load`.
+
+    Returns
+    -------
+    tuple of Experiment
+        In order of time.
+
+    Raises
+    ------
+    InputError
+        As in `load`, but of gaps only where what lies between is shorter than 200 samples for the
+        most part.
     """
     table, source = read(path)
     return experiments_of(table, source, own_names(table))

@@ -137,8 +137,20 @@ def nuisance(unit: str, transform: Transform = _UNCONSTRAINED, prior: Normal | N
     """Declare a parameter of which every recording has its own value, such as a sensor offset.
 
     It moves with the group ``"nuisance"``. The fit keeps the values of every recording in
-    ``Fit.nuisances``; its model has their mean. Unit, transform and prior, the same in every
-    recording, are as of `parameter`.
+    ``Fit.nuisances``; its model has their mean.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit.
+    transform : Transform
+        Constraint, the same in every recording.
+    prior : Normal, optional
+        Belief about every recording's value.
+
+    Returns
+    -------
+    dataclass field
     """
     return _declare(
         Setting(unit, "nuisance", transform=transform, prior=prior, per_experiment=True)

@@ -135,7 +135,7 @@ def test_fractions_of_bases(run, tmp_path):
             'u_base = 230\n[channels]\nu_d = { column = "u_d", unit = "V" }\n',
             ["channel u_d: column u_d has unit 'V' beside u_base", 'unit = "1"'],
         ),
-        ("u_base = 0\n", ["u_base = 0", "a number above zero"]),
+        ("u_base = 0\n", ["u_base must be a finite number > 0, got 0"]),
     ],
 )
 def test_a_base_too_few_or_too_many_is_refused(run, study, words, tmp_path):
