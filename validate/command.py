@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+import shutil
 import sys
 import time
 import warnings
@@ -87,9 +88,12 @@ def identify(files: Sequence[Path], out: Path, *options: object) -> Ended:
     files : sequence of Path
         Recordings.
     out : Path
-        Gets the results; made if absent.
+        Gets the results; made if absent. Those of an earlier run would be taken for this one's if
+        it were refused, so they are removed, unless ``--resume`` is among the options.
     *options : object
         Of the command.
     """
+    if "--resume" not in options:
+        shutil.rmtree(out, ignore_errors=True)
     ended = run("identify", *files, "--out", out, *options)
     return Ended(ended.status, ended.printed, ended.warned, ended.seconds, out)

@@ -54,7 +54,7 @@ def truths() -> dict[str, Any]:
 def result_of(truth: Record) -> Record:
     """Identify a recording, or both of two, by the command with nothing but the files given."""
     files, out = [FOLDER / file for file in truth["files"]], FOLDER / f"result{truth['number']}"
-    done = outcome(identify(files, out, "--overwrite"))
+    done = outcome(identify(files, out))
     if not done.noted:
         shutil.rmtree(out, ignore_errors=True)
     return record_of(done, files, truth)
