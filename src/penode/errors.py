@@ -32,7 +32,7 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str:
 
 
 class InputError(ValueError):
-    """Bad input or usage, in one sentence: what came, what was wanted, how to mend it.
+    """Bad input or usage, in one sentence: what is wrong, what is wanted, how to fix it.
 
     The command line prints the sentence and ends with exit status 2. Names in it may come from a
     file, so control characters are escaped.

@@ -42,7 +42,7 @@ def test_ladder_takes_horizons_optimiser_and_seed():
 
 @pytest.mark.parametrize("horizons", [(), (0, 1), (-1,), (1, 3, 2), (1, 2, 2)])
 def test_horizons_ascend_from_one(horizons):
-    with pytest.raises(InputError, match=r"^horizons \[.*\] came; give ascending whole numbers"):
+    with pytest.raises(InputError, match=r"^horizons must be ascending whole numbers above 0, got"):
         ladder_plan(horizons)
 
 

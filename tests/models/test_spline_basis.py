@@ -72,5 +72,5 @@ def test_quadrature_integrates_products_of_splines():
 
 @pytest.mark.parametrize("basis", [(4, 0.3), (9, 0.0)])
 def test_a_basis_without_cells_or_sharpness_is_refused(basis):
-    with pytest.raises(InputError, match="at least 5 and a sharpness above 0"):
+    with pytest.raises(InputError, match="at least 5 splines and a sharpness above 0"):
         SplineBasis(*basis)

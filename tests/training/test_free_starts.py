@@ -264,7 +264,10 @@ def test_a_multistep_solver_has_no_past_for_an_unmeasured_state():
 
 
 def test_a_free_start_of_a_state_the_model_lacks():
-    refused("free start of w came; the states are x, v", loss=Loss(free_starts={"w": 1.0}))
+    refused(
+        "free_starts must name states, got w; the states are x, v",
+        loss=Loss(free_starts={"w": 1.0}),
+    )
 
 
 def test_what_the_equation_stores_needs_every_state_measured():

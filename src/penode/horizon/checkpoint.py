@@ -216,8 +216,8 @@ def _readable(thing: object) -> str:
     return re.sub(r"\d+\.\d+(e[-+]?\d+)?", lambda match: f"{float(match[0]):.9g}", text)
 
 
-def _require_same(path: Path, saved: Mapping[str, str], came: Mapping[str, str]) -> None:
-    for name, now in came.items():
+def _require_same(path: Path, saved: Mapping[str, str], given: Mapping[str, str]) -> None:
+    for name, now in given.items():
         before = saved.get(name, now)  # the earlier schema has fewer names
         if before == now:
             continue

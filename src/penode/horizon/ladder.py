@@ -66,7 +66,7 @@ def ladder_plan(
         If the horizons are not ascending whole numbers above 0.
     """
     if not horizons or min(horizons) < 1 or list(horizons) != sorted(set(horizons)):
-        raise InputError(f"horizons {list(horizons)} came; give ascending whole numbers above 0.")
+        raise InputError(f"horizons must be ascending whole numbers above 0, got {list(horizons)}.")
     first = optimiser or CoarseToFine(LevenbergMarquardt(evaluations=60))
     later = optimiser or LevenbergMarquardt(evaluations=25)
     stages = (Stage(horizons[0], first), *(Stage(h, later) for h in horizons[1:]))

@@ -58,7 +58,9 @@ def sweep(
     """
     kinds = [(plan.solver, plan.hold, plan.loss) for plan in plans]
     if any(kind != kinds[0] for kind in kinds):
-        raise InputError("plans of several solvers, holds or losses came; sweep each on its own.")
+        raise InputError(
+            "plans must share solver, hold and loss, got several; sweep each on its own."
+        )
     problem = LadderProblem.of(starts[0], experiments, plans[0], lambda event: None)
     ends = [_ends(starts, problem, plan) for plan in plans]
     names = problem.objective.layout.physical
@@ -73,7 +75,7 @@ def _ends(
     raws = np.stack([layout.raw(start) for start in starts])
     for stage in plan.stages:
         if not isinstance(stage.optimiser, FirstOrder):
-            raise InputError(f"{stage.optimiser} came; a sweep trains by FirstOrder alone.")
+            raise InputError(f"the optimiser of a sweep must be FirstOrder, got {stage.optimiser}.")
         stage_problem = problem.problem(stage, plan)
         solutions = stage.optimiser.minimise_together(stage_problem, raws)
         raws = np.stack([solution.raw for solution in solutions])

@@ -31,8 +31,8 @@ class SplineBasis:
     def __post_init__(self) -> None:
         if self.count <= DEGREE or not self.sharpness > 0:
             raise InputError(
-                f"a basis of {self.count} splines with sharpness {self.sharpness} came; want at "
-                f"least {DEGREE + 1} and a sharpness above 0."
+                f"a basis must have at least {DEGREE + 1} splines and a sharpness above 0, got "
+                f"{self.count} and {self.sharpness}."
             )
 
     @cached_property

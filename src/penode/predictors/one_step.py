@@ -69,7 +69,7 @@ class Substeps:
         if self.solver.past != 1:
             raise ValueError(f"{self.solver} uses past samples; sub-steps need a one-step solver.")
         if self.count < 1:
-            raise ValueError(f"{self.count} sub-steps came; want at least 1.")
+            raise ValueError(f"sub-steps must be >= 1, got {self.count}.")
 
     @property
     def order(self) -> int:

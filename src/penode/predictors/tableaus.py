@@ -38,9 +38,9 @@ class ButcherTableau:
     def __post_init__(self) -> None:
         lengths = [len(row) for row in self.a]
         if lengths != list(range(1, len(self.b))):
-            raise ValueError(f"{self.name}: rows of a have lengths {lengths}; want 1, 2, ...")
+            raise ValueError(f"{self.name}: rows of a must have lengths 1, 2, ..., got {lengths}.")
         if not np.isclose(sum(self.b), 1.0, rtol=0, atol=1e-14):
-            raise ValueError(f"{self.name}: weights b add up to {sum(self.b)}; want 1.")
+            raise ValueError(f"{self.name}: weights b must add up to 1, got {sum(self.b)}.")
 
     @property
     def nodes(self) -> tuple[float, ...]:
@@ -93,7 +93,7 @@ class AdamsBashforthTable:
             moment = sum(w * (-j) ** degree for j, w in enumerate(self.b))
             if not np.isclose(moment, 1 / (degree + 1), rtol=0, atol=1e-12):
                 raise ValueError(
-                    f"{self.name}: moment {degree} is {moment}; want {1 / (degree + 1)}."
+                    f"{self.name}: moment {degree} must be {1 / (degree + 1)}, got {moment}."
                 )
 
     @property

@@ -95,7 +95,8 @@ def blocks(
         few, own = windows.among(slice(first, first + _BLOCK)), corrections[:, first:][:, :_BLOCK]
         own = np.pad(own, ((0, 0), (0, _BLOCK - own.shape[1])), mode="edge")
         with float64():
-            yield few, own, compiled_windows(error, few, _BLOCK)
+            batch = compiled_windows(error, few, _BLOCK)
+        yield few, own, batch
 
 
 _Totals: TypeAlias = tuple[JaxArray, NormalMatrix, JaxArray, JaxArray]

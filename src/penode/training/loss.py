@@ -104,8 +104,8 @@ class Prefilter:
     def __post_init__(self) -> None:
         if not self.numerator or not self.denominator or self.denominator[0] != 1.0:
             raise InputError(
-                f"prefilter {self.numerator} / {self.denominator} came; give a numerator and a "
-                "denominator that begins with 1."
+                "a prefilter must have a numerator and a denominator that begins with 1, got "
+                f"{self.numerator} / {self.denominator}."
             )
 
     @property

@@ -198,4 +198,4 @@ class Plan:
 
     def __post_init__(self) -> None:
         if not self.stages:
-            raise InputError("a plan without stages came; give at least one horizon.")
+            raise InputError("stages must hold at least one horizon, got none.")

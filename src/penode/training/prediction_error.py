@@ -141,7 +141,7 @@ class PredictionError:
         unknown = sorted(set(self.loss.free_starts) - set(self.model.states))
         if unknown:
             raise InputError(
-                f"free start of {', '.join(unknown)} came; the states are "
+                f"free_starts must name states, got {', '.join(unknown)}; the states are "
                 f"{', '.join(self.model.states)}."
             )
         if self.model.unmeasured and not self.plain:

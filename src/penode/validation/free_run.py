@@ -47,8 +47,8 @@ def require_predictable(predictor: Predictor, model: Model, experiment: Experime
     with_unmeasured(experiment, model).stack((*model.states, *model.inputs))
     if not np.isclose(experiment.time_step, predictor.time_step, rtol=1e-4, atol=0):
         raise InputError(
-            f"{experiment.name}: time step {experiment.time_step:.6g} s came where the model was "
-            f"trained at {predictor.time_step:.6g} s; record or resample at that step."
+            f"{experiment.name}: time step must be {predictor.time_step:.6g} s, as trained, got "
+            f"{experiment.time_step:.6g} s; record or resample at that step."
         )
 
 

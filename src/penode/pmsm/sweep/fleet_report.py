@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 
 from penode.arrays import FloatArray
+from penode.fit.outcome import NORMAL_95
 from penode.pmsm.sweep.fleet_figures import SINGLED, over_dates, over_horizons
 from penode.pmsm.sweep.task import ANSWERED
 from penode.pmsm.sweep.trend import Trend, trend_of
@@ -190,7 +191,7 @@ def _flux_linkage_map(sound: pl.DataFrame, machines: Sequence[_Machine]) -> Sect
     )
     if not len(_numbers(sound, "psi_d")):
         return Section("Flux-linkage map", f"{lead} No recording does.", [])
-    psi, half = pl.col("psi_d"), 1.96 * pl.col("psi_d_std")
+    psi, half = pl.col("psi_d"), NORMAL_95 * pl.col("psi_d_std")
     bands = sound.with_columns((psi - half).alias("psi_d_low"), (psi + half).alias("psi_d_high"))
     others = {"psi_q": "Vs", "l_dd": "H", "l_qq": "H"}
     rows = [
