@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.data.experiment import Experiment
+from penode.data.experiment import Experiment, Source
 from penode.data.gathered import gathered, in_pieces
 from penode.data.load import experiments_of, in_one_piece, read
 from penode.data.mapping import Origin
@@ -133,7 +133,12 @@ class DriveMapping:
         tuple of Experiment
             What lies between the gaps, in order of time.
         """
-        table, source = read(path)
+        return self.stretches_of(path, *read(path))
+
+    def stretches_of(
+        self, path: str | Path, table: Table, source: Source
+    ) -> tuple[Experiment, ...]:
+        """Make recordings of the columns of a file; see `load_stretches`."""
         origins = {name: channel.origin for name, channel in self.channels.items()}
         if not self.channels:
             for name in RECORDED:
@@ -147,7 +152,7 @@ class DriveMapping:
 
     def _completed(self, run: Experiment, constant: Mapping[str, float]) -> Experiment:
         """Return a recording with its channels scaled, and those that no column holds."""
-        channels = {name: self._scaled(name, values) for name, values in run.channels.items()}
+        channels = {name: self.scaled(name, values) for name, values in run.channels.items()}
         channels |= {name: gathered(np.full(len(run), value)) for name, value in constant.items()}
         return replace(run, channels=channels)
 
@@ -192,13 +197,14 @@ class DriveMapping:
             )
         return origin
 
-    def _scaled(self, name: str, values: FloatArray) -> FloatArray:
+    def scaled(self, name: str, values: FloatArray) -> FloatArray:
+        """Return a channel's values (sample,) as peak and electrical values, SI units."""
         factor = self._factor(name)
         return values if factor == 1.0 else in_pieces(lambda piece: piece * factor, values)
 
     def _factor(self, name: str) -> float:
         channel = self.channels.get(name, DriveOrigin(Origin(name)))
-        base = "" if channel.origin.times else BASES.get(RECORDED[name], "")
+        base = "" if channel.origin.times else BASES.get(RECORDED.get(name, ""), "")
         factor = self.constants.get(base, 1.0)
         if channel.mechanical and self.pole_pairs is not None:
             factor *= self.pole_pairs

@@ -3,11 +3,13 @@
 from penode.fit.fit import Fit
 from penode.pmsm.report.flux_sections import flux_linkage, inductances
 from penode.pmsm.report.line_causes import named_lines, signed_frequency
+from penode.pmsm.report.points_sections import points_balance, points_parameters
 from penode.report import sections
 from penode.report.document import Section
 from penode.report.fit_report import Page, Part, fit_report
 from penode.report.loss_weighting import weighting_of, weighting_section
 from penode.report.quantities import fixed, number, with_unit
+from penode.report.uncertainty_budget import uncertainty_budget
 from penode.validation.residual_lines import Line
 
 _HARMONIC = 6
@@ -82,6 +84,22 @@ MACHINE_PAGE = Page(
     ),
 )
 
+#: The page of a machine from operating points, which have no horizon.
+POINTS_PAGE = Page(
+    kind="Machine identification from operating points",
+    headline=("R",),
+    method="together with the machine's flux-linkage map, so that voltages and torque balance",
+    parts=(
+        points_parameters,
+        uncertainty_budget,
+        points_balance,
+        flux_linkage,
+        inductances,
+        sections.provenance,
+    ),
+    words=MACHINE_PAGE.words,
+)
+
 
 def machine_report(fit: Fit) -> str:
     """Return the report of a machine's identification as one self-contained HTML page.
@@ -97,4 +115,4 @@ def machine_report(fit: Fit) -> str:
     str
         The page; save it as UTF-8.
     """
-    return fit_report(fit, MACHINE_PAGE)
+    return fit_report(fit, MACHINE_PAGE if fit.stationary is None else POINTS_PAGE)
