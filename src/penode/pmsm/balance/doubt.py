@@ -11,6 +11,9 @@ from penode.pmsm.machine.space_vectors import less_voltage
 from penode.pmsm.machine.term_registry import physical_values
 from penode.pmsm.machine.terms import Term
 
+#: Probability from which a doubt is worth a row of the budget.
+NOTICED = 0.01
+
 
 def probability(deviations: float, equations: float) -> float:
     """Return how probable a parameter is, as against zero, of two equally likely before.

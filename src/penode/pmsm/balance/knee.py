@@ -16,7 +16,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
-from penode.pmsm.balance.doubt import Doubt, probability
+from penode.pmsm.balance.doubt import NOTICED, Doubt, probability
 from penode.pmsm.balance.voltage_balance import (
     BalanceForm,
     PolynomialMap,
@@ -36,8 +36,8 @@ _HARMONICS, _DEGREE = (6, 12), 4
 #: Widths of a knee over the largest current.
 _WIDTHS = np.geomspace(0.003, 0.3, 10)
 #: Probability from which a soft knee is trained: its softness may come out as none, but a sharp one
-#: cannot become soft. From which its doubt is worth a row of the budget.
-_THIN, _NOTICED = 0.1, 0.01
+#: cannot become soft.
+_THIN = 0.1
 #: What is in doubt, and what would settle it.
 _Why: TypeAlias = tuple[str, str]
 _KNEE = "knee of the dead time", "Record slowly, with amplitudes from near zero to the largest."
@@ -192,7 +192,7 @@ class _Search:
         free = self.by_phase(same.term)
         apart = by_phase or self.phases_differ(same, free)
         term = free.term if apart else same.term
-        if rival is None or share < _NOTICED:
+        if rival is None or share < NOTICED:
             return Shaped(term, ())
         other = self.by_phase(rival.term).term if apart else rival.term
         return Shaped(term, (Doubt(*why, other, term, math.sqrt(share)),))
