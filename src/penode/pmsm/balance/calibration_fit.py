@@ -37,8 +37,6 @@ _CLEAR = 25.0
 _SIGNIFICANT = _CLEAR**0.5
 #: Radians a sample below which the rotor stands still.
 _STANDSTILL = 1e-4
-#: Samples from which a delay at standstill is one.
-_DIFFERENT = 0.2
 
 
 @dataclass(frozen=True)
@@ -50,6 +48,8 @@ class _Candidate:
     instead: tuple[str, ...] = ()
     # False for what no drive has.
     enters: bool = True
+    # -2 log of how likely it is before, beside none.
+    price: float = _CLEAR
 
     def beside(self, other: "_Candidate") -> bool:
         """Return whether both can be in one set."""
@@ -57,11 +57,12 @@ class _Candidate:
 
 
 #: When the voltages act, and what bends the map beside it: the angle, and what iron takes current
-#: by. Turn and angle together may be no more than the instant at which currents are sampled.
+#: by. Turn and angle that cancel in the voltages are no coincidence, but the instant at which
+#: currents are sampled.
 _TIMING = _Candidate(("delay", "turn"))
 _KINDS = ("iron", "iron_of_rotation")
 _IRON = tuple(_Candidate((name,), _KINDS) for name in _KINDS)
-_SAMPLING = _Candidate(("sampling", "delay"), ("turn", "angle"), enters=False)
+_SAMPLING = _Candidate(("sampling", "delay"), ("turn", "angle"), enters=False, price=0.0)
 _PLACES = (_TIMING, _Candidate(("angle",)), *_IRON, _SAMPLING)
 #: Once voltages are in place, nothing turns them by hundredths of a sample: a turn is iron's rival.
 _TURN = _Candidate(("turn",), _KINDS, enters=False)
@@ -79,6 +80,8 @@ class _Estimate:
     deviation: Mapping[str, float]
     evidence: float
     drive: KnownDrive
+    # Of each recording, by imperfection and this map and R, as they are needed.
+    columns: dict[str, list[FloatArray]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
         """Return the size of an imperfection of one axis."""
@@ -113,12 +116,10 @@ class _Balance:
     def solved(self, names: Sequence[str], before: _Estimate | None = None) -> _Estimate:
         """Estimate imperfections by name; those beside and of the map need the round before."""
         names = (*(self.beside if before else ()), *names)
-        drive = before.drive if before else UNKNOWN_DRIVE
+        own_columns = [self._columns(name, before) for name in names]
         rows = [
-            WeakRegression(
-                np.concatenate([*_columns(e, names, drive), own.matrix], axis=1), own.target
-            )
-            for e, own in zip(self.experiments, self._without, strict=True)
+            WeakRegression(np.concatenate([*some, own.matrix], axis=1), own.target)
+            for *some, own in zip(*own_columns, self._without, strict=True)
         ]
         whole, physical = join(rows), list(physical_values(self.terms))
         axes = [(name, axis) for name in names for axis in IMPERFECTIONS[name].axes]
@@ -156,6 +157,18 @@ class _Balance:
         size, drive = estimate.sizes[name], estimate.drive
         return IMPERFECTIONS[name].relative(size, self.experiments, drive)
 
+    def _columns(self, name: str, known: _Estimate | None) -> list[FloatArray]:
+        """Return an imperfection's columns (equation, axis) of each recording."""
+        made, drive = (known.columns, known.drive) if known else ({}, UNKNOWN_DRIVE)
+        if name not in made:
+            made[name] = []
+            for e in self.experiments:
+                window = HannWindow(e.time_step, harmonic_window(e))
+                each = IMPERFECTIONS[name].columns(e, drive)
+                parts = [(window.of_supply(r) + window.of_store(s)).ravel() for s, r in each]
+                made[name].append(np.stack(parts, axis=1))
+        return made[name]
+
     @cached_property
     def _without(self) -> tuple[WeakRegression, ...]:
         """The equations of each recording with the columns of drift, terms and map alone."""
@@ -171,16 +184,6 @@ class _Balance:
     @cached_property
     def _drifts(self) -> list[list[Column]]:
         return drift_columns(self.experiments, self.terms)
-
-
-def _columns(
-    experiment: Experiment, names: Sequence[str], drive: KnownDrive
-) -> Iterator[FloatArray]:
-    """Yield the columns of imperfections, (equation, 1) each."""
-    window = HannWindow(experiment.time_step, harmonic_window(experiment))
-    for name in names:
-        for stored, supplied in IMPERFECTIONS[name].columns(experiment, drive):
-            yield (window.of_supply(supplied) + window.of_store(stored)).reshape(-1, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +225,7 @@ class _Search:
 
     def price(self, chosen: _Set) -> float:
         """Return -2 log of how probable a set is, beside the others."""
-        return self.of(chosen).evidence + _CLEAR * len(chosen)
+        return self.of(chosen).evidence + sum(one.price for one in chosen)
 
 
 def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> Calibration:
@@ -378,9 +381,8 @@ def _timing_sentences(
 def _timing_at_rest(experiments: Sequence[Experiment]) -> Calibration:
     """Return the delay at standstill, from windows short enough for what moves there to show it."""
     one, (lag, own) = IMPERFECTIONS["delay"], mean_lag(experiments, in_phases=False)
-    if not (
-        abs(lag) > _SIGNIFICANT * own and _DIFFERENT < abs(lag) < one.credible[1] and own < one.near
-    ):
+    matters, most = one.credible
+    if not (own < one.near and max(matters, _SIGNIFICANT * own) < abs(lag) < most):
         return AS_RECORDED
     delay = one.nearest(-lag, one.near)
     reason = (

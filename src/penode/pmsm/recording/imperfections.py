@@ -39,8 +39,8 @@ from penode.pmsm.recording.imperfection import (
 
 #: Samples, and degree of the polynomial, over which an angle is differentiated.
 SLOPE, _DEGREE = 51, 3
-#: Turn in a sample, rad, from which what happens inside a sample counts; and how far back, in samples,
-#: a voltage that is held about the middle of one may seem to be turned.
+#: Turn in a sample, rad, from which what happens inside it counts; and samples by which a voltage
+#: that is held about its middle may seem to be turned back.
 _COARSE, _RIPPLE = 0.35, 0.1
 _MORE = "Record another speed, or larger currents."
 _STEADY = "Record the winding's temperature, or at a steady one."
