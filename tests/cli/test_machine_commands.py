@@ -24,11 +24,6 @@ def result(machine_fit, tmp_path):
     return folder
 
 
-@pytest.fixture(autouse=True)
-def _few_points(monkeypatch):
-    monkeypatch.setattr("penode.pmsm.control.loci._POINTS", 12)
-
-
 @pytest.mark.parametrize("to", list(FORMATS))
 def test_every_format_is_written(result, penode, tmp_path, to):
     out = tmp_path / "new" / f"map{FORMATS[to].suffix}"

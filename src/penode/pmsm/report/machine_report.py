@@ -3,6 +3,7 @@
 from penode.fit.fit import Fit
 from penode.pmsm.report.flux_sections import flux_linkage, inductances
 from penode.pmsm.report.line_causes import named_lines, signed_frequency
+from penode.pmsm.report.torque_sections import torque_and_operating_points
 from penode.report import sections
 from penode.report.document import Section
 from penode.report.fit_report import Page, Part, fit_report
@@ -62,7 +63,7 @@ def _times(order: float) -> str:
 
 #: Sections of a machine's report in place of those of any fit.
 _OWN: dict[Part, tuple[Part, ...]] = {
-    sections.learned_maps: (flux_linkage, inductances),
+    sections.learned_maps: (flux_linkage, inductances, torque_and_operating_points),
     sections.residual_section: (residual,),
     sections.loss_weighting: (loss_weighting,),
 }
