@@ -78,6 +78,23 @@ class ControlledMachine:
         resistance = fit.parameters["R"].value if fit.horizon.answered else 0.0
         return cls(fit.flux_map, fit.differential_inductance, pairs, resistance, fit.supported)
 
+    def mirrored(self) -> "ControlledMachine":
+        """Return the machine with i_q and psi_q reversed, and with them torque and speed."""
+        turn = np.array([1.0, -1.0])
+
+        def flux_map(i_d: FloatArray, i_q: FloatArray) -> FloatArray:
+            psi_d, psi_q = self.flux_map(i_d, -np.asarray(i_q))
+            return np.stack([psi_d, -psi_q])
+
+        def inductance(i_d: FloatArray, i_q: FloatArray) -> FloatArray:
+            slope = self.differential_inductance(i_d, -np.asarray(i_q))
+            return np.einsum("a,ab...,b->ab...", turn, slope, turn)
+
+        pairs, resistance = self.pole_pairs, self.resistance
+        return ControlledMachine(
+            flux_map, inductance, pairs, resistance, lambda points: self.supported(points * turn)
+        )
+
     def torque(self, current: FloatArray) -> FloatArray:
         """Return T (point,) in Nm at currents (2, point) in A."""
         psi = self.flux_map(*current)
