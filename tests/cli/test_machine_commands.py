@@ -55,6 +55,16 @@ def test_loci_are_told_drawn_and_tabulated(result, penode, tmp_path):
     assert table.read_text().startswith("locus,i_d")
 
 
+def test_a_report_against_a_second_map(result, penode, tmp_path):
+    done = penode("report", result, "--against", result / "flux_map.csv")
+    assert done.returncode == 0, done.stderr
+    assert "Against another map" in (result / "report.html").read_text()
+    (result / "report.html").unlink()
+    done = penode("report", result, "--against", tmp_path / "none.csv")
+    assert done.returncode == 2
+    assert not (result / "report.html").exists()
+
+
 def test_currents_over_torque_and_speed_are_tabulated(result, machine_fit, penode, tmp_path):
     table = tmp_path / "points.csv"
     axes = ("--torque", "0:60:4", "--speed", "-3000:3000:3")

@@ -1,10 +1,10 @@
 """MTPA and MTPV of a saturated machine beside those that motulator computes.
 
-``python -m validate.other_simulators.control_loci`` runs where penode and motulator are installed together, on
-Python 3.12 or later. The machine is a closed form with saturation and cross-saturation, given to
-both as the flux linkage over the current; motulator finds the angle at which the condition of an
-extremum holds, penode the most torque on closed curves. Printed are the largest differences of
-the currents and of the torque.
+``python -m validate.other_simulators.control_loci`` runs where penode and motulator are installed
+together, on Python 3.12 or later. The machine is a closed form with saturation and
+cross-saturation, given to both as the flux linkage over the current; motulator finds the angle at
+which the condition of an extremum holds, penode the most torque on closed curves. Printed are the
+largest differences of the currents and of the torque.
 """
 
 from importlib.metadata import version

@@ -1,6 +1,9 @@
 """The report of a machine's identification: that of any fit, with the machine's own sections."""
 
+from dataclasses import replace
+
 from penode.fit.fit import Fit
+from penode.pmsm.report.against import Against
 from penode.pmsm.report.flux_sections import flux_linkage, inductances
 from penode.pmsm.report.line_causes import named_lines, signed_frequency
 from penode.pmsm.report.torque_sections import torque_and_operating_points
@@ -84,7 +87,7 @@ MACHINE_PAGE = Page(
 )
 
 
-def machine_report(fit: Fit) -> str:
+def machine_report(fit: Fit, against: Against | None = None) -> str:
     """Return the report of a machine's identification as one self-contained HTML page.
 
     Parameters
@@ -92,10 +95,15 @@ def machine_report(fit: Fit) -> str:
     fit : Fit
         Identification result of a machine: its parameters hold ``R`` in ohm, its maps are
         ``flux_map`` (Vs) and ``differential_inductance`` (H).
+    against : Against, optional
+        A second map, to which a section is given.
 
     Returns
     -------
     str
         The page; save it as UTF-8.
     """
-    return fit_report(fit, MACHINE_PAGE)
+    if against is None:
+        return fit_report(fit, MACHINE_PAGE)
+    maps = (*_OWN[sections.learned_maps], against.second_map)
+    return fit_report(fit, replace(MACHINE_PAGE, own={**_OWN, sections.learned_maps: maps}))
