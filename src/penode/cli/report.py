@@ -61,7 +61,8 @@ def report_command(
             sys.path.append(str(Path.cwd()))
         fit = load_machine(folder, trust) if against is not None else Fit.load(folder, trust)
         if isinstance(fit.model, Machine):
-            text = machine_report(fit, against and _held_against(fit, against, trust))
+            second = None if against is None else _held_against(fit, against, trust)
+            text = machine_report(fit, second)
         else:
             text = fit_report(fit)
     write_atomically(page, text)

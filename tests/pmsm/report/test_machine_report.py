@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
@@ -255,7 +256,7 @@ def test_parts_of_any_report_that_are_not_replaced_are_in_the_machines():
 
 def test_every_figure_has_its_data_title_and_caption(page):
     plots = [a for tag, a in page.attributes if tag == "div" and "data-plot" in a]
-    assert len(plots) == page.tags.count("figure") == page.tags.count("figcaption") == 14
+    assert len(plots) == page.tags.count("figure") == page.tags.count("figcaption") == 15
     assert all(plot["data-plot"] in page.data for plot in plots)
     identifiers = {a["id"] for _, a in page.attributes if "id" in a}
     for plot in plots:
@@ -341,6 +342,19 @@ def test_the_lines_are_named_with_their_causes(text):
         "125\N{NO-BREAK SPACE}Hz, as the rotor",
     ):
         assert words in text
+
+
+def test_the_residual_is_drawn_over_speed_and_one_turn_of_the_angle():
+    fit = machine_fit()
+    assert "omega_el" in [one.channel for one in fit.correlations.over]
+    text = machine_report(fit)
+    assert "over omega_el" in text
+    assert "over u_d" not in text
+    (one, *_) = fit.correlations.over
+    turns = [replace(one, channel="theta_el", value=np.linspace(0, end, 40)) for end in (6.2, 99.0)]
+    for angle, shown in zip(turns, (True, False), strict=True):
+        fit.correlations = replace(fit.correlations, over=(angle,))
+        assert ("over theta_el" in machine_report(fit)) is shown
 
 
 def test_without_a_speed_lines_go_by_their_frequency():
@@ -477,6 +491,6 @@ def test_a_browser_draws_every_figure_without_complaint(text, tmp_path, width):
     ]
     assert complaints == []
     drawn = re.findall(r'id="figure-\d+-title">.*?</figure>', done.stdout, flags=re.DOTALL)
-    assert len(drawn) == 14
+    assert len(drawn) == 15
     for figure in drawn:
         assert "main-svg" in figure or "unavailable" in figure

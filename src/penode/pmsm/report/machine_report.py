@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from penode.fit.fit import Fit
 from penode.pmsm.report.against import Against
 from penode.pmsm.report.flux_sections import flux_linkage, inductances
@@ -16,6 +18,8 @@ from penode.validation.residual_lines import Line
 
 _HARMONIC = 6
 _LINES = 8
+#: An angle that begins again has a range of one turn, rad.
+_TURN = 2 * np.pi
 
 
 def residual(fit: Fit) -> Section | None:
@@ -32,7 +36,17 @@ def residual(fit: Fit) -> Section | None:
         f"({with_unit(base, 'Hz')})."
         if base
         else "",
+        _speed_and_angle(fit),
     )
+
+
+def _speed_and_angle(fit: Fit) -> list[str]:
+    """Return the channels over which the residual is drawn; an angle that is counted on is none."""
+    return [
+        one.channel
+        for one in fit.correlations.over
+        if one.channel == "omega_el" or (one.channel == "theta_el" and np.ptp(one.value) <= _TURN)
+    ]
 
 
 def loss_weighting(fit: Fit) -> Section | None:
