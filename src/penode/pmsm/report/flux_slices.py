@@ -88,4 +88,4 @@ def flux_slice(fit: Fit, axis: int) -> go.Figure:
             )
     figure.update_xaxes(title_text=f"i<sub>{one}</sub> in A")
     figure.update_yaxes(title_text=f"ψ<sub>{one}</sub> in mVs")
-    return figure.update_layout(margin={"t": 44})
+    return figure.update_layout(margin={"t": 58})
