@@ -17,7 +17,7 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
-from penode.pmsm.balance.doubt import NOTICED
+from penode.pmsm.balance.doubt import CLEAR, NOTICED, share
 from penode.pmsm.balance.drift import drift_columns
 from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
 from penode.pmsm.balance.trial_balance import imitated_lag, mean_lag
@@ -32,9 +32,8 @@ from penode.pmsm.recording.imperfection import UNKNOWN_DRIVE, Column, KnownDrive
 from penode.pmsm.recording.imperfections import IMPERFECTIONS, SLOPE
 from penode.training.weak_form import HannWindow, WeakRegression, join
 
-#: -2 log likelihood by which a candidate has to be better, and deviations that amount to it.
-_CLEAR = 25.0
-_SIGNIFICANT = _CLEAR**0.5
+#: Deviations that amount to what is clear.
+_SIGNIFICANT = CLEAR**0.5
 #: Radians a sample below which the rotor stands still.
 _STANDSTILL = 1e-4
 
@@ -49,7 +48,7 @@ class _Candidate:
     # False for what no drive has.
     enters: bool = True
     # -2 log of how likely it is before, beside none.
-    price: float = _CLEAR
+    price: float = CLEAR
 
     def beside(self, other: "_Candidate") -> bool:
         """Return whether both can be in one set."""
@@ -269,7 +268,7 @@ def _of_slope(balance: _Balance) -> _Balance:
         balance, experiments=[lag.corrected(e, 1.0, UNKNOWN_DRIVE) for e in experiments]
     )
     plain, other = (one.solved(_TIMING.names).evidence for one in (balance, sloped))
-    return sloped if other < plain - _CLEAR else balance
+    return sloped if other < plain - CLEAR else balance
 
 
 def _placed(balance: _Balance) -> tuple[Calibration, _Estimate]:
@@ -296,11 +295,8 @@ def _timing_of(free: _Estimate, experiments: Sequence[Experiment]) -> Calibratio
         own, one = free.deviation.get(name, np.inf), IMPERFECTIONS[name]
         if own < one.near:
             sizes[name], drive = one.placed(free[name], experiments, drive)
-    delay = sizes.get("delay", 0.0).real
-    if not (
-        abs(delay) > _SIGNIFICANT * free.deviation.get("delay", np.inf)
-        and _acts_late(delay, experiments)
-    ):
+    delay, own = sizes.get("delay", 0.0).real, free.deviation.get("delay", np.inf)
+    if abs(delay) <= _SIGNIFICANT * own or not _acts_late(delay, experiments):
         sizes["delay"] = 0.0
     return _with(Calibration(drive=drive), **sizes)
 
@@ -343,7 +339,7 @@ def _iron_left(search: _Search, chosen: _Set) -> dict[str, float]:
     none = min(map(search.price, ((), (_TURN,))))
     (name,), whole = first.names, search.of((first,))
     size, own = whole[name], whole.deviation[name]
-    acts, same = (_share(search.price((first,)), price) for price in (none, search.price((other,))))
+    acts, same = (share(search.price((first,)), price) for price in (none, search.price((other,))))
     if not chosen:
         one = IMPERFECTIONS[name]
         usual = one.usual * one.scale(search.balance.experiments, whole.drive)
@@ -353,11 +349,6 @@ def _iron_left(search: _Search, chosen: _Set) -> dict[str, float]:
         change = float(np.sqrt(1 - same)) * size
         left["iron_of_change"] = change if name == "iron_of_rotation" else -change
     return left
-
-
-def _share(price: float, other: float) -> float:
-    """Return how probable one of two sets is."""
-    return float(1 / (1 + np.exp(-0.5 * np.clip(other - price, -1e3, 1e3))))
 
 
 def _timing_sentences(
