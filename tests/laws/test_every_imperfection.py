@@ -36,6 +36,7 @@ SIZES = {
     "current_mismatch": 0.01 + 0.02j,
     "speed_lag": 1.0,
     "angle": 0.03,
+    "sampling": 0.3,
     "turn": 0.3,
     "delay": 0.4,
     "iron": 0.03,

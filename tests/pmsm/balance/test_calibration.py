@@ -149,6 +149,24 @@ def test_an_angle_offset_is_estimated_beside_the_timing(fast_run):
         np.testing.assert_allclose(corrected.channels[name], values, atol=1e-9)
 
 
+def test_currents_sampled_late_are_no_angle(slow_run):
+    """Turn and angle that cancel leave the voltages where they are, and turn the currents alone."""
+    run = IMPERFECTIONS["sampling"].corrected(slow_run, -1.0, KnownDrive())
+    turn = float(np.median(slow_run.channels["omega_el"])) * slow_run.time_step
+    result = calibration_of([run])
+    assert (result["delay"], result["turn"], result.drive.hold) == (0.0, 0.0, "dq")
+    assert abs(result["angle"]) < 0.1 * turn  # not the whole of it
+
+
+def test_a_hold_and_an_angle_that_nearly_cancel_are_both_found(slow_run):
+    """The hold turns voltages back by half of what the rotor turns, the angle by most of that."""
+    turn = float(np.median(slow_run.channels["omega_el"])) * slow_run.time_step
+    run = in_frame_ahead(turned_voltage(slow_run, 0.5), 0.42 * turn)
+    result = calibration_of([run])
+    assert (result["delay"], result["turn"], result.drive.hold) == (0.0, 0.0, "stationary")
+    assert result["angle"] == pytest.approx(-0.42 * turn, rel=0.02)
+
+
 SLOWLY = [pytest.param(degrees, marks=pytest.mark.slow) for degrees in (-5.0, 4.0)]
 
 

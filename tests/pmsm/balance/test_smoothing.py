@@ -43,6 +43,24 @@ def density_of(free, random, target):
     return multivariate_normal(cov=size * covariance).logpdf(rest)
 
 
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_evidence_for_a_free_coefficient_does_not_depend_on_the_unit_of_the_target(rng, unit):
+    every = problem(rng, 0.5, fixed=2)[0]
+    columns = np.delete(every.matrix, 1, axis=1)
+
+    def gain(unit):
+        fewer, more = (
+            smoothed(
+                WeakRegression(matrix, unit * every.target), [Roughness.of(first, np.eye(SIZE))]
+            )
+            for first, matrix in ((1, columns), (2, every.matrix))
+        )
+        return fewer.evidence - more.evidence
+
+    assert gain(unit) == pytest.approx(gain(1.0), rel=1e-9)
+    assert gain(1.0) > 100.0
+
+
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
 def test_evidence_compares_models_with_and_without_a_penalised_part(rng, unit):
     """Whatever unit the part is in, and though its penalty has no eigenvalues of one."""

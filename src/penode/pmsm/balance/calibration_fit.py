@@ -1,18 +1,23 @@
 """Calibration of a drive from its own recording, estimated with the map by the weak form.
 
-A mirror symmetric map of splines cannot stand in for any of the imperfections, as a free one would.
+Which imperfections enter is one search: of all sets of candidates the one whose evidence is best,
+each candidate at a price. What no drive has, and explains as much as what one has, is a candidate
+too, so that it is not taken for that. A mirror symmetric map of splines cannot stand in for any of
+them, as a free one would.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
-from penode.pmsm.balance.doubt import probability
+from penode.pmsm.balance.doubt import CLEAR, NOTICED, share
 from penode.pmsm.balance.drift import drift_columns
 from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
 from penode.pmsm.balance.trial_balance import imitated_lag, mean_lag
@@ -25,38 +30,44 @@ from penode.pmsm.machine.term_registry import completed, physical_values
 from penode.pmsm.machine.terms import ANGLE, SPEED, Term
 from penode.pmsm.recording.imperfection import UNKNOWN_DRIVE, Column, KnownDrive
 from penode.pmsm.recording.imperfections import IMPERFECTIONS, SLOPE
-from penode.training.weak_form import OVERLAP, HannWindow, WeakRegression, join
+from penode.training.weak_form import HannWindow, WeakRegression, join
 
-#: What each step estimates: when the voltages act, what bends the map beside it, and what iron may
-#: take current by.
-_TIMING, _ERRORS, _IRON = ("delay", "turn"), ("angle", "iron"), ("iron", "iron_of_rotation")
-#: Rounds in which map and imperfections that bend it follow each other.
-_ROUNDS = 2
-#: -2 log likelihood by which another model of the voltages has to be better.
-_CLEAR = 25.0
-#: Deviations from which an imperfection is taken into account.
-_SIGNIFICANT = 5.0
-#: Samples that a timing has to differ by.
-_DIFFERENT = 0.2
-#: Samples from a whole number, and from half a turn back, that are taken for these.
-_NEAR = 0.1
-#: Angle in rad that a turn has to amount to where the rotor turns by more than another in a sample.
-_ANGLE, _COARSE = np.deg2rad(0.05), 0.35
-#: Samples beyond which, and deviation above which, a timing is not believed.
-_MOST, _SURE = 3.0, 0.1
+#: Deviations that amount to what is clear.
+_SIGNIFICANT = CLEAR**0.5
 #: Radians a sample below which the rotor stands still.
 _STANDSTILL = 1e-4
-#: Probability from which iron loss is taken into account, and the share of the current that it
-#: usually takes.
-_LIKELY, _USUAL = 0.9, 0.01
-#: Root of a probability from which the other kind of iron loss is a row of the budget.
-_NOTICED = 0.1
-#: Part of an angle by which a turn may differ from it where the two cancel.
-_CANCELS = 0.2
-#: Angle in rad above which the rest is estimated again, in the frame that it is turned to.
-_FIRST_ORDER = np.deg2rad(1.0)
-#: Share of the speed from which the slope of the angle is tried, and up to which it is one speed.
-_LAGS, _SAME = 1e-3, 0.2
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """Imperfections that enter together."""
+
+    names: tuple[str, ...]
+    # Names that it stands for, and is not beside.
+    instead: tuple[str, ...] = ()
+    # False for what no drive has.
+    enters: bool = True
+    # -2 log of how likely it is before, beside none.
+    price: float = CLEAR
+
+    def beside(self, other: "_Candidate") -> bool:
+        """Return whether both can be in one set."""
+        return not {*self.names, *self.instead} & {*other.names}
+
+
+#: When the voltages act, and what bends the map beside it: the angle, and what iron takes current
+#: by. Turn and angle that cancel in the voltages are no coincidence, but the instant at which
+#: currents are sampled.
+_TIMING = _Candidate(("delay", "turn"))
+_KINDS = ("iron", "iron_of_rotation")
+_IRON = tuple(_Candidate((name,), _KINDS) for name in _KINDS)
+_SAMPLING = _Candidate(("sampling", "delay"), ("turn", "angle"), enters=False, price=0.0)
+_PLACES = (_TIMING, _Candidate(("angle",)), *_IRON, _SAMPLING)
+#: Once voltages are in place, nothing turns them by hundredths of a sample: a turn is iron's rival.
+_TURN = _Candidate(("turn",), _KINDS, enters=False)
+_LOSSES = (*_IRON, _TURN)
+
+_Set: TypeAlias = tuple[_Candidate, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +78,9 @@ class _Estimate:
     # The larger of both axes, where there are two.
     deviation: Mapping[str, float]
     evidence: float
-    equations: int
     drive: KnownDrive
+    # Of each recording, by imperfection and this map and R, as they are needed.
+    columns: dict[str, list[FloatArray]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
         """Return the size of an imperfection of one axis."""
@@ -103,12 +115,10 @@ class _Balance:
     def solved(self, names: Sequence[str], before: _Estimate | None = None) -> _Estimate:
         """Estimate imperfections by name; those beside and of the map need the round before."""
         names = (*(self.beside if before else ()), *names)
-        drive = before.drive if before else UNKNOWN_DRIVE
+        own_columns = [self._columns(name, before) for name in names]
         rows = [
-            WeakRegression(
-                np.concatenate([*_columns(e, names, drive), own.matrix], axis=1), own.target
-            )
-            for e, own in zip(self.experiments, self._without, strict=True)
+            WeakRegression(np.concatenate([*some, own.matrix], axis=1), own.target)
+            for *some, own in zip(*own_columns, self._without, strict=True)
         ]
         whole, physical = join(rows), list(physical_values(self.terms))
         axes = [(name, axis) for name in names for axis in IMPERFECTIONS[name].axes]
@@ -126,21 +136,37 @@ class _Balance:
             float(free.solution[own_first + physical.index("R")]) if "R" in physical else 0.0,
             Linkage(replace(self.part, coefficients=table), self.reach),
         )
-        return _Estimate(sizes, deviation, free.evidence, len(whole.target), drive)
-
-    def rounds(self, names: Sequence[str], before: _Estimate) -> _Estimate:
-        """Estimate imperfections that bend the map, which the map follows."""
-        for _ in range(_ROUNDS if set(names) & {*_ERRORS, *_IRON} else 1):
-            before = self.solved(names, before)
-        return before
+        return _Estimate(sizes, deviation, free.evidence, drive)
 
     def credible(self, estimate: _Estimate, name: str) -> bool:
         """Return whether a size is significant, large enough to matter, and not absurd."""
         one, size, own = IMPERFECTIONS[name], estimate.sizes[name], estimate.deviation[name]
-        relative = size.real if one.positive else abs(size)
-        relative /= one.scale(self.experiments, estimate.drive)
-        matters, most = one.credible
-        return bool(abs(size) > _SIGNIFICANT * own and matters < relative < most)
+        relative, (matters, most) = self._relative(estimate, name), one.credible
+        shows = abs(size) > _SIGNIFICANT * own and one.shows(self.experiments)
+        return bool(shows and matters < relative < most)
+
+    def possible(self, estimate: _Estimate, names: Sequence[str]) -> bool:
+        """Return whether one of some sizes is credible, and none absurd."""
+        largest = [
+            self._relative(estimate, name) / IMPERFECTIONS[name].credible[1] for name in names
+        ]
+        return max(largest) < 1.0 and any(self.credible(estimate, name) for name in names)
+
+    def _relative(self, estimate: _Estimate, name: str) -> float:
+        size, drive = estimate.sizes[name], estimate.drive
+        return IMPERFECTIONS[name].relative(size, self.experiments, drive)
+
+    def _columns(self, name: str, known: _Estimate | None) -> list[FloatArray]:
+        """Return an imperfection's columns (equation, axis) of each recording."""
+        made, drive = (known.columns, known.drive) if known else ({}, UNKNOWN_DRIVE)
+        if name not in made:
+            made[name] = []
+            for e in self.experiments:
+                window = HannWindow(e.time_step, harmonic_window(e))
+                each = IMPERFECTIONS[name].columns(e, drive)
+                parts = [(window.of_supply(r) + window.of_store(s)).ravel() for s, r in each]
+                made[name].append(np.stack(parts, axis=1))
+        return made[name]
 
     @cached_property
     def _without(self) -> tuple[WeakRegression, ...]:
@@ -159,14 +185,46 @@ class _Balance:
         return drift_columns(self.experiments, self.terms)
 
 
-def _columns(
-    experiment: Experiment, names: Sequence[str], drive: KnownDrive
-) -> Iterator[FloatArray]:
-    """Yield the columns of imperfections, (equation, 1) each."""
-    window = HannWindow(experiment.time_step, harmonic_window(experiment))
-    for name in names:
-        for stored, supplied in IMPERFECTIONS[name].columns(experiment, drive):
-            yield (window.of_supply(supplied) + window.of_store(stored)).reshape(-1, 1)
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Which imperfections enter, beside those that are estimated always."""
+
+    balance: _Balance
+    always: tuple[str, ...] = ()
+    tried: dict[_Set, _Estimate] = field(default_factory=dict)
+
+    def of(self, chosen: _Set) -> _Estimate:
+        """Return the estimate with a set of candidates; the map follows those that bend it."""
+        if chosen not in self.tried:
+            further = [name for one in chosen for name in one.names if name not in self.always]
+            names = (*self.always, *further)
+            self.tried[chosen] = self.balance.solved(names, self.balance.solved(names, self._first))
+        return self.tried[chosen]
+
+    def best(self, candidates: _Set) -> _Set:
+        """Return those that enter: of all credible sets the one of the best evidence, less price.
+
+        Where one is among them that no drive has, what it stands for does not enter.
+        """
+        sets = [s for n in range(len(candidates) + 1) for s in combinations(candidates, n)]
+        found = min(filter(self._possible, sets), key=self.price)
+        for one in found:
+            if not one.enters:
+                left = (c for c in candidates if c != one and not {*c.names} <= {*one.instead})
+                return self.best(tuple(left))
+        return found
+
+    @cached_property
+    def _first(self) -> _Estimate:
+        return self.balance.solved(_TIMING.names)
+
+    def _possible(self, chosen: _Set) -> bool:
+        apart = all(one.beside(other) for one in chosen for other in chosen if one != other)
+        return apart and all(self.balance.possible(self.of(chosen), one.names) for one in chosen)
+
+    def price(self, chosen: _Set) -> float:
+        """Return -2 log of how probable a set is, beside the others."""
+        return self.of(chosen).evidence + sum(one.price for one in chosen)
 
 
 def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> Calibration:
@@ -177,18 +235,16 @@ def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
     turning = max(float(np.abs(e.channels[SPEED.name]).max()) * e.time_step for e in experiments)
     if turning <= _STANDSTILL:
         return _timing_at_rest(experiments)
-    balance = _Balance.of(experiments, terms)
-    lagging = _lagging_speed(balance)
-    if lagging is not None:
-        balance = replace(balance, experiments=lagging)
+    recorded = _Balance.of(experiments, terms)
+    balance = _of_slope(recorded)
     found, free = _placed(balance)
-    if abs(found["angle"]) > _FIRST_ORDER:
+    if found["angle"]:  # known to first order: what is left is seen from the frame that is right
         ahead = found["angle"]
         turned = [in_frame_ahead(e, ahead) for e in balance.experiments]
         found, free = _placed(replace(balance, experiments=turned))
         found = _with(found, angle=ahead + found["angle"])
     result = _refined(found, free, balance)
-    if lagging is None:
+    if balance is recorded:
         return result
     reason = IMPERFECTIONS["speed_lag"].sentence(1.0, 0.0, UNKNOWN_DRIVE)
     return replace(_with(result, speed_lag=1.0), reasons=(reason, *result.reasons))
@@ -200,27 +256,49 @@ def _with(calibration: Calibration, **sizes: complex) -> Calibration:
     return replace(calibration, sizes={name: size for name, size in every.items() if size})
 
 
+def _of_slope(balance: _Balance) -> _Balance:
+    """Return a balance with the slope of the angle as speed, where that explains more."""
+    lag, experiments = IMPERFECTIONS["speed_lag"], balance.experiments
+    if not lag.recorded(experiments) or min(map(len, experiments)) <= SLOPE:
+        return balance
+    matters, most = lag.credible
+    if not matters < lag.relative(1.0, experiments, UNKNOWN_DRIVE) < most:
+        return balance
+    sloped = replace(
+        balance, experiments=[lag.corrected(e, 1.0, UNKNOWN_DRIVE) for e in experiments]
+    )
+    plain, other = (one.solved(_TIMING.names).evidence for one in (balance, sloped))
+    return sloped if other < plain - CLEAR else balance
+
+
 def _placed(balance: _Balance) -> tuple[Calibration, _Estimate]:
     """Return when and in which frame the voltages act, and the angle, to first order.
 
     The estimate is that of delay and turn. Iron loss acts beside them where it is credible.
     """
-    first = balance.solved(_TIMING)
-    whole, timed = (balance.rounds((*_TIMING, *names), first) for names in (_ERRORS, ()))
-    errors = tuple(name for name in _ERRORS if balance.credible(whole, name))
-    if _cancel(whole, balance.experiments) or _turns_far(balance.experiments):
-        errors = tuple(name for name in errors if name != "angle")
-    while errors and whole.evidence < timed.evidence - _CLEAR:
-        free, plain = balance.rounds((*_TIMING, *errors), first), balance.rounds(errors, first)
-        found = _timing_of(free, plain.evidence, balance.experiments)
-        chosen = plain if found == AS_RECORDED else free
-        if chosen.evidence > timed.evidence - _CLEAR:
-            break  # timing alone explains as much
-        credible = tuple(name for name in errors if balance.credible(chosen, name))
-        if credible == errors:
-            return _with(found, angle=chosen["angle"] if "angle" in errors else 0.0), free
-        errors = credible  # what is left is estimated without it
-    return _timing_of(timed, balance.rounds((), first).evidence, balance.experiments), timed
+    search = _Search(balance)
+    chosen = search.best(_PLACES)
+    found = _timing_of(search.of(chosen), balance.experiments)
+    if _TIMING in chosen and found == AS_RECORDED:
+        chosen = search.best(tuple(one for one in chosen if one != _TIMING))
+    estimate = search.of(chosen)
+    return _with(found, angle=estimate.sizes.get("angle", 0.0).real), estimate
+
+
+def _timing_of(free: _Estimate, experiments: Sequence[Experiment]) -> Calibration:
+    """Return delay, turn and hold that a drive can have, next to those that were estimated.
+
+    A delay that the controller's answer to noise imitates is none.
+    """
+    sizes, drive = dict[str, complex](), UNKNOWN_DRIVE
+    for name in _TIMING.names:
+        own, one = free.deviation.get(name, np.inf), IMPERFECTIONS[name]
+        if own < one.near:
+            sizes[name], drive = one.placed(free[name], experiments, drive)
+    delay, own = sizes.get("delay", 0.0).real, free.deviation.get("delay", np.inf)
+    if abs(delay) <= _SIGNIFICANT * own or not _acts_late(delay, experiments):
+        sizes["delay"] = 0.0
+    return _with(Calibration(drive=drive), **sizes)
 
 
 def _refined(found: Calibration, free: _Estimate, balance: _Balance) -> Calibration:
@@ -228,83 +306,49 @@ def _refined(found: Calibration, free: _Estimate, balance: _Balance) -> Calibrat
     if found != AS_RECORDED:
         placed = [found.acting(found.applied(e)) for e in balance.experiments]
         balance = replace(balance, experiments=placed)
-    iron, left, rest = _iron_of(balance)
-    deviation, angle = {**rest.deviation, **left}, found["angle"]
-    delay = (found["delay"] + rest["delay"], rest.deviation["delay"])
-    whole = _near_whole(delay[0], _SIGNIFICANT * delay[1]) if found["delay"] else 0.0
-    if angle or (balance.credible(rest, "angle") and not _turns_far(balance.experiments)):
-        angle += rest["angle"]
-    if not whole % 1.0:
-        deviation["delay"] = float(np.hypot(delay[0] - whole, delay[1]))
-    if not angle:
-        deviation["angle"] = float(np.hypot(rest["angle"], rest.deviation["angle"]))
+    search = _Search(balance, ("delay", "angle"))
+    chosen = search.best(_LOSSES)
+    rest = search.of(chosen)
+    sizes, deviation = dict[str, complex](), _iron_left(search, chosen)
+    for name, more in rest.sizes.items():
+        one, own = IMPERFECTIONS[name], rest.deviation[name]
+        whole = found[name] + (more if len(one.axes) > 1 else more.real)
+        taken = found[name] or (name != "delay" and balance.credible(rest, name))
+        sizes[name] = (one.nearest(whole, _SIGNIFICANT * own) if one.exact else whole) * bool(taken)
+        deviation.setdefault(name, float(np.hypot(abs(whole - sizes[name]), own)))
     if found["turn"] % 1.0:
         deviation["turn"] = free.deviation["turn"]
-    sizes = {"angle": angle, **iron}
-    for name in balance.beside:
-        size, own = rest.sizes[name], rest.deviation[name]
-        sizes[name] = size if balance.credible(rest, name) else 0.0
-        deviation[name] = own if sizes[name] else float(np.hypot(abs(size), own))
+    result = _with(found, **sizes)
+    delay = (found["delay"] + rest["delay"], rest.deviation["delay"])
     sentences = [
         IMPERFECTIONS[name].sentence(size, deviation[name], rest.drive)
         for name, size in sizes.items()
-        if size
+        if size and name != "delay"
     ]
-    timed = _with(found, delay=whole)
     drive = replace(found.drive, resistance=rest.drive.resistance, linkage=rest.drive.linkage)
-    reasons = (*_timing_sentences(timed, delay, free), *sentences)
-    return replace(_with(timed, **sizes), drive=drive, deviation=deviation, reasons=reasons)
+    reasons = (*_timing_sentences(result, delay, free), *sentences)
+    return replace(result, drive=drive, deviation=deviation, reasons=reasons)
 
 
-def _iron_of(balance: _Balance) -> tuple[dict[str, float], dict[str, float], _Estimate]:
-    """Return the iron loss of recordings whose voltages are in place, and the estimate beside it.
+def _iron_left(search: _Search, chosen: _Set) -> dict[str, float]:
+    """Return what iron loss may be off by: averaged over either kind, none, and a turn for it.
 
-    Its size, and what it may be off by. Beside a free turn, which stands in for most of it, it
-    would not show.
+    Without saliency a turn stands in for any of it: no more than an ordinary share is believed.
     """
-    first = balance.solved(("delay",))
-    *kinds, without, turned = (
-        balance.rounds(("delay", "angle", *other), first)
-        for other in (*((name,) for name in _IRON), (), ("turn",))
-    )
-    one, other = sorted(kinds, key=lambda kind: kind.evidence)
-    name = _IRON[kinds.index(one)]
-    likely = _likelihood(one, min(without.evidence, turned.evidence))
-    if not (likely > _LIKELY and balance.credible(one, name)):
-        return {}, {"iron": _iron_left(one, name, likely, balance.experiments)}, without
-    iron = one[name]
-    left = {name: float(np.hypot(one.deviation[name], np.sqrt(1 - likely) * iron))}
-    otherwise = float(np.sqrt(1 - _likelihood(one, other.evidence)))
-    if otherwise > _NOTICED:
-        left["iron_of_change"] = (otherwise if name == "iron_of_rotation" else -otherwise) * iron
-    return {name: iron}, left, one
-
-
-def _timing_of(free: _Estimate, plain: float, experiments: Sequence[Experiment]) -> Calibration:
-    """Return the timing of the voltages where it is clear against the `plain` evidence, else none.
-
-    No inverter turns a voltage by hundredths of a sample. Where the rotor turns far in one, a
-    voltage of its middle that is held in the stationary frame seems to be turned back by about
-    R T / (12 L) of it: the current curves in between, which windows over samples do not see. A
-    delay that the controller's answer to noise imitates is none.
-    """
-    values = {name: free[name] for name in _TIMING}
-    if max(map(abs, values.values())) > _MOST or free.evidence > plain - _CLEAR:
-        return AS_RECORDED
-    sure = {name: value for name, value in values.items() if free.deviation[name] < _SURE}
-    delay, turn = sure.get("delay", 0.0), sure.get("turn", 0.0)
-    clear = abs(delay) > _SIGNIFICANT * free.deviation["delay"]
-    delay = _near_whole(delay) if clear and _acts_late(delay, experiments) else 0.0
-    far = _turns_far(experiments)
-    different = _ANGLE / far if far else _DIFFERENT
-    behind = turn + 0.5  # what a voltage held in the stationary frame is turned by at the sample
-    hold = "stationary" if abs(behind) < _DIFFERENT or not _near_whole(behind) % 1.0 else "dq"
-    left = behind if hold == "stationary" else turn
-    left = 0.0 if abs(left) < different else _near_whole(left, min(_NEAR, different))
-    if far and hold == "dq" and -_NEAR < left < 0.0:
-        held = Calibration(drive=KnownDrive(hold="stationary", ripple=left))
-        return _with(held, delay=delay, turn=0.5)
-    return _with(Calibration(drive=KnownDrive(hold=hold)), delay=delay, turn=left)
+    first, other = sorted(_IRON, key=lambda one: (one not in chosen, search.price((one,))))
+    none = min(map(search.price, ((), (_TURN,))))
+    (name,), whole = first.names, search.of((first,))
+    size, own = whole[name], whole.deviation[name]
+    acts, same = (share(search.price((first,)), price) for price in (none, search.price((other,))))
+    if not chosen:
+        one = IMPERFECTIONS[name]
+        usual = one.usual * one.scale(search.balance.experiments, whole.drive)
+        return {"iron": float(np.sqrt(acts) * min(np.hypot(size, own), usual))}
+    left = {name: float(np.hypot(own, np.sqrt(1 - acts) * size))}
+    if 1 - same > NOTICED:
+        change = float(np.sqrt(1 - same)) * size
+        left["iron_of_change"] = change if name == "iron_of_rotation" else -change
+    return left
 
 
 def _timing_sentences(
@@ -327,10 +371,11 @@ def _timing_sentences(
 
 def _timing_at_rest(experiments: Sequence[Experiment]) -> Calibration:
     """Return the delay at standstill, from windows short enough for what moves there to show it."""
-    lag, own = mean_lag(experiments, in_phases=False)
-    if not (_DIFFERENT < abs(lag) < _MOST and own < _SURE):
+    one, (lag, own) = IMPERFECTIONS["delay"], mean_lag(experiments, in_phases=False)
+    matters, most = one.credible
+    if not (own < one.near and max(matters, _SIGNIFICANT * own) < abs(lag) < most):
         return AS_RECORDED
-    delay = _near_whole(-lag)
+    delay = one.nearest(-lag, one.near)
     reason = (
         f"The voltage acts {-lag:.3f} ± {own:.3f} samples after it is recorded: taken into "
         f"account as a delay of {delay:.3g}."
@@ -349,70 +394,5 @@ def _acts_late(delay: float, experiments: Sequence[Experiment]) -> bool:
     if abs(delay) > _SIGNIFICANT * imitated_lag(experiments, harmonic_window):
         return True
     lag, own = mean_lag(experiments, in_phases=True)
-    return own < _SURE and abs(delay + lag) < max(_NEAR, _SIGNIFICANT * own)
-
-
-def _turns_far(experiments: Sequence[Experiment]) -> float:
-    """Return the rotor's turn in a sample, rad, where what happens inside counts.
-
-    Voltages that are held in another frame than was thought leave a small turn there, which an
-    angle of the rotor imitates. Zero where the turn is small.
-    """
-    turns = [float(np.median(np.abs(e.channels[SPEED.name]))) * e.time_step for e in experiments]
-    return max(turns) if max(turns) > _COARSE else 0.0
-
-
-def _near_whole(value: float, near: float = _NEAR) -> float:
-    """Return a number of samples, the next whole one where it is near."""
-    return float(round(value)) if abs(value - round(value)) < near else value
-
-
-def _cancel(estimate: _Estimate, experiments: Sequence[Experiment]) -> bool:
-    """Return whether turn and angle leave the voltages where they are, and turn the currents alone.
-
-    That is no angle of the rotor; a delay, or voltages that are not all logged, looks like it.
-    """
-    turns = np.concatenate([e.channels[SPEED.name] * e.time_step for e in experiments])
-    turn, angle = estimate["turn"], estimate["angle"]
-    apart = abs(turn) * float(np.sqrt(np.mean(turns**2))) - abs(angle)
-    same_way = np.sign(turn * float(np.mean(turns))) == np.sign(angle)
-    return bool(same_way and abs(apart) < _CANCELS * abs(angle))
-
-
-def _likelihood(one: _Estimate, other: float) -> float:
-    """Return how probable an estimate is beside one of another evidence."""
-    return float(1 / (1 + np.exp(-0.5 * np.clip(other - one.evidence, -1e3, 1e3))))
-
-
-def _iron_left(
-    whole: _Estimate, kind: str, likely: float, experiments: Sequence[Experiment]
-) -> float:
-    """Return what iron loss may be left, in S: its root mean square over acting and not acting.
-
-    Without saliency a turn stands in for any of it: no more than an ordinary share is believed, and
-    no surer than the likelihood beside the turn.
-    """
-    size, own = whole[kind], whole.deviation[kind]
-    probable = min(probability(size / max(own, 1e-300), whole.equations / OVERLAP), likely)
-    usual = _USUAL * IMPERFECTIONS[kind].scale(experiments, whole.drive)
-    return float(np.sqrt(probable) * min(np.hypot(size, own), usual))
-
-
-def _lagging_speed(balance: _Balance) -> list[Experiment] | None:
-    """Return the recordings with the slope of their angle as speed, where that explains more."""
-    lag = IMPERFECTIONS["speed_lag"]
-    if not lag.recorded(balance.experiments) or min(map(len, balance.experiments)) <= SLOPE:
-        return None
-    others = [lag.corrected(e, 1.0, UNKNOWN_DRIVE) for e in balance.experiments]
-    apart = [_apart(e, other) for e, other in zip(balance.experiments, others, strict=True)]
-    if not _LAGS < max(apart) < _SAME:
-        return None
-    sloped = replace(balance, experiments=others).solved(_TIMING)
-    return others if sloped.evidence < balance.solved(_TIMING).evidence - _CLEAR else None
-
-
-def _apart(experiment: Experiment, other: Experiment) -> float:
-    """Return the root mean square by which two speeds differ, over the largest."""
-    speed = experiment.channels[SPEED.name]
-    apart = np.sqrt(np.mean((speed - other.channels[SPEED.name]) ** 2))
-    return float(apart / max(np.abs(speed).max(), 1e-9))
+    near = IMPERFECTIONS["delay"].near
+    return own < near and abs(delay + lag) < max(near, _SIGNIFICANT * own)

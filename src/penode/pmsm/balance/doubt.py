@@ -11,6 +11,11 @@ from penode.pmsm.machine.space_vectors import less_voltage
 from penode.pmsm.machine.term_registry import physical_values
 from penode.pmsm.machine.terms import Term
 
+#: -2 log evidence by which what is added has to be better.
+CLEAR = 25.0
+#: Probability from which a doubt is worth a row of the budget.
+NOTICED = 0.01
+
 
 def probability(deviations: float, equations: float) -> float:
     """Return how probable a parameter is, as against zero, of two equally likely before.
@@ -19,8 +24,12 @@ def probability(deviations: float, equations: float) -> float:
     ones, the parameter is believed to be about as large as one of them shows (unit information;
     Kass and Wasserman 1995, doi:10.1080/01621459.1995.10476592).
     """
-    against = 0.5 * np.log(max(equations, 1.0)) - 0.5 * min(deviations**2, 1e3)
-    return float(1 / (1 + np.exp(against)))
+    return share(float(np.log(max(equations, 1.0))), min(deviations**2, 1e3))
+
+
+def share(one: float, other: float) -> float:
+    """Return how probable one of two is by the -2 log evidence of both, equally likely before."""
+    return float(1 / (1 + np.exp(0.5 * np.clip(one - other, -1e3, 1e3))))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
-from penode.pmsm.balance.doubt import Doubt, probability
+from penode.pmsm.balance.doubt import CLEAR, NOTICED, Doubt, probability, share
 from penode.pmsm.balance.voltage_balance import (
     BalanceForm,
     PolynomialMap,
@@ -36,8 +36,8 @@ _HARMONICS, _DEGREE = (6, 12), 4
 #: Widths of a knee over the largest current.
 _WIDTHS = np.geomspace(0.003, 0.3, 10)
 #: Probability from which a soft knee is trained: its softness may come out as none, but a sharp one
-#: cannot become soft. From which its doubt is worth a row of the budget.
-_THIN, _NOTICED = 0.1, 0.01
+#: cannot become soft.
+_THIN = 0.1
 #: What is in doubt, and what would settle it.
 _Why: TypeAlias = tuple[str, str]
 _KNEE = "knee of the dead time", "Record slowly, with amplitudes from near zero to the largest."
@@ -45,8 +45,8 @@ _TAIL = "tail of the knee", "Give the inverter's data, or measure its voltage ov
 #: Largest rise of a device's drop with each e-fold of the current, V, and e-folds between its
 #: saturation current and the largest current that are as likely as the usual ones.
 _LARGEST_RISE, _OTHER_FOLDS = 0.1, 20.0
-#: -2 log likelihood by which phases have to differ, and the share of their mean.
-_CLEAR, _DIFFERENT = 25.0, 0.02
+#: Share of their mean by which phases have to differ.
+_DIFFERENT = 0.02
 
 
 @dataclass(frozen=True)
@@ -70,18 +70,17 @@ def with_knee(
     search = _Search.of(experiments, terms)
     sharp, soft, whole = search.best()
     free = {knee: search.by_phase(knee.term) for knee in (sharp, soft, whole)}
-    share = search.share(free[sharp].misfit, free[soft].misfit)
-    same = soft if share > _THIN else sharp
+    softer = search.share(free[sharp].misfit, free[soft].misfit)
+    same = soft if softer > _THIN else sharp
     bent = search.with_junctions(FOLDS)
     if bent and search.clearly(bent, same):
         return search.shaped(bent, by_phase, search.with_junctions(_OTHER_FOLDS), 0.5, _TAIL)
     rivals = [(search.share(same.misfit, bent.misfit), bent)] if bent else []
     if same is sharp:
         # A little softness is one parameter more; an arctan for a tanh is none, and as likely.
-        odds = 0.5 * (free[whole].misfit - free[sharp].misfit)
-        rivals += [(share, soft), (1 / (1 + math.exp(min(odds, 700.0))), whole)]
-    share, rival = max(rivals, key=lambda one: one[0], default=(0.0, None))
-    return search.shaped(same, by_phase, rival, share, _KNEE)
+        rivals += [(softer, soft), (share(free[whole].misfit, free[sharp].misfit), whole)]
+    probable, rival = max(rivals, key=lambda one: one[0], default=(0.0, None))
+    return search.shaped(same, by_phase, rival, probable, _KNEE)
 
 
 def spread_over_knees(
@@ -192,7 +191,7 @@ class _Search:
         free = self.by_phase(same.term)
         apart = by_phase or self.phases_differ(same, free)
         term = free.term if apart else same.term
-        if rival is None or share < _NOTICED:
+        if rival is None or share < NOTICED:
             return Shaped(term, ())
         other = self.by_phase(rival.term).term if apart else rival.term
         return Shaped(term, (Doubt(*why, other, term, math.sqrt(share)),))
@@ -205,7 +204,7 @@ class _Search:
 
     def clearly(self, richer: _Fitted, plain: _Fitted) -> bool:
         """Return whether a further parameter is needed beyond chance."""
-        return richer.misfit < plain.misfit - np.log(len(self.left) / OVERLAP) - _CLEAR
+        return richer.misfit < plain.misfit - np.log(len(self.left) / OVERLAP) - CLEAR
 
     def by_phase(self, term: PhaseSigns) -> _Fitted:
         """Return a dead time of the same knee with a voltage a phase."""
@@ -219,7 +218,7 @@ class _Search:
         """Return whether a voltage a phase is clear, and differs enough to matter."""
         voltages = np.array([*physical_values((free.term,)).values()])
         apart = np.abs(voltages - voltages.mean()).max() > _DIFFERENT * abs(voltages.mean())
-        price = 2 * np.log(len(self.left) / OVERLAP) + _CLEAR
+        price = 2 * np.log(len(self.left) / OVERLAP) + CLEAR
         return bool(apart and free.misfit < same.misfit - price)
 
     def _pair(self, width: float) -> tuple[FloatArray, FloatArray]:

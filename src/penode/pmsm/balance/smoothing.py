@@ -65,7 +65,8 @@ class Smoothed:
     noise: float
     # Of a coefficient along the eigenvectors of S, over its eigenvalue; one a penalty.
     prior_variance: FloatArray
-    # -2 log restricted likelihood: smaller is better.
+    # -2 log of the evidence: smaller is better. Restricted likelihoods of models with more and with
+    # fewer coefficients that are free differ by the unit of the target; this does not.
     evidence: float
 
 
@@ -82,6 +83,7 @@ def smoothed(equations: WeakRegression, penalties: Sequence[Roughness]) -> Smoot
     )
     evidence, solution, variance = problem.evidence(logs)
     strength = problem.balance * 10.0**logs
+    evidence += problem.coefficients * float(np.log(variance / OVERLAP))
     return Smoothed(solution, strength, variance, variance / strength, evidence)
 
 
@@ -192,13 +194,17 @@ class _Normal:
             unpenalised=float(np.sum(np.log(information))),
         )
 
+    @property
+    def coefficients(self) -> int:
+        """Number of those that are free."""
+        return len(self.right) - sum(penalty.rank for penalty in self.penalties)
+
     def evidence(self, logs: FloatArray) -> tuple[float, FloatArray, float]:
         """Return -2 log REML, the solution and the variance of an equation at log10 strengths."""
         whole = _with_penalties(self.normal, self.penalties, self.balance * 10.0**logs)
         solution, volume = _solved(whole, self.right)
         left = max(self.energy - float(self.right @ solution), 1e-14 * self.energy) / OVERLAP
-        rank = sum(penalty.rank for penalty in self.penalties)
-        free = max(self.count - (len(self.right) - rank), 1.0)
+        free = max(self.count - self.coefficients, 1.0)
         strengths = np.log(self.balance) + np.log(10.0) * logs
         volume -= self.unpenalised
         prior = sum(p.rank * s + p.volume for p, s in zip(self.penalties, strengths, strict=True))

@@ -8,7 +8,7 @@ import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.horizon.identifiability import THRESHOLD
-from penode.pmsm.balance.doubt import Doubt, probability
+from penode.pmsm.balance.doubt import NOTICED, Doubt, probability
 from penode.pmsm.balance.knee import knee_of, with_knee
 from penode.pmsm.balance.voltage_balance import BalanceForm, BalanceSolution
 from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime, PhaseSigns
@@ -24,8 +24,6 @@ from penode.training.weak_form import OVERLAP
 #: Share of the largest voltage across R below which a voltage is left to doubt: as much is left
 #: over where the balance's map is not quite that of the machine.
 _MATTERS = 2e-3
-#: Probability from which a doubt is worth a row of the budget.
-_NOTICED = 0.01
 #: What would decide whether a term acts.
 _MORE = "Record longer, or more amplitudes of the current."
 
@@ -89,7 +87,7 @@ def _presence(
         why = f"{title} was left out: the voltage balance shows {shown} of it."
         if share >= 0.5:
             why = f"{why[:-1]}, too little beside the {largest:.2g} V of R to be told from the map."
-        return Judged(None, why, None, (doubt,) if share > _NOTICED else ())
+        return Judged(None, why, None, (doubt,) if share > NOTICED else ())
     if min(balance.independence.values()) < THRESHOLD:
         why = (
             f"{title} was left out: of one current amplitude its voltage ({shown}) cannot be "

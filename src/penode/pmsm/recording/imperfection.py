@@ -122,10 +122,13 @@ class DriveImperfection:
     # Axes that it has, and channels that it needs beside currents, voltages and speed.
     axes: ClassVar[tuple[complex, ...]] = (1.0,)
     channels: ClassVar[tuple[str, ...]] = ()
-    # Sizes of which multiples are exact; 0 for none.
+    # Sizes of which multiples are exact, 0 for none, and how near to one a size is taken for it.
     exact: ClassVar[float] = 0.0
-    # Sizes, relative to `scale`, from which it matters and up to which it is believed.
+    near: ClassVar[float] = 0.0
+    # Sizes, relative to `scale`, from which it matters and up to which it is believed, and the one
+    # that is usual.
     credible: ClassVar[tuple[float, float]] = (0.0, math.inf)
+    usual: ClassVar[float] = math.inf
     # Whether physics allows no negative size.
     positive: ClassVar[bool] = False
     # Whether it is estimated beside all others, and taken off where it is credible: no map, timing
@@ -151,6 +154,29 @@ class DriveImperfection:
         """Return what sizes are divided by to judge them."""
         return 1.0
 
+    def relative(
+        self, size: complex, experiments: Sequence[Experiment], drive: KnownDrive
+    ) -> float:
+        """Return a size over the scale, negative where physics allows none."""
+        return float((size.real if self.positive else abs(size)) / self.scale(experiments, drive))
+
+    def shows(self, experiments: Sequence[Experiment]) -> bool:
+        """Return whether nothing else in these recordings looks the same."""
+        return True
+
+    def placed(
+        self, size: float, experiments: Sequence[Experiment], drive: KnownDrive
+    ) -> tuple[float, KnownDrive]:
+        """Return the size next to an estimate that a drive can have, and the drive with it."""
+        return self.nearest(size, self.near), drive
+
+    def nearest(self, size: float, near: float) -> float:
+        """Return a size, the exact one where it is near."""
+        if not self.exact:
+            return size
+        exact = self.exact * round(size / self.exact)
+        return exact if abs(size - exact) < near else size
+
     def sentence(self, size: complex, deviation: float, drive: KnownDrive) -> str:
         """Return what was found and is corrected."""
         value, own = (self.unit[0] * abs(part) for part in (size, deviation))
@@ -175,6 +201,11 @@ class DriveImperfection:
             return Imperfection(self.source, self.said(deviation), self.remedy, applied)
 
         return [row(axis) for axis in self.axes]
+
+
+def turn_a_sample(experiments: Sequence[Experiment]) -> float:
+    """Return by how much the rotor turns in a sample, rad."""
+    return max(float(np.median(np.abs(e.channels[SPEED.name]))) * e.time_step for e in experiments)
 
 
 def map_at(experiment: Experiment, drive: KnownDrive) -> tuple[FloatArray, FloatArray]:

@@ -34,10 +34,14 @@ from penode.pmsm.recording.imperfection import (
     KnownDrive,
     along,
     map_at,
+    turn_a_sample,
 )
 
 #: Samples, and degree of the polynomial, over which an angle is differentiated.
 SLOPE, _DEGREE = 51, 3
+#: Turn in a sample, rad, from which what happens inside it counts; and samples by which a voltage
+#: that is held about its middle may seem to be turned back.
+_COARSE, _RIPPLE = 0.35, 0.1
 _MORE = "Record another speed, or larger currents."
 _STEADY = "Record the winding's temperature, or at a steady one."
 
@@ -130,7 +134,15 @@ class _SpeedLag(DriveImperfection):
     """A speed that lags behind the angle, by all (1) or nothing (0) of what its slope differs."""
 
     name, source, remedy = "speed_lag", "lag of the speed", "Compute the speed from the angle."
-    unit, channels = (100.0, "%"), (ANGLE.name,)
+    unit, channels, credible = (100.0, "%"), (ANGLE.name,), (1e-3, 0.2)
+
+    def scale(self, experiments: Sequence[Experiment], drive: KnownDrive) -> float:
+        """Return the largest speed over the root mean square by which the slope differs."""
+        lags = []
+        for experiment in experiments:
+            speed, lag = experiment.channels[SPEED.name], self.change(experiment, 1.0, drive).speed
+            lags.append(np.sqrt(np.mean(np.square(lag))) / max(np.abs(speed).max(), 1e-9))
+        return 1.0 / max(float(max(lags)), 1e-300)
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
         slope = _slopes(np.unwrap(experiment.channels[ANGLE.name])) / experiment.time_step
@@ -156,6 +168,14 @@ class _Angle(DriveImperfection):
     def corrected(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Experiment:
         return in_frame_ahead(experiment, size.real)
 
+    def shows(self, experiments: Sequence[Experiment]) -> bool:
+        """Return whether the rotor turns little in a sample.
+
+        Voltages that are held in another frame than was thought else leave a small turn, which an
+        angle imitates.
+        """
+        return turn_a_sample(experiments) <= _COARSE
+
     def columns(self, experiment: Experiment, drive: KnownDrive) -> list[Column]:
         """Return the same by the balance itself, without the voltages' noise.
 
@@ -176,7 +196,27 @@ class _Turn(DriveImperfection):
     """Samples of rotation by which the voltage acts ahead of where it is recorded."""
 
     name, source, remedy = "turn", "turn of the voltage", _MORE
-    unit, exact = (1.0, "samples"), 1.0
+    unit, exact, near, credible = (1.0, "samples"), 1.0, 0.2, (0.0, 3.0)
+
+    def placed(
+        self, size: float, experiments: Sequence[Experiment], drive: KnownDrive
+    ) -> tuple[float, KnownDrive]:
+        """Return the turn beside that of the hold.
+
+        No inverter turns a voltage by hundredths of a sample: it stands still in the frame of the
+        rotor or, seen at the sample half a sample back, in the stationary one. Where the rotor
+        turns far in a sample, a voltage of its middle that is held in the stationary frame seems to
+        be turned back by about R T / (12 L) of it: the current curves in between, which windows
+        over samples do not see.
+        """
+        far = turn_a_sample(experiments)
+        near = min(self.near, _Angle.credible[0] / far) if far > _COARSE else self.near
+        if not self.nearest(size + 0.5, self.near) % 1.0:
+            return self.nearest(size + 0.5, near), replace(drive, hold="stationary")
+        turn = self.nearest(size, near)
+        if far > _COARSE and -_RIPPLE < turn < 0.0:
+            return 0.5, replace(drive, hold="stationary", ripple=turn)
+        return turn, drive
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
         turn = experiment.time_step * experiment.channels[SPEED.name]
@@ -186,12 +226,27 @@ class _Turn(DriveImperfection):
         return turned_voltage(experiment, size.real)
 
 
+class _Sampling(DriveImperfection):
+    """Samples of rotation by which the currents are sampled later than they are recorded.
+
+    No drive does it: a turn of the voltage and an angle that cancel there are this.
+    """
+
+    name, source, remedy = "sampling", "instant at which the currents are sampled", _MORE
+    unit = (1.0, "samples")
+
+    def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
+        turn = experiment.time_step * experiment.channels[SPEED.name]
+        return Change(current=-size * (turn * (1j * vector_of(experiment, CURRENTS))))
+
+
 class _Delay(DriveImperfection):
     """Samples by which the voltage acts later than it is recorded."""
 
     name, source = "delay", "delay of the voltage"
     remedy = "Measure when the recorded voltage acts, and give it in the study file."
-    unit, declared, exact = (1.0, "samples"), 0.02, 1.0
+    unit, declared, exact, near = (1.0, "samples"), 0.02, 1.0, 0.1
+    credible = (0.1, 3.0)
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
         voltage = vector_of(experiment, VOLTAGES)
@@ -220,7 +275,7 @@ class _Iron(DriveImperfection):
     """
 
     name, source, remedy = "iron", "iron loss", _MORE
-    unit, positive, credible = (1e3, "mS"), True, (1e-4, 0.2)
+    unit, positive, credible, usual = (1e3, "mS"), True, (1e-4, 0.2), 0.01
     takes: ClassVar[str] = "the induced voltage"
 
     def voltage(self, experiment: Experiment, drive: KnownDrive) -> Vector:
@@ -325,6 +380,7 @@ IMPERFECTIONS: dict[str, DriveImperfection] = {
         _CurrentMismatch(),
         _SpeedLag(),
         _Angle(),
+        _Sampling(),
         _Turn(),
         _Delay(),
         _Iron(),
