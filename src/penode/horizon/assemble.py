@@ -24,6 +24,7 @@ from penode.horizon.selection import Choice
 from penode.horizon.simulation import best_in_free_run
 from penode.horizon.uncertainty_budget import budget, raw_shifts
 from penode.models.base import Model
+from penode.models.measured import measured_units
 from penode.training.covariance import sandwich
 from penode.training.plan import Plan, Problem
 from penode.validation.comparison import Comparison
@@ -215,10 +216,9 @@ class Assembly:
     def _ladder(self) -> tuple[HorizonSummary, ...]:
         model = self.problem.model
         errors = np.stack([np.asarray(rung.free_run, dtype=float) for rung in self.rungs])
-        measured = [name for name in model.states if name not in model.unmeasured]
-        units = [u for n, u in zip(model.states, model.state_units, strict=True) if n in measured]
+        measured = measured_units(model)
         pooled = np.sqrt(np.mean(errors**2, axis=1))
-        if len(set(units)) > 1:
+        if len(set(measured.values())) > 1:
             pooled[:] = np.nan
         return tuple(
             HorizonSummary(

@@ -10,6 +10,7 @@ from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import Choice, Plateau, Selector
+from penode.models.measured import free_states
 from penode.models.parameters import with_batch_axis
 from penode.validation.free_run import compare, look_ahead
 
@@ -78,7 +79,7 @@ class HeldOut:
     def _squares(self, rung: HorizonFit, experiment: Experiment, steps: int) -> FloatArray:
         """Return the squared error of each sample (time,), states over their deviations."""
         model, predictor = rung.model, rung.predictor
-        if steps == FREE_RUN or model.unmeasured:
+        if steps == FREE_RUN or free_states(model):
             seen = compare(predictor, model, experiment)
             measured = seen.measured[predictor.past :]
             ahead = (seen.one_step if steps == 1 else seen.free_run)[predictor.past :]

@@ -134,7 +134,7 @@ def _steps_fail(one: _Errors, single: FloatArray, ahead: FloatArray, bad: BoolAr
 
 def _inside(fit: Fit, one: _Errors) -> BoolArray:
     """Return which steps end in the excited region; all where a state is not measured."""
-    if fit.excited.shape[1] != one.states.shape[1]:
+    if fit.model.outputs or fit.excited.shape[1] != one.states.shape[1]:
         return np.ones(len(one.states), dtype=bool)
     return fit.supported(one.states)
 
