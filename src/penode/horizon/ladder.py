@@ -255,7 +255,8 @@ class LadderProblem:
                 break
             raw = solution.raw
             if hidden_states(self.model) and number + 1 < len(plan.stages):
-                self.guesses[plan.stages[number + 1].horizon] = self._guessed(problem, raw)
+                guesses = self.hidden_states(problem.objective, raw, problem.windows)
+                self.guesses[plan.stages[number + 1].horizon] = guesses
             rungs.append(self._finish(stage.horizon, problem, solution))
             self._report(rungs[-1], place)
             raw = np.where(self._lost(problem, solution), first, raw)
@@ -292,12 +293,14 @@ class LadderProblem:
         stage = next(stage for stage in plan.stages if stage.horizon == rung.horizon)
         return replace(self, objective=objective, objectives={}).problem(stage, plan)
 
-    def _guessed(self, problem: Problem, raw: FloatArray) -> list[dict[str, FloatArray]]:
-        """Return the unmeasured states of each recording as a rung's windows have them.
+    def hidden_states(
+        self, objective: Objective, raw: FloatArray, windows: Windows
+    ) -> list[dict[str, FloatArray]]:
+        """Return the hidden states of each recording as windows at raw (parameter,) have them.
 
         Long windows of a nonlinear model have several minima; the shorter ones lead to the right.
         """
-        mean = mean_states(problem.objective.error, raw, problem.windows)
+        mean = mean_states(objective.error, raw, windows)
         parts = np.split(mean, np.cumsum([len(e) for e in self.experiments])[:-1])
         rows = {name: self.model.states.index(name) for name in hidden_states(self.model)}
         return [

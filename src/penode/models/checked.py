@@ -63,9 +63,10 @@ def require_sound(model: Any) -> None:
                 acting |= _traced(model, name)
     for place, (name, setting) in enumerate(zip(layout.names, layout.settings, strict=True)):
         if (setting.physical or setting.per_experiment) and place not in acting:
+            where = "derivative or output depends" if model.outputs else "derivative depends"
             raise InputError(
-                f"{kind.__name__}.{name} acts nowhere: derivative does not depend on it, so no "
-                "recording can show it; use it there, or leave it out."
+                f"{kind.__name__}.{name} acts nowhere: no {where} on it, so no recording can show "
+                "it; use it there, or leave it out."
             )
 
 

@@ -37,6 +37,8 @@ class Comparison:
         where states are not measured (not finite after a divergence).
     recording : str
         The recording that it is a stretch of; itself where empty.
+    start : ndarray, shape (state,)
+        The state that the free run starts from, SI units; None where it was not kept.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Comparison:
     one_step: FloatArray
     free_run: FloatArray
     recording: str = ""
+    start: FloatArray | None = None
 
     def to_frame(self) -> "pl.DataFrame":
         """Return a row a sample: time (s); STATE, STATE_one_step and STATE_free_run, SI units."""

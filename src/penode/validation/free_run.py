@@ -120,6 +120,7 @@ def compare(
         one_step=one_step.T,
         free_run=free_run.T,
         recording="" if experiment.stretch is None else experiment.stretch.recording,
+        start=np.asarray(start)[0],
     )
 
 
@@ -282,7 +283,7 @@ def _estimated_start(
         )
 
     first, ahead = start[0], measured.shape[1] - 1
-    scale = _scale(model, measured)[:, None]
+    scale = scale_of_errors(model, measured)[:, None]
     free = np.asarray(first)[freed]
     # A long run of a nonlinear model has several minima; its beginning leads to the right one.
     lengths = [n for n in (_BEGINNING * 4**k for k in range(20)) if n < ahead]
@@ -300,12 +301,15 @@ def _estimated_start(
 
         with np.errstate(all="ignore"):  # of a run that diverges from every start
             free = least_squares(residual, free, jac=slope, x_scale="jac", max_nfev=50).x
-    start: JaxArray = first.at[np.array(freed)].set(free)[None]
-    return start
+    found: JaxArray = first.at[np.array(freed)].set(free)[None]
+    return found
 
 
-def _scale(model: Model, measured: FloatArray) -> FloatArray:
-    """Return what errors are divided by, (quantity,): deviations where units differ."""
+def scale_of_errors(model: Model, measured: FloatArray) -> FloatArray:
+    """Return what a free run's errors are divided by, (quantity,): deviations where units differ.
+
+    What was measured is (quantity, time).
+    """
     if len(set(measured_units(model).values())) == 1:
         return np.ones(len(measured))
     return np.maximum(measured.std(axis=1), 1e-300)
