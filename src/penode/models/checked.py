@@ -204,8 +204,8 @@ def _declared(model: Any) -> Layout[Any]:
         raise InputError(f"a model must be an instance of a subclass of penode.Model, got {kind}.")
     for name in ("states", "state_units", "inputs", "unmeasured"):
         _require_names(model, name)
-    _require_agreement(model)
     _require_outputs(model)
+    _require_agreement(model)
     for name in _OF_INPUTS:
         _require_arguments(model, name)
     layout = Layout(model)
@@ -277,7 +277,7 @@ def _require_outputs(model: Model) -> None:
                 f"{kind}: {name} stands twice, among the inputs {', '.join(model.inputs)} and the "
                 "outputs; give each channel a name of its own."
             )
-    own = dict(zip(model.states, model.state_units, strict=True))
+    own = dict(zip(model.states, model.state_units, strict=False))
     other = [name for name, unit in outputs.items() if own.get(name, unit) != unit]
     if other:
         raise InputError(
