@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from penode.fit.fit import Fit
 from penode.fit.outcome import AVERAGED
+from penode.models.measured import free_states
 from penode.report.correlations import correlations, correlations_caption, correlations_title
 from penode.report.document import Block, Notice, Section, picture
 from penode.report.ladder import parameter_over_ladder
@@ -94,7 +95,7 @@ def predictions(fit: Fit) -> Section | None:
     figures = [
         picture(
             overlay_title(one),
-            "Measured states (wide grey), the free run and the prediction one step ahead, each "
+            "What was measured (wide grey), the free run and the prediction one step ahead, each "
             "with its error. The close-up at the right is a typical stretch, shaded at the left.",
             overlay,
             one,
@@ -102,11 +103,13 @@ def predictions(fit: Fit) -> Section | None:
         for one in ordered[:_DRAWN]
     ]
     inputs = f"{listed(fit.model.inputs)} and " if fit.model.inputs else ""
+    start = f"the first sample of {listed(ordered[0].states)}"
+    if free_states(fit.model):
+        start = "the initial state that fits it best"
     return Section(
         "Prediction against measurement",
-        f"In a free run the model sees {inputs}the first sample of {listed(ordered[0].states)}, "
-        "nothing else. Recordings not used for training count most, and those with the largest "
-        "errors come first.",
+        f"In a free run the model sees {inputs}{start}, nothing else. Recordings not used for "
+        "training count most, and those with the largest errors come first.",
         [validation_table(_worst_first(fit.recordings)), *figures],
     )
 
