@@ -73,7 +73,8 @@ def default_horizons(model: Model, experiments: Sequence[Experiment]) -> tuple[i
     states, measured = len(model.states), len(measured_units(model))
     if not measured:
         raise InputError(nothing_measured(model))
-    first = math.ceil(_OVERDETERMINED * states / measured) - 1 if hidden_states(model) else 1
+    needed = math.ceil(_OVERDETERMINED * max(states / measured, 1))
+    first = needed - 1 if hidden_states(model) else 1
     # The longest stretch of the shortest recording.
     samples = min(max(map(len, stretches)) for stretches in by_recording(experiments))
     last = int(min(_SHARE * samples, max(_LONG, _PART * samples)))
