@@ -23,6 +23,7 @@ from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.horizon.learned_prior import with_priors
 from penode.models.layout import Layout
 from penode.training.covariance import sandwich
+from penode.training.learned_effect import Visits
 
 FREE = Loss(free_starts={"x": None})
 STEP, SAMPLES, NOISE, RATE = 0.05, 1000, 0.01, 0.8
@@ -123,6 +124,15 @@ def test_beyond_what_was_recorded_the_map_returns_to_nothing_and_the_band_grows(
     inside, beyond = np.array([0.5 * top]), np.array([2.2 * top])
     assert deviation(rung, beyond) > 3 * deviation(rung, inside)
     assert abs(learned(rung, beyond)) < 3 * deviation(rung, beyond)
+
+
+def test_a_recording_shorter_than_the_visits_has_a_prior_too():
+    run = recorded(outflow)
+    short = Experiment("short", STEP, {name: x[:300] for name, x in run.channels.items()})
+    rung, problem = climbed(short, LearnedPrior())
+    visits = Visits.of(problem.objective.error, rung.solution.raw, rung.windows)
+    assert len(visits.states) == len(np.unique(visits.states)) <= 300
+    assert rung.values[0] == pytest.approx(RATE, abs=0.5)
 
 
 def test_without_orthogonality_the_shared_part_is_nobody_s():

@@ -11,6 +11,7 @@ import pkgutil
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -31,6 +32,7 @@ from penode import Experiment, Predictor
 from penode.arrays import float64
 from penode.data.save import save
 from penode.fit.left_out import left_out
+from penode.fit.outcome import Estimate
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.exports.formats import export
@@ -459,6 +461,19 @@ def test_a_simulated_set_follows_its_model_with_the_true_parameters(name):
         free = compare(predictor, model, guessed, free=model.states)
         gap = np.std(free.measured - free.free_run)
         assert 0.5 < gap / simulated_sets.NOISE[name] < 1.3
+
+
+def test_simulated_sets_draw_their_noise_anew_and_count_what_covers(monkeypatch, capsys):
+    (_, (one, _), truth), (_, (other, _), _) = (simulated_sets.lotka_volterra(9, k) for k in (0, 1))
+    gap = np.abs(one.channels["prey"] - other.channels["prey"])
+    assert 0 < gap.max() < 8 * simulated_sets.NOISE["lotka_volterra"]
+    errors = {"birth": 0.0, "death": 1.9, "growth": -2.1}  # deviations
+    found = {key: Estimate.of(truth[key] + 0.01 * e, 0.01, "1/s") for key, e in errors.items()}
+    horizon = SimpleNamespace(selected=7, verdict="plateau")
+    fit = SimpleNamespace(parameters=found, horizon=horizon)
+    monkeypatch.setattr(simulated_sets, "identify", lambda start, experiments: fit)
+    simulated_sets.main(["lotka_volterra"], 2)
+    assert capsys.readouterr().out.splitlines()[-1] == "lotka_volterra: 4 of 6 intervals cover"
 
 
 def test_an_error_of_public_sets_counts_the_channels_that_have_a_unit():

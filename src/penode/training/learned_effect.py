@@ -54,10 +54,11 @@ def _evenly(windows: Windows, horizon: int) -> Windows:
         (number, windows.starts[windows.recording == number])
         for number in np.unique(windows.recording)
     ]
-    total = sum(int(np.ptp(starts)) + 1 for _, starts in spans)
+    lengths = [int(np.ptp(starts)) + 1 for _, starts in spans]
+    counts = [max(min(_VISITS * length // sum(lengths), length), 1) for length in lengths]
     starts = [
-        np.linspace(s.min(), s.max(), max(_VISITS * (int(np.ptp(s)) + 1) // total, 1)).astype(int)
-        for _, s in spans
+        np.linspace(s.min(), s.max(), count).astype(int)
+        for (_, s), count in zip(spans, counts, strict=True)
     ]
     recording = [np.full(len(s), n) for s, (n, _) in zip(starts, spans, strict=True)]
     places = np.concatenate(starts), np.concatenate(recording)
