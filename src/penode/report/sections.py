@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 from penode.fit.fit import Fit
 from penode.fit.outcome import AVERAGED
-from penode.models.measured import free_states
 from penode.report.correlations import correlations, correlations_caption, correlations_title
 from penode.report.document import Block, Notice, Section, picture
 from penode.report.ladder import parameter_over_ladder
@@ -104,7 +103,7 @@ def predictions(fit: Fit) -> Section | None:
     ]
     inputs = f"{listed(fit.model.inputs)} and " if fit.model.inputs else ""
     start = f"the first sample of {listed(ordered[0].states)}"
-    if free_states(fit.model):
+    if fit.initial_states:
         start = "the initial state that fits it best"
     return Section(
         "Prediction against measurement",
