@@ -24,11 +24,6 @@ def result(machine_fit, tmp_path):
     return folder
 
 
-@pytest.fixture(autouse=True)
-def _few_points(monkeypatch):
-    monkeypatch.setattr("penode.pmsm.control.loci._POINTS", 12)
-
-
 @pytest.mark.parametrize("to", list(FORMATS))
 def test_every_format_is_written(result, penode, tmp_path, to):
     out = tmp_path / "new" / f"map{FORMATS[to].suffix}"
@@ -58,6 +53,44 @@ def test_loci_are_told_drawn_and_tabulated(result, penode, tmp_path):
         assert word in done.stdout
     assert out.read_bytes().startswith(b"\x89PNG")
     assert table.read_text().startswith("locus,i_d")
+
+
+def test_a_report_against_a_second_map(result, penode, tmp_path):
+    done = penode("report", result, "--against", result / "flux_map.csv")
+    assert done.returncode == 0, done.stderr
+    assert "Against another map" in (result / "report.html").read_text()
+    (result / "report.html").unlink()
+    done = penode("report", result, "--against", tmp_path / "none.csv")
+    assert done.returncode == 2
+    assert not (result / "report.html").exists()
+
+
+def test_currents_over_torque_and_speed_are_tabulated(result, machine_fit, penode, tmp_path):
+    table = tmp_path / "points.csv"
+    axes = ("--torque", "0:60:4", "--speed", "-3000:3000:3")
+    done = penode("loci", result, "--i-max", 200, "--u-max", 120, "--table", table, *axes)
+    assert done.returncode == 0, done.stderr
+    assert "12 of 12 points reached" in done.stdout
+    rows = np.loadtxt(table, delimiter=",", skiprows=1)
+    np.testing.assert_allclose(rows[:3, 1], [-3000, 0, 3000])
+    torque = 7.5 * (rows[:, 4] * rows[:, 3] - rows[:, 5] * rows[:, 2])
+    np.testing.assert_allclose(torque, np.repeat([0, 20, 40, 60], 3), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--table", "t.csv"), "a voltage limit must be known"),
+        (("--torque", "0:9:3"), "must be given with --table"),
+        (("--u-max", 120, "--table", "t.csv", "--speed", "0:x:3"), "got '0:x:3'"),
+        (("--u-max", 120, "--table", "t.csv", "--speed", "9:0:3"), "got '9:0:3'"),
+    ],
+)
+def test_tables_that_cannot_be_are_refused(result, penode, options, words):
+    done = penode("loci", result, *options)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert not (result.parent / "t.csv").exists()
 
 
 def test_compare_with_a_fit_and_with_a_file(result, machine_fit, penode, tmp_path):

@@ -66,6 +66,7 @@ TESTED = {
     "sampled_drive",
 }  # fmt: skip
 ELSEWHERE = {
+    "other_simulators.control_loci": "motulator",
     "other_simulators.gem_drive": "gym_electric_motor",
     "other_simulators.motulator_drive": "motulator",
     "other_simulators.record": "motulator",

@@ -118,3 +118,39 @@ def test_states_without_prediction_are_left_out():
     assert residual_correlations(comparison, held, ("u",)).states == ("x",)
     comparison = Comparison("run.csv", "train", STEP, names, names, rows, np.nan * rows, 0 * rows)
     assert residual_correlations(comparison, held, ("u",)).states == ()
+
+
+# --- over the value of a channel --------------------------------------------------------------
+
+
+def over(channels, residual):
+    """Return the residual (time, state) over channels (time,)."""
+    rows = np.vstack([np.zeros((1, residual.shape[1])), residual])
+    zeros = np.zeros_like(rows)
+    comparison = Comparison("a", "train", STEP, ("x", "y"), ("A", "A"), rows, zeros, zeros)
+    run = Experiment("a", STEP, {name: np.append(v[0], v) for name, v in channels.items()})
+    return residual_correlations(comparison, run, ()).over
+
+
+def test_what_goes_with_a_channel_is_its_mean_there(rng):
+    speed = rng.uniform(100.0, 300.0, 40_000)
+    noise = rng.normal(0.0, 0.5, (40_000, 2))
+    still = np.full(40_000, 7.0)
+    residual = noise + np.stack([0.01 * (speed - 200), np.where(speed > 250, 2.0, 0.0)], axis=1)
+    (found,) = over({"speed": speed, "still": still, "x": speed}, residual)
+    assert found.channel == "speed"
+    np.testing.assert_allclose(found.value[[0, -1]], [102.5, 297.5], atol=0.01)
+    np.testing.assert_allclose(found.mean[:, 0], 0.01 * (found.value - 200), atol=0.1)
+    np.testing.assert_allclose(found.mean[:, 1], np.where(found.value > 250, 2.0, 0.0), atol=0.1)
+    expected = np.sqrt(0.25 + np.where(found.value > 250, 4.0, 0.0))
+    np.testing.assert_allclose(found.rms[:, 1], expected, rtol=0.08)
+
+
+def test_stretches_of_few_samples_and_channels_of_no_use_are_left_out(rng):
+    values = np.append(np.full(100, 1.0), [2.0, 2.1])
+    residual = rng.normal(0.0, 1.0, (102, 2))
+    (found,) = over({"u": values, "bad": np.append(values[:-1], np.nan)}, residual)
+    assert np.isfinite(found.mean[0]).all()
+    assert np.isnan(found.mean[1:]).all()
+    assert found.mean[0] == pytest.approx(residual[:100].mean(axis=0))
+    assert over({"u": np.linspace(0, 1, 102)}, residual) == ()

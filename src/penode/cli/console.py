@@ -10,7 +10,7 @@ from rich.text import Text
 from penode.errors import InputError
 from penode.fit.left_out import details_file, in_short
 
-OUTPUT, ERRORS = Console(), Console(stderr=True)
+OUTPUT, ERRORS = Console(emoji=False), Console(stderr=True, emoji=False)
 #: A label and its value; nothing in a value is taken for markup.
 Row = tuple[str, str | Text]
 _STYLES = {"warning": "bold yellow"}

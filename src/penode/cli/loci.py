@@ -7,13 +7,19 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from penode.arrays import FloatArray
 from penode.cli.console import Row, print_rows
 from penode.cli.fits import load_machine, warn_if_unanswered
 from penode.cli.options import Json, SavedFit, TrustClasses, require_png, require_suffix
+from penode.errors import InputError
 from penode.fit.archive import write_atomically
-from penode.pmsm.control.controlled_machine import ControlledMachine
+from penode.pmsm.control.controlled_machine import ControlledMachine, voltage_limit_of
 from penode.pmsm.control.loci import ControlLoci, Locus, control_loci, loci_csv
+from penode.pmsm.control.operating_points import OperatingPoints, operating_points
 from penode.report.quantities import number
+
+#: Points of an axis of the table, and the most of them.
+_POINTS, _MOST = 21, 1001
 
 
 def loci_command(  # noqa: PLR0913 (an argument an option)
@@ -26,25 +32,52 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     ] = None,
     out: Annotated[Path | None, typer.Option(help="PNG to write.")] = None,
     u_max: Annotated[
-        float | None, typer.Option(help="Voltage limit in V, peak of a phase: u_dc / sqrt(3).")
+        float | None,
+        typer.Option(
+            help="Voltage limit in V, peak of a phase: u_dc / sqrt(3).",
+            show_default="that of the recorded u_dc",
+        ),
     ] = None,
     pole_pairs: Annotated[int | None, typer.Option(help="Of the machine.")] = None,
     csv: Annotated[Path | None, typer.Option(help="CSV of the loci to write as well.")] = None,
+    table: Annotated[
+        Path | None, typer.Option(help="CSV of i_d, i_q over torque and speed to write as well.")
+    ] = None,
+    torque: Annotated[
+        str | None,
+        typer.Option(
+            help="Torques of the table in Nm, lowest:highest:points.",
+            show_default="21 up to the most",
+        ),
+    ] = None,
+    speed: Annotated[
+        str | None,
+        typer.Option(
+            help="Speeds of the table in rpm, lowest:highest:points.",
+            show_default="21 up to the fastest",
+        ),
+    ] = None,
     as_json: Json = False,
     trust: TrustClasses = False,
 ) -> None:
-    """Compute what a controller needs: MTPA, MTPV, and most torque over speed with --u-max.
+    """Compute what a controller needs: MTPA, MTPV, torque over speed, and currents over both.
 
     Example: penode loci result --pole-pairs 5
 
     Example: penode loci result --i-max 240 --u-max 230 --pole-pairs 5 --out loci.png
+
+    Example: penode loci result --u-max 230 --table points.csv --torque 0:200:21 --speed 0:9000:31
     """
     require_png(out)
     require_suffix(csv, ".csv")
+    require_suffix(table, ".csv")
+    _require_table(table, torque, speed)
     fit = load_machine(folder, trust)
     machine = ControlledMachine.of(fit, pole_pairs)
     recorded = float(np.hypot(*fit.excited.T).max())
-    loci = control_loci(machine, recorded if i_max is None else i_max, u_max)
+    volts = voltage_limit_of(fit) if u_max is None else u_max
+    loci = control_loci(machine, recorded if i_max is None else i_max, volts)
+    points = _points(machine, loci, torque, speed) if table is not None else None
     files: list[Row] = []
     if out is not None:
         # Imported here: the plotting library takes a third of a second, and few commands draw.
@@ -55,13 +88,62 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     if csv is not None:
         write_atomically(csv, loci_csv(loci))
         files.append(("loci", str(csv)))
+    if table is not None and points is not None:
+        write_atomically(table, points.csv())
+        reached = f"{np.count_nonzero(points.reached)} of {points.reached.size} points reached"
+        files.append(("table", f"{table}: {reached}"))
     if as_json:
-        typer.echo(json.dumps({**_as_json(loci), "picture": out and str(out)}))
+        paths = {"picture": out and str(out), "table": table and str(table)}
+        typer.echo(json.dumps({**_as_json(loci), **paths}))
     else:
-        limit = f"{number(recorded)} A, the largest recorded; --i-max gives another"
-        told: list[Row] = [] if i_max is not None else [("current limit", limit)]
+        told: list[Row] = []
+        if i_max is None:
+            limit = f"{number(recorded)} A, the largest recorded; --i-max gives another"
+            told.append(("current limit", limit))
+        if u_max is None and volts is not None:
+            limit = f"{number(volts)} V, the recorded u_dc / sqrt(3); --u-max gives another"
+            told.append(("voltage limit", limit))
         print_rows([*told, *_figures(loci), *files])
     warn_if_unanswered(fit)
+
+
+def _require_table(table: Path | None, torque: str | None, speed: str | None) -> None:
+    """Refuse axes of a table that is not written."""
+    if table is None and (torque or speed):
+        raise InputError("--torque and --speed must be given with --table, got no --table; add it.")
+
+
+def _points(
+    machine: ControlledMachine, loci: ControlLoci, torque: str | None, speed: str | None
+) -> OperatingPoints:
+    """Return the table asked for, by default up to the most torque and to the fastest speed."""
+    if loci.voltage_limit is None or loci.over_speed is None:
+        raise InputError(
+            "a voltage limit must be known for currents over the speed, got none, and u_dc was "
+            "not recorded; set --u-max."
+        )
+    most = float(loci.mtpa.torque.max())
+    torques = np.linspace(0, most, _POINTS) if torque is None else _axis("--torque", torque)
+    fastest = 0.0 if loci.over_speed.speed is None else float(loci.over_speed.speed.max())
+    speeds = np.linspace(0, fastest, _POINTS)
+    if speed is not None:
+        speeds = _axis("--speed", speed) * np.pi / 30
+    return operating_points(machine, torques, speeds, loci.current_limit, loci.voltage_limit)
+
+
+def _axis(option: str, text: str) -> FloatArray:
+    """Return evenly spaced values of ``lowest:highest:points``."""
+    try:
+        low, high, points = text.split(":")
+        ends, count = (float(low), float(high)), int(points)
+        if not (np.isfinite(ends).all() and ends[0] < ends[1] and 2 <= count <= _MOST):
+            raise ValueError
+    except ValueError as error:
+        raise InputError(
+            f"{option} must be lowest:highest:points, with 2 to {_MOST} points, such as "
+            f"0:200:21, got {text!r}."
+        ) from error
+    return np.linspace(*ends, count)
 
 
 def _figures(loci: ControlLoci) -> list[Row]:

@@ -2,23 +2,33 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from penode.cli.console import print_rows
+from penode.cli.fits import load_machine
 from penode.cli.options import TrustClasses
+from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
 from penode.fit.result_folder import REPORT
+from penode.pmsm.machine.flux_grid import read_grid
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.sweep.task import LINES
+
+if TYPE_CHECKING:
+    from penode.pmsm.report.against import Against
 
 
 def report_command(
     folder: Annotated[
         Path, typer.Argument(help="Folder that identify, demo, sweep or Fit.save wrote.")
     ],
+    against: Annotated[
+        Path | None,
+        typer.Option(help="A second map to draw beside: a CSV such as flux_map.csv, or a folder."),
+    ] = None,
     trust: TrustClasses = False,
 ) -> None:
     """Write report.html from a saved fit, of a machine or of any other model, or from a sweep.
@@ -27,6 +37,8 @@ def report_command(
     module: give the command in that module's folder, or name the folder in PYTHONPATH.
 
     Example: penode report result
+
+    Example: penode report result --against fem.csv
 
     Example: penode report fleet
 
@@ -38,6 +50,8 @@ def report_command(
     from penode.report.fit_report import fit_report
 
     if (folder / LINES).exists():
+        if against is not None:
+            raise InputError(f"{folder}: --against must be for one machine, got a sweep; leave it.")
         from penode.pmsm.sweep.fleet_report import fleet_report
         from penode.pmsm.sweep.table import read_table
 
@@ -45,7 +59,19 @@ def report_command(
     else:
         if trust:
             sys.path.append(str(Path.cwd()))
-        fit = Fit.load(folder, trust)
-        text = machine_report(fit) if isinstance(fit.model, Machine) else fit_report(fit)
+        fit = load_machine(folder, trust) if against is not None else Fit.load(folder, trust)
+        if isinstance(fit.model, Machine):
+            second = None if against is None else _held_against(fit, against, trust)
+            text = machine_report(fit, second)
+        else:
+            text = fit_report(fit)
     write_atomically(page, text)
     print_rows([("report", str(page))])
+
+
+def _held_against(fit: Fit, path: Path, trust: bool = False) -> "Against":
+    """Return what the page says of a second map, that of a CSV file or of a saved fit."""
+    from penode.pmsm.report.against import Against
+
+    table = path.suffix.lower() == ".csv"
+    return Against.of(fit, str(path), read_grid(path) if table else load_machine(path, trust))

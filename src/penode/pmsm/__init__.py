@@ -4,8 +4,8 @@ From a recording to a result
     `load_study` or `guess_study`, `check_recordings`; `identify` with a `Study` and the
     `Accuracy` of the bench; `write`.
 What the result is used for
-    `export`, `ControlledMachine`, `control_loci` and `mtpa`, `compare_maps`, `tabulate`,
-    `torque_of` a recording.
+    `export`, `ControlledMachine`, `control_loci`, `mtpa` and `operating_points`, `compare_maps`,
+    `tabulate`, `torque_of` a recording.
 What the model is made of
     `Machine`: a flux map and terms (`TERMS`; write your own as a `Term`).
 
@@ -15,6 +15,7 @@ Whatever else is used by a few is imported from its own module.
 from penode.pmsm.comparison.map_comparison import compare_maps
 from penode.pmsm.control.controlled_machine import ControlledMachine
 from penode.pmsm.control.loci import control_loci, mtpa
+from penode.pmsm.control.operating_points import operating_points
 from penode.pmsm.exports.formats import export
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.flux_grid import tabulate
@@ -59,6 +60,7 @@ __all__ = [
     "load_study",
     "mtpa",
     "named_lines",
+    "operating_points",
     "study_text",
     "tabulate",
     "torque_of",

@@ -15,6 +15,7 @@ from penode.horizon.ladder import HORIZONS, fitting_plan, ladder_plan
 from penode.horizon.selection import Longest, Selector
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.term_selection import CANDIDATES, is_open, structure_of
+from penode.pmsm.control.controlled_machine import LINK_VOLTAGE, recorded_link_voltage
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.flux_maps import FLUX_MAPS, check_angle_orders
 from penode.pmsm.machine.holds import DEFAULT_HOLD, HOLDS, check_hold
@@ -181,6 +182,7 @@ class Study:
             "pole_pairs": self.pole_pairs,
             "electrical_frequency_hz": speed / (2 * np.pi),
             RECORDED: recorded_temperatures(recordings),
+            LINK_VOLTAGE: recorded_link_voltage(recordings),
         }
         return {name: fact for name, fact in facts.items() if fact is not None}
 

@@ -10,6 +10,7 @@ from penode.report.document import Block, Notice, Section, picture
 from penode.report.ladder import parameter_over_ladder
 from penode.report.learned_maps import map_figures
 from penode.report.loss_weighting import weighting_of, weighting_section
+from penode.report.over_channel import over_channel, over_channel_title
 from penode.report.overlay import overlay
 from penode.report.spectrum import residual_spectrum
 from penode.report.statements import (
@@ -30,6 +31,13 @@ from penode.validation.comparison import Comparison
 
 #: Recordings drawn at most, so that the page stays small; the table holds all.
 _DRAWN = 8
+#: Inputs over whose values the residual is drawn, and how to read the figure.
+_OVER = 3
+_OVER_CAPTION = (
+    "One-step residual over the value of a channel at the same sample, in stretches of its range. "
+    "A mean away from zero is something the model lacks that goes with the channel; an rms that "
+    "changes, noise or ripple that does."
+)
 #: Whether the plateau is averaged -> what the reported interval is centred on.
 _CENTRES = {
     True: "around the mean of the plateau, weighted by precision",
@@ -118,12 +126,17 @@ def _worst_first(comparisons: Sequence[Comparison]) -> list[Comparison]:
 
 
 def residual_section(
-    fit: Fit, lines: Sequence[tuple[float, str]] = (), cause: str = "", note: str = ""
+    fit: Fit,
+    lines: Sequence[tuple[float, str]] = (),
+    cause: str = "",
+    note: str = "",
+    over: Sequence[str] | None = None,
 ) -> Section | None:
     """Return the section on the one-step residual, named frequencies (Hz, name) marked.
 
-    ``cause`` and ``note`` are added to the lead and to the caption. None where no recording is
-    predicted one step ahead.
+    ``cause`` and ``note`` are added to the lead and to the caption; ``over`` are channels over
+    whose values the residual is drawn, by default the first inputs that move. None where no
+    recording is predicted one step ahead.
     """
     states, spectrum = measured_states(fit.comparisons), fit.spectrum
     blocks: list[Block] = []
@@ -138,6 +151,11 @@ def residual_section(
     if tests.own.size:
         title, caption = correlations_title(tests), correlations_caption(tests)
         blocks.append(picture(title, caption, correlations, tests))
+        chosen = tests.inputs[:_OVER] if over is None else over
+        shown = [one for one in tests.over if one.channel in chosen]
+        if shown:
+            title = over_channel_title(shown)
+            blocks.append(picture(title, _OVER_CAPTION, over_channel, tests, shown, states))
     lead = (
         "Pure noise would give a flat floor. A line is something periodic that the model lacks, "
         f"and a rise towards low frequencies a slow error of the map or a parameter. {cause}"

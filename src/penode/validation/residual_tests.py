@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from penode.arrays import FloatArray
+from penode.arrays import FloatArray, IntArray
 from penode.data.experiment import Experiment
-from penode.validation.comparison import Comparison
+from penode.validation.comparison import Comparison, finite_residual
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +33,46 @@ LAGS = 60
 _LIMIT = 2.576
 
 
+#: Stretches of a channel's range in which the residual is averaged, and samples each needs.
+_STRETCHES, _LEAST = 40, 8
+#: A channel moves whose range is more than this share of its largest value.
+_MOVES = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class OverChannel:
+    """The one-step residual over the value of a channel.
+
+    Attributes
+    ----------
+    channel : str
+        Name of the channel.
+    value : ndarray, shape (stretch,)
+        Middles of equal stretches of its range, in its unit.
+    mean, rms : ndarray, shape (stretch, state)
+        Of the residual there, in the state's unit; NaN where there are few samples.
+    """
+
+    channel: str
+    value: FloatArray
+    mean: FloatArray
+    rms: FloatArray
+
+    @classmethod
+    def of(cls, channel: str, values: FloatArray, residual: FloatArray) -> "OverChannel":
+        """Average a residual (time, state) over a channel (time,) that moves."""
+        edges = np.linspace(values.min(), values.max(), _STRETCHES + 1)
+        at = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, _STRETCHES - 1)
+        count = np.bincount(at, minlength=_STRETCHES).astype(np.float64)
+        count[count < _LEAST] = np.nan
+        sums, squares = (
+            np.stack([np.bincount(at, each, _STRETCHES) for each in power.T], axis=-1)
+            for power in (residual, residual**2)
+        )
+        middles = (edges[:-1] + edges[1:]) / 2
+        return cls(channel, middles, sums / count[:, None], np.sqrt(squares / count[:, None]))
+
+
 @dataclass(frozen=True, eq=False)
 class Correlations:
     """Correlations of the one-step residual with itself and with the inputs.
@@ -51,6 +91,8 @@ class Correlations:
         Correlation of the residual with the input `lag` samples before; lags 0, 1, ...
     cross_limit : ndarray, shape (state, input)
         99 % of the correlations of an unrelated residual with the same autocorrelation are smaller.
+    over : tuple of OverChannel
+        The residual over every channel that moves and is no state.
     """
 
     recording: str = ""
@@ -60,6 +102,7 @@ class Correlations:
     own_limit: float = np.inf
     cross: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
     cross_limit: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    over: tuple[OverChannel, ...] = ()
 
 
 def residual_correlations(
@@ -102,7 +145,22 @@ def residual_correlations(
         own_limit=_LIMIT / np.sqrt(count),
         cross=np.moveaxis(np.array(cross), -1, 0) if moving else np.empty(shape),
         cross_limit=_LIMIT * np.sqrt(np.array(shared).reshape(shape[1:])),
+        over=_over_channels(comparison, experiment, predicted),
     )
+
+
+def _over_channels(
+    comparison: Comparison, experiment: Experiment, predicted: IntArray
+) -> tuple[OverChannel, ...]:
+    """Return the residual of the predicted states over each channel that moves and is no state."""
+    residual = finite_residual(comparison)[:, predicted]
+    others = {n: v[1:] for n, v in experiment.channels.items() if n not in comparison.states}
+    found = (
+        OverChannel.of(name, values, residual)
+        for name, values in others.items()
+        if np.isfinite(values).all() and np.ptp(values) > _MOVES * np.abs(values).max()
+    )
+    return tuple(one for one in found if np.isfinite(one.mean).any())
 
 
 def _normalised(signal: FloatArray) -> FloatArray:

@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 from penode.bench.machines import COMSOL_300A
+from penode.data.experiment import Experiment
 from penode.errors import InputError
-from penode.pmsm.control.controlled_machine import ControlledMachine
+from penode.pmsm.control.controlled_machine import (
+    ControlledMachine,
+    recorded_link_voltage,
+    voltage_limit_of,
+)
 from penode.pmsm.control.loci import (
     base_speed,
     characteristic_current,
@@ -20,6 +25,7 @@ from penode.pmsm.control.loci import (
 )
 from penode.pmsm.control.loci_picture import loci_picture
 from penode.pmsm.machine.flux_grid import FluxGrid, even_axis
+from penode.pmsm.study_settings import Study
 
 #: Without saturation: H, H, Vs, pole pairs.
 L_D, L_Q, PSI, PAIRS = 2e-4, 5e-4, 0.06, 4
@@ -104,10 +110,11 @@ def test_voltage_limit_curve_has_that_voltage_within_the_current_limit():
     machine = replace(LINEAR, resistance=0.02)
     speed = 1.5 * base_speed(machine, LIMIT, 200.0)
     locus = voltage_limit_curve(machine, speed, 200.0, LIMIT)
-    volts = np.hypot(*machine.voltage(locus.current, speed * PAIRS))
+    within = locus.chosen(np.isfinite(locus.torque))
+    volts = np.hypot(*machine.voltage(within.current, speed * PAIRS))
     np.testing.assert_allclose(volts, 200.0, rtol=1e-9)
-    assert len(volts) > 20
-    assert np.hypot(*locus.current).max() <= LIMIT
+    assert 80 < len(volts) < len(locus.torque)
+    assert np.hypot(*within.current).max() <= LIMIT
 
 
 def test_torque_slope_is_the_derivative_of_the_torque(machine_fit, rng):
@@ -184,6 +191,19 @@ def test_refusals(machine_fit):
         control_loci(LINEAR, -1.0)
     with pytest.raises(InputError, match="raise it or lower the current limit"):
         control_loci(replace(LINEAR, resistance=1.0), 100.0, 90.0)
+
+
+def test_the_link_of_the_recordings_gives_the_voltage_limit(machine_fit):
+    runs = [
+        Experiment(name, 1e-4, {"omega_el": np.ones(3), "u_dc": np.array(volts)})
+        for name, volts in (("a", [299.0, 300.0, 301.0]), ("b", [300.0, 300.0, 700.0]))
+    ]
+    facts = Study().facts(runs, ())
+    linked = replace(machine_fit, provenance=facts)
+    assert voltage_limit_of(linked) == pytest.approx(300.0 / np.sqrt(3), rel=1e-12)
+    runs[1] = Experiment("b", 1e-4, {"omega_el": np.ones(3)})
+    assert recorded_link_voltage(runs) is None
+    assert voltage_limit_of(machine_fit) is None
 
 
 def test_resistance_that_is_not_known_is_left_out(machine_fit):

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,8 +20,12 @@ from penode.pmsm.report.flux_sections import (
     flux_map_contours,
     flux_map_surfaces,
 )
+from penode.pmsm.report.flux_slices import flux_slice, slice_currents
+from penode.pmsm.report.inductance_table import apparent_inductances
 from penode.pmsm.report.machine_report import MACHINE_PAGE, machine_report
+from penode.pmsm.report.torque_sections import torque_and_operating_points
 from penode.report import sections
+from penode.report.document import Figure
 from penode.report.fit_report import PARTS
 from penode.validation.comparison import Comparison, by_recording
 from penode.validation.residual_tests import Spectrum, residual_correlations
@@ -233,7 +238,8 @@ def test_every_question_has_its_section(page):
     assert page.titles("h2") == [
         "Parameters over the horizon",
         "Flux-linkage map",
-        "Differential inductances",
+        "Inductances",
+        "Torque and operating points",
         "Prediction against measurement",
         "What the model does not explain",
         "How each horizon weighs the residual",
@@ -251,7 +257,7 @@ def test_parts_of_any_report_that_are_not_replaced_are_in_the_machines():
 
 def test_every_figure_has_its_data_title_and_caption(page):
     plots = [a for tag, a in page.attributes if tag == "div" and "data-plot" in a]
-    assert len(plots) == page.tags.count("figure") == page.tags.count("figcaption") == 11
+    assert len(plots) == page.tags.count("figure") == page.tags.count("figcaption") == 15
     assert all(plot["data-plot"] in page.data for plot in plots)
     identifiers = {a["id"] for _, a in page.attributes if "id" in a}
     for plot in plots:
@@ -339,6 +345,19 @@ def test_the_lines_are_named_with_their_causes(text):
         assert words in text
 
 
+def test_the_residual_is_drawn_over_speed_and_one_turn_of_the_angle():
+    fit = machine_fit()
+    assert "omega_el" in [one.channel for one in fit.correlations.over]
+    text = machine_report(fit)
+    assert "over omega_el" in text
+    assert "over u_d" not in text
+    (one, *_) = fit.correlations.over
+    turns = [replace(one, channel="theta_el", value=np.linspace(0, end, 40)) for end in (6.2, 99.0)]
+    for angle, shown in zip(turns, (True, False), strict=True):
+        fit.correlations = replace(fit.correlations, over=(angle,))
+        assert ("over theta_el" in machine_report(fit)) is shown
+
+
 def test_without_a_speed_lines_go_by_their_frequency():
     fit = machine_fit(electrical_frequency_hz=None)
     assert "from the line at 750\N{NO-BREAK SPACE}Hz" in machine_report(fit)
@@ -381,6 +400,65 @@ def test_inductances_are_in_microhenry_and_in_order():
         np.testing.assert_allclose(np.asarray(trace.z), expected[entry], rtol=1e-5, atol=1e-4)
 
 
+def test_apparent_inductances_are_mean_slopes_from_zero():
+    current = np.array([[0.0, -120.0, -60.0], [0.0, 80.0, 0.0]])
+    l_d, l_q = apparent_inductances(machine_fit(), current)
+    share = (np.arange(4000) + 0.5) / 4000
+    for k, (i_d, i_q) in enumerate(current.T):
+        mean_d = differential_inductance(share * i_d, i_q)[0, 0].mean()
+        mean_q = differential_inductance(i_d, share * i_q)[1, 1].mean()
+        assert (l_d[k], l_q[k]) == pytest.approx((mean_d, mean_q), rel=1e-6)
+
+
+def test_slices_are_the_map_with_its_band_where_recordings_have_been():
+    fit = machine_fit()
+    for axis in range(2):
+        figure = flux_slice(fit, axis)
+        bands = [trace for trace in figure.data if trace.fill]
+        lines = [trace for trace in figure.data if trace.showlegend]
+        assert len(bands) == len(lines) >= 2
+        for line, band, points in zip(lines, bands, slice_currents(fit, axis), strict=True):
+            expected = 1e3 * flux_map(*points.T)[axis]
+            inside = supported(points)
+            np.testing.assert_allclose(line.y[inside], expected[inside])
+            assert np.isnan(line.y[~inside]).all()
+            assert len(band.y) == 2 * inside.sum()
+            deviation = 1e-4 * (1 + np.abs(points[inside][0, axis]) / 300)
+            width = band.y[-1] - band.y[0]
+            assert width == pytest.approx(2 * 1.96 * 1e3 * deviation, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("facts", "words"),
+    [
+        ({}, ("Nm per pole pair", "set pole_pairs", "No voltage of the DC link is known")),
+        ({"pole_pairs": 5, "link_voltage_v": 350.0}, ("Base speed", "at 202", "Full torque up to")),
+    ],
+)
+def test_torque_says_what_it_knows(facts, words):
+    text = machine_report(machine_fit(**facts))
+    for one in words:
+        assert one in text
+
+
+def test_torque_lines_are_dotted_where_no_recording_has_been():
+    fit = machine_fit(pole_pairs=5, link_voltage_v=350.0)
+    (figure, *_) = [b for b in torque_and_operating_points(fit).blocks if isinstance(b, Figure)]
+    styles = {}
+    for trace in figure.plot.data:
+        if trace.type == "scatter" and trace.mode == "lines":
+            styles.setdefault(trace.name, []).append(trace.line.dash)
+            if trace.line.dash == "solid":
+                drawn = np.isfinite(np.asarray(trace.y, dtype=float))
+                assert supported(np.stack([trace.x, trace.y], axis=1)[drawn]).all()
+    assert {"MTPA", "current limit", "voltage limit, rpm"} <= set(styles)
+    assert all(set(dashes) == {"dot", "solid"} for dashes in styles.values())
+
+
+def test_torque_is_not_shown_of_a_standstill():
+    assert torque_and_operating_points(machine_fit(standstill=True)) is None
+
+
 def test_surface_is_blank_where_nothing_was_recorded():
     for trace in flux_map_surfaces(machine_fit()).data:
         i_d, i_q, height = (np.asarray(trace[name], dtype=float) for name in "xyz")
@@ -414,6 +492,6 @@ def test_a_browser_draws_every_figure_without_complaint(text, tmp_path, width):
     ]
     assert complaints == []
     drawn = re.findall(r'id="figure-\d+-title">.*?</figure>', done.stdout, flags=re.DOTALL)
-    assert len(drawn) == 11
+    assert len(drawn) == 15
     for figure in drawn:
         assert "main-svg" in figure or "unavailable" in figure

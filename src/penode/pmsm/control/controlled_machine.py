@@ -3,15 +3,33 @@
 T = 3/2 p (psi_d i_q - psi_q i_d) and, in steady state, u = R i + omega J psi.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from penode.arrays import BoolArray, FloatArray
+from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.pmsm.machine.frames import quarter_turned
+from penode.pmsm.recording.stationary_frame import LINK
+
+#: Entry of the provenance: median voltage of the DC link in V.
+LINK_VOLTAGE = "link_voltage_v"
+
+
+def recorded_link_voltage(recordings: Sequence[Experiment]) -> float | None:
+    """Return the median of u_dc in V, None where a recording has none."""
+    if any(LINK not in each.channels for each in recordings):
+        return None
+    return float(np.median(np.concatenate([each.channels[LINK] for each in recordings])))
+
+
+def voltage_limit_of(fit: Fit) -> float | None:
+    """Return u_dc / sqrt(3), V peak of a phase, of the recordings; None where they have no u_dc."""
+    link = fit.provenance.get(LINK_VOLTAGE)
+    return float(link) / np.sqrt(3) if link and link > 0 else None
 
 
 def _everywhere(points: FloatArray) -> BoolArray:
@@ -59,6 +77,23 @@ class ControlledMachine:
             )
         resistance = fit.parameters["R"].value if fit.horizon.answered else 0.0
         return cls(fit.flux_map, fit.differential_inductance, pairs, resistance, fit.supported)
+
+    def mirrored(self) -> "ControlledMachine":
+        """Return the machine with i_q and psi_q reversed, and with them torque and speed."""
+        turn = np.array([1.0, -1.0])
+
+        def flux_map(i_d: FloatArray, i_q: FloatArray) -> FloatArray:
+            psi_d, psi_q = self.flux_map(i_d, -np.asarray(i_q))
+            return np.stack([psi_d, -psi_q])
+
+        def inductance(i_d: FloatArray, i_q: FloatArray) -> FloatArray:
+            slope = self.differential_inductance(i_d, -np.asarray(i_q))
+            return np.einsum("a,ab...,b->ab...", turn, slope, turn)
+
+        pairs, resistance = self.pole_pairs, self.resistance
+        return ControlledMachine(
+            flux_map, inductance, pairs, resistance, lambda points: self.supported(points * turn)
+        )
 
     def torque(self, current: FloatArray) -> FloatArray:
         """Return T (point,) in Nm at currents (2, point) in A."""

@@ -16,8 +16,8 @@ from penode.pmsm.control.controlled_machine import ControlledMachine
 from penode.pmsm.control.torque_curves import ANGLES, Circles, VoltageCurves, most_torque
 from penode.pmsm.machine.frames import quarter_turned
 
-#: Points of a locus.
-_POINTS = 60
+#: Angles of a voltage curve that is drawn, rad.
+_DRAWN = np.linspace(-np.pi, np.pi, 481)
 #: Largest speed shown over the base speed.
 _REACH = 4.0
 
@@ -86,7 +86,10 @@ class ControlLoci:
 
 
 def control_loci(
-    machine: ControlledMachine, current_limit: float, voltage_limit: float | None = None
+    machine: ControlledMachine,
+    current_limit: float,
+    voltage_limit: float | None = None,
+    points: int = 60,
 ) -> ControlLoci:
     """Compute all loci of a machine.
 
@@ -97,6 +100,8 @@ def control_loci(
         Peak value of a phase in A.
     voltage_limit : float, optional
         Peak value of a phase in V, such as u_dc / sqrt(3).
+    points : int
+        Of MTPA, and twice as many of the other loci.
 
     Returns
     -------
@@ -113,13 +118,13 @@ def control_loci(
     base, over_speed = None, None
     if voltage_limit is not None:
         base = base_speed(machine, current_limit, voltage_limit)
-        speeds = np.linspace(0, _REACH, int(_REACH) * _POINTS // 2 + 1) * base
+        speeds = np.linspace(0, _REACH, int(_REACH) * points // 2 + 1) * base
         over_speed = most_torque_over_speed(machine, speeds, current_limit, voltage_limit)
         over_speed = over_speed.chosen(np.isfinite(over_speed.torque))
     circle = Circles(np.array([current_limit]))(ANGLES[None])[0]
-    fluxes = np.hypot(*machine.flux_map(*circle)).max() * np.linspace(0, 1, 2 * _POINTS + 1)[1:]
+    fluxes = np.hypot(*machine.flux_map(*circle)).max() * np.linspace(0, 1, 2 * points + 1)[1:]
     return ControlLoci(
-        mtpa=mtpa(machine, np.linspace(0, current_limit, _POINTS + 1)),
+        mtpa=mtpa(machine, np.linspace(0, current_limit, points + 1)),
         mtpv=mtpv(machine, fluxes, current_limit),
         characteristic=characteristic_current(machine, current_limit),
         over_speed=over_speed,
@@ -171,7 +176,7 @@ def characteristic_current(machine: ControlledMachine, current_limit: float) -> 
 def voltage_limit_curve(
     machine: ControlledMachine, speed: float, voltage_limit: float, current_limit: float
 ) -> Locus:
-    """Return the currents within their limit at which the voltage is at its own.
+    """Return the currents at which the voltage is at its limit, in order along the curve.
 
     Parameters
     ----------
@@ -180,11 +185,17 @@ def voltage_limit_curve(
         Mechanical speed in rad/s, above zero.
     voltage_limit, current_limit : float
         Peak values of a phase in V and A.
+
+    Returns
+    -------
+    Locus
+        NaN where the current is beyond its limit.
     """
     electrical = np.array([speed * machine.pole_pairs])
     curve = VoltageCurves(machine, electrical, np.array([voltage_limit]), current_limit)
-    locus = _locus(machine, curve(ANGLES[None])[0][:, 0])
-    return locus.chosen(np.hypot(*locus.current) <= current_limit)
+    current = curve(_DRAWN[None])[0][:, 0]
+    current[:, ~(np.hypot(*current) <= current_limit)] = np.nan
+    return _locus(machine, current)
 
 
 def base_speed(machine: ControlledMachine, current_limit: float, voltage_limit: float) -> float:

@@ -1,6 +1,7 @@
 """The most torque on closed curves of currents, many curves at once."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -66,14 +67,25 @@ class VoltageCurves:
 
     def _nearest(self, voltage: FloatArray) -> FloatArray:
         """Return the currents of a grid whose voltages are nearest, of the shape of voltage."""
-        axis = _REACH * self.reach * np.linspace(-1, 1, _GUESSES)
-        cloud = np.stack(np.meshgrid(axis, axis)).reshape(2, -1)
-        still, flux = self.machine.resistance * cloud, quarter_turned(self.machine.flux_map(*cloud))
+        cloud, trees = self._cloud, self._trees
         rows = [
-            cloud[:, cKDTree((still + speed * flux).T).query(wanted.T)[1]]
-            for speed, wanted in zip(self.speed, np.moveaxis(voltage, 1, 0), strict=True)
+            cloud[:, trees[speed].query(wanted.T)[1]]
+            for speed, wanted in zip(self.speed.tolist(), np.moveaxis(voltage, 1, 0), strict=True)
         ]
         return np.stack(rows, axis=1) if rows else voltage
+
+    @cached_property
+    def _cloud(self) -> FloatArray:
+        """First guesses of a current, (2, guess), A."""
+        axis = _REACH * self.reach * np.linspace(-1, 1, _GUESSES)
+        return np.stack(np.meshgrid(axis, axis)).reshape(2, -1)
+
+    @cached_property
+    def _trees(self) -> dict[float, cKDTree]:
+        """The voltages of the first guesses at each speed, V."""
+        still = self.machine.resistance * self._cloud
+        flux = quarter_turned(self.machine.flux_map(*self._cloud))
+        return {w: cKDTree((still + w * flux).T) for w in set(self.speed.tolist())}
 
 
 def most_torque(machine: ControlledMachine, curves: Curves) -> FloatArray:

@@ -1,6 +1,7 @@
 """The report's sections on a machine's maps: flux linkage, its uncertainty, inductances."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ import plotly.graph_objects as go
 from penode.arrays import BoolArray, FloatArray
 from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95
+from penode.pmsm.report.flux_slices import flux_slices
+from penode.pmsm.report.inductance_table import inductance_table
 from penode.report import palette, panels
-from penode.report.document import Figure, Notice, Section, picture
+from penode.report.document import Figure, Notice, Section, attempt, missing, picture
 from penode.report.learned_maps import OUTLINE, band_figures, region_grid
 from penode.report.region_map import RegionGrid, region_maps
 from penode.report.statements import range_text
@@ -50,6 +53,7 @@ def flux_linkage(fit: Fit) -> Section:
                 fit,
             ),
             *_bands(fit),
+            *flux_slices(fit),
         ],
     )
 
@@ -63,13 +67,13 @@ def _bands(fit: Fit) -> list[Figure | Notice]:
 
 
 def inductances(fit: Fit) -> Section:
-    """Return the section on the differential inductances."""
+    """Return the section on inductances, differential over the currents and both at a few."""
     inductance = _supported(fit, fit.differential_inductance(*fit.excited.T))
     d_axis, cross, q_axis = (
         range_text(inductance[entry], "H") for entry in ((0, 0), (0, 1), (1, 1))
     )
     return Section(
-        "Differential inductances",
+        "Inductances",
         "The slope of the flux-linkage map: what a current controller or a position observer "
         "meets at each operating point. The cross-coupling is zero in a linear machine.",
         [
@@ -78,7 +82,8 @@ def inductances(fit: Fit) -> Section:
                 OUTLINE.format("currents"),
                 differential_inductances,
                 fit,
-            )
+            ),
+            attempt("the table of inductances", partial(inductance_table, fit), missing),
         ],
     )
 

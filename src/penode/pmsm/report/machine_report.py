@@ -1,8 +1,14 @@
 """The report of a machine's identification: that of any fit, with the machine's own sections."""
 
+from dataclasses import replace
+
+import numpy as np
+
 from penode.fit.fit import Fit
+from penode.pmsm.report.against import Against
 from penode.pmsm.report.flux_sections import flux_linkage, inductances
 from penode.pmsm.report.line_causes import named_lines, signed_frequency
+from penode.pmsm.report.torque_sections import torque_and_operating_points
 from penode.report import sections
 from penode.report.document import Section
 from penode.report.fit_report import Page, Part, fit_report
@@ -12,6 +18,8 @@ from penode.validation.residual_lines import Line
 
 _HARMONIC = 6
 _LINES = 8
+#: An angle that begins again has a range of one turn, rad.
+_TURN = 2 * np.pi
 
 
 def residual(fit: Fit) -> Section | None:
@@ -28,7 +36,17 @@ def residual(fit: Fit) -> Section | None:
         f"({with_unit(base, 'Hz')})."
         if base
         else "",
+        _speed_and_angle(fit),
     )
+
+
+def _speed_and_angle(fit: Fit) -> list[str]:
+    """Return the channels over which the residual is drawn; an angle that is counted on is none."""
+    return [
+        one.channel
+        for one in fit.correlations.over
+        if one.channel == "omega_el" or (one.channel == "theta_el" and np.ptp(one.value) <= _TURN)
+    ]
 
 
 def loss_weighting(fit: Fit) -> Section | None:
@@ -62,7 +80,7 @@ def _times(order: float) -> str:
 
 #: Sections of a machine's report in place of those of any fit.
 _OWN: dict[Part, tuple[Part, ...]] = {
-    sections.learned_maps: (flux_linkage, inductances),
+    sections.learned_maps: (flux_linkage, inductances, torque_and_operating_points),
     sections.residual_section: (residual,),
     sections.loss_weighting: (loss_weighting,),
 }
@@ -83,7 +101,7 @@ MACHINE_PAGE = Page(
 )
 
 
-def machine_report(fit: Fit) -> str:
+def machine_report(fit: Fit, against: Against | None = None) -> str:
     """Return the report of a machine's identification as one self-contained HTML page.
 
     Parameters
@@ -91,10 +109,15 @@ def machine_report(fit: Fit) -> str:
     fit : Fit
         Identification result of a machine: its parameters hold ``R`` in ohm, its maps are
         ``flux_map`` (Vs) and ``differential_inductance`` (H).
+    against : Against, optional
+        A second map, to which a section is given.
 
     Returns
     -------
     str
         The page; save it as UTF-8.
     """
-    return fit_report(fit, MACHINE_PAGE)
+    if against is None:
+        return fit_report(fit, MACHINE_PAGE)
+    maps = (*_OWN[sections.learned_maps], against.second_map)
+    return fit_report(fit, replace(MACHINE_PAGE, own={**_OWN, sections.learned_maps: maps}))

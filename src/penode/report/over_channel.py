@@ -1,0 +1,76 @@
+"""The one-step residual over the value of a channel: speed, angle, or an input of any model."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+
+from penode.report import palette, panels
+from penode.report.quantities import labelled, number, scale_for, symbol
+from penode.report.statements import listed
+from penode.validation.residual_tests import Correlations, OverChannel
+
+_HEIGHT, _BETWEEN, _LABELS, _GAP = 150.0, 30.0, 46.0, 0.12
+
+
+def over_channel_title(shown: Sequence[OverChannel]) -> str:
+    """Say how much of the residual goes with the channels."""
+    shares = {}
+    for one in shown:
+        rms = np.sqrt(np.nanmean(one.rms**2, axis=0))
+        shares[one.channel] = float(np.nanmax(np.abs(one.mean) / np.maximum(rms, 1e-300)))
+    texts = [f"{number(100 * share, 2)} % over {name}" for name, share in shares.items()]
+    return f"Mean of the residual over its rms: at most {listed(texts)}"
+
+
+def over_channel(
+    tests: Correlations, shown: Sequence[OverChannel], states: Sequence[tuple[str, str]]
+) -> go.Figure:
+    """Draw mean and rms of the residual over each channel, a row per state and a column a channel.
+
+    ``states`` are name and SI unit of each predicted state.
+    """
+    rows, columns = len(tests.states), len(shown)
+    heights = [_HEIGHT] * rows
+    wide = panels.Grid([1.0] * columns, heights, _GAP, [_BETWEEN] * (rows - 1))
+    gaps = ([_BETWEEN] * (rows - 1) + [_BETWEEN + _LABELS]) * columns
+    pile = panels.Grid([1.0], heights * columns, gaps=gaps[:-1])
+    order = [row * columns + column for column in range(columns) for row in range(rows)]
+    figure, units = panels.panelled(wide, pile, order), dict(states)
+    for column, one in enumerate(shown):
+        for row, state in enumerate(tests.states):
+            place = {"row": row + 1, "col": column + 1}
+            known = np.isfinite(one.mean[:, row])
+            scale = scale_for(
+                [float(np.nanmax(each.rms[:, row])) for each in shown], units.get(state, "")
+            )
+            at, mean, rms = one.value[known], one.mean[known, row], one.rms[known, row]
+            mean, rms = mean * scale.factor, rms * scale.factor
+            figure.add_scatter(
+                x=np.concatenate([at, at[::-1]]),
+                y=np.concatenate([rms, -rms[::-1]]),
+                line={"width": 0},
+                fill="toself",
+                fillcolor=palette.INTERVAL.light,
+                name="± rms",
+                legendgroup="rms",
+                showlegend=not row and not column,
+                hoverinfo="skip",
+                **place,
+            )
+            figure.add_scatter(
+                x=at,
+                y=mean,
+                mode="lines+markers",
+                line={"color": palette.ONE_STEP.light, "width": 1.6},
+                marker={"size": 4},
+                name="mean",
+                legendgroup="mean",
+                showlegend=not row and not column,
+                hovertemplate="%{x:.4~g}: %{y:.3~g}",
+                **place,
+            )
+            title = None if column else labelled(symbol(state), scale.unit)
+            figure.update_yaxes(nticks=5, title_text=title, **place)
+        figure.update_xaxes(title_text=symbol(one.channel), row=rows, col=column + 1)
+    return figure.update_layout(margin={"t": 44})
