@@ -81,6 +81,12 @@ def bare(**fields):
     return type("Mine", (Model,), fields)()
 
 
+def seen(output, **fields):
+    """Return what identifies a pendulum of which only an output is measured."""
+    fields = {"outputs": {"y": "m"}, **fields}
+    return given(lambda: named(output=output, **fields), [recorded(y=np.sin(TIME))()])
+
+
 def pull(self, x, u):
     return u["F"] - self.k * x[0] - self.c * x[1]
 
@@ -194,6 +200,81 @@ CASES: dict[str, tuple[Callable, tuple[str, ...]]] = {
     ),
     "unmeasured text": (given(lambda: named(unmeasured="v")), ("unmeasured", "('v',)")),
     "all unmeasured": (given(lambda: named(unmeasured=("p", "v"))), ("measured", "`unmeasured`")),
+    # outputs
+    "output list": (
+        seen(lambda s, x, u: [x[0]]),
+        ("Mine.output", "a list", "each of the outputs y", "jnp.stack"),
+    ),
+    "output row": (seen(lambda s, x, u: x[0]), ("Mine.output", "(batch,)", "(1, batch)")),
+    "output rows": (
+        seen(lambda s, x, u: x),
+        ("Mine.output", "(2, batch)", "(1, batch)", "outputs y"),
+    ),
+    "output if": (
+        seen(lambda s, x, u: x[:1] if x[0] > 0 else -x[:1]),
+        ("Mine.output, line", "jnp.where"),
+    ),
+    "output numpy": (seen(lambda s, x, u: np.sin(x[:1])), ("Mine.output", "jax.numpy")),
+    "output beyond": (seen(lambda s, x, u: x[2][None]), ("Mine.output", "beyond", "0 to 1")),
+    "output input": (
+        seen(lambda s, x, u: u["f"][None]),
+        ("Mine.output", "no input 'f'", "(did you mean F?)"),
+    ),
+    "output alone": (seen(lambda self, x: x[:1]), ("output takes x", "output(self, x, u)")),
+    "no method": (
+        given(lambda: named(outputs={"y": "m"}), [recorded(y=TIME)()]),
+        ("Mine has outputs", "output(self, x, u)", "jnp.stack"),
+    ),
+    "no outputs": (
+        seen(lambda s, x, u: x[:1], outputs={}),
+        ("method `output`", "no outputs", 'outputs = {"y": "m"}'),
+    ),
+    "outputs tuple": (
+        seen(lambda s, x, u: x[:1], outputs=("y",)),
+        ("Mine.outputs", "('y',)", "no units", 'outputs = {"y": "m"}'),
+    ),
+    "outputs text": (seen(lambda s, x, u: x[:1], outputs="y"), ("Mine.outputs", "'y'", "unit")),
+    "output unit": (
+        seen(lambda s, x, u: x[:1], outputs={"y": None}),
+        ("Mine.outputs", "'y': None", "SI unit"),
+    ),
+    "output and input": (
+        seen(lambda s, x, u: x[:1], outputs={"F": "N"}),
+        ("F stands twice", "inputs F", "name of its own"),
+    ),
+    "output of a state": (
+        seen(lambda s, x, u: x[:1], outputs={"p": "mm"}),
+        ("state p is in m", "mm", "one unit"),
+    ),
+    "output and unmeasured": (
+        seen(lambda s, x, u: x[:1], unmeasured=("v",)),
+        ("Mine has outputs", "`unmeasured`", "leave it out"),
+    ),
+    "output and corrected": (
+        seen(lambda s, x, u: x[:1], corrected=lambda self, measured: measured),
+        ("Mine has outputs", "`corrected`", "in `output`"),
+    ),
+    "output channel": (
+        seen(lambda s, x, u: x[:1], outputs={"Y": "m"}),
+        ("no channel Y (did you mean y?)",),
+    ),
+    "output unused": (
+        given(
+            lambda: type(
+                "Mine", (Loaded,), {"outputs": {"y": "m"}, "output": lambda s, x, u: x[:1]}
+            )(3.0, 0.1, 1.0),
+            [recorded(y=TIME)()],
+        ),
+        ("Mine.m acts nowhere", "derivative or output"),
+    ),
+    "one step": (
+        lambda: identify(
+            named(outputs={"y": "m"}, output=lambda s, x, u: x[:1]),
+            [Experiment("run", STEP, {"y": TIME, "F": TIME})],
+            purpose="one_step",
+        ),
+        ("purpose must be 'parameters' or 'simulation'", "got 'one_step'", "p, v"),
+    ),
     # parameters
     "no unit": (
         lambda: physical(),

@@ -13,7 +13,7 @@ from penode.horizon.assemble import Assembly
 from penode.horizon.declared_priors import with_declared_priors
 from penode.horizon.default_plan import default_plan
 from penode.horizon.free_runs import with_free_runs
-from penode.horizon.held_out import selector_for
+from penode.horizon.held_out import require_single_steps, selector_for
 from penode.horizon.hold_check import with_hold
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, Observer, ignore_events
@@ -89,13 +89,15 @@ def identify(
     start = start if isinstance(start, Start) else Start(start)
     selector = selector_for(purpose, validation or experiments)
     require_sound(start.model)
+    require_single_steps(purpose, start.model, validation or experiments)
     given = plan
     plan = start.with_penalties(given or default_plan(start.model, experiments))
     plan = plan if given else with_priors(with_hold(plan, start, experiments), start)
     plan = with_declared_priors(plan, start, experiments)
     problem = LadderProblem.of(start.model, experiments, plan, observer)
-    longest = max(stage.horizon for stage in plan.stages)
-    check_lengths(experiments, longest, problem.objective.predictor.past)
+    check_lengths(
+        experiments, max(s.horizon for s in plan.stages), problem.objective.predictor.past
+    )
     for unseen in validation:
         require_predictable(problem.objective.predictor, start.model, unseen)
 

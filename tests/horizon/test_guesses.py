@@ -36,7 +36,7 @@ def errors(prey, horizons=(7, 60, 400)):
 def test_long_windows_begin_at_what_shorter_ones_predict(prey, monkeypatch):
     """From zero their starts end in other minima, and the parameters with them."""
     assert errors(prey).max() < 0.02
-    monkeypatch.setattr(LadderProblem, "_guessed", lambda self, *given: [{}])
+    monkeypatch.setattr(LadderProblem, "hidden_states", lambda self, *given: [{}])
     assert errors(prey).max() > 0.05
 
 

@@ -34,6 +34,7 @@ def fitted(*comparisons, train=None):
     train = train or seen("train")
     visited = np.concatenate([part * train.measured[::5] for part in np.linspace(0, 1, 9)])
     return SimpleNamespace(
+        model=SimpleNamespace(states=("i_d", "i_q")),
         comparisons=(train, *comparisons),
         excited=visited,
         supported=lambda points: supported(visited, points),

@@ -145,8 +145,8 @@ def exact(monkeypatch):
 def test_estimated_starts_are_those_of_scipy(case, windows):
     few = part_of(windows, np.arange(0, WINDOWS, 12))
     with float64():
-        values = jnp.asarray(RAW[:, None])
-        parts = (few.states.T, few.inputs.T, few.starts, few.recording, np.ones(len(few)), 1)
+        values, none = jnp.asarray(RAW[:, None]), np.empty((0, WINDOWS + HORIZON))
+        parts = (few.states.T, few.inputs.T, few.starts, few.recording, np.ones(len(few)), 1, none)
         batch = Batch(*(jnp.asarray(part) for part in parts))
         found = estimated_starts(case.objective.error, values, jnp.asarray(HORIZON), batch)
     expected = case.starts(RAW, few)

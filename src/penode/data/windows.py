@@ -92,7 +92,8 @@ class Windows:
 
     - starts from the measured ``states[s - P + 1], ..., states[s]``,
     - uses ``inputs[s - P + 1], ..., inputs[s + H - 1]``,
-    - predicts, and is compared with, ``states[s + 1], ..., states[s + H]``,
+    - predicts, and is compared with, ``states[s + 1], ..., states[s + H]``; of a model with
+      outputs with ``outputs[s], ..., outputs[s + H]``,
 
     so that ``states[s + k]`` is the k-step-ahead target, k = 1 .. H. All of these lie within the
     one recording ``recording[w]``.
@@ -100,7 +101,8 @@ class Windows:
     Attributes
     ----------
     states : ndarray, shape (time, state)
-        Measured states of all recordings, one after the other, in SI units.
+        Measured states of all recordings, one after the other, in SI units; of states that are not
+        measured, where the search for the windows' starts begins.
     inputs : ndarray, shape (time, input)
         Inputs beside them; ``inputs[k]`` acts from sample k to sample k + 1. Behind them may stand
         what a hold reads between samples (`penode.Predictor.prepared`).
@@ -114,6 +116,8 @@ class Windows:
         Measured samples P a prediction starts from, the start included.
     time_step : float
         Sampling interval in s.
+    outputs : ndarray, shape (time, output)
+        Measured outputs beside the states, of a model that declares them; without columns else.
     """
 
     states: FloatArray
@@ -123,9 +127,12 @@ class Windows:
     horizon: int
     past: int
     time_step: float
+    outputs: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        for name in ("states", "inputs", "starts", "recording"):
+        if self.outputs is None:
+            object.__setattr__(self, "outputs", np.empty((len(self.states), 0)))
+        for name in ("states", "inputs", "outputs", "starts", "recording"):
             kind = np.int64 if name in ("starts", "recording") else np.float64
             copy = np.array(getattr(self, name), dtype=kind, order="C")
             copy.setflags(write=False)
@@ -134,17 +141,24 @@ class Windows:
     def __len__(self) -> int:
         return len(self.starts)
 
+    @property
+    def measured(self) -> FloatArray:
+        """What predictions are compared with: the outputs, or the states, (time, quantity)."""
+        outputs = np.asarray(self.outputs)
+        return outputs if outputs.shape[1] else self.states
+
     def among(self, chosen: slice) -> "Windows":
         """Return some of the windows of the same recordings."""
         return replace(self, starts=self.starts[chosen], recording=self.recording[chosen])
 
 
-def cut(  # noqa: PLR0913 (two of them are rarely given)
+def cut(  # noqa: PLR0913 (three of them are rarely given)
     experiments: Sequence[Experiment],
     state_names: Sequence[str],
     input_names: Sequence[str],
     horizon: int,
     *,
+    output_names: Sequence[str] = (),
     past: int = 1,
     placement: Placement = DEFAULT_PLACEMENT,
     prepared: Callable[[FloatArray], FloatArray] = np.asarray,
@@ -161,6 +175,8 @@ def cut(  # noqa: PLR0913 (two of them are rarely given)
         Channels that are the states and the inputs, in the order of the columns wanted.
     horizon : int
         Steps H predicted from each start, at least 1.
+    output_names : sequence of str
+        Channels that are the outputs, of a model that declares them.
     past : int, default 1
         Measured samples a prediction starts from, the start included, at least 1.
     placement : Placement, optional
@@ -204,6 +220,7 @@ def cut(  # noqa: PLR0913 (two of them are rarely given)
         horizon=horizon,
         past=past,
         time_step=experiments[0].time_step,
+        outputs=np.concatenate([_columns(each, output_names) for each in experiments]),
     )
 
 

@@ -66,6 +66,9 @@ class Fit:
         Of the one-step residual on the first training recording, with itself and with the inputs.
     nuisances : mapping of str to ndarray, shape (recording, ...)
         Parameters of which every training recording has its own value; the model has their mean.
+    initial_states : mapping of str to mapping of str to Estimate
+        Where the free run of each training recording starts, of the states whose start it
+        estimates: those that are not measured, and all of a model with outputs.
     simulation : Model or None
         The model of the horizon whose free run on the recordings errs least, of the same climb.
     stationary : StationaryComparison or None
@@ -87,6 +90,7 @@ class Fit:
     learned_uncertainty: LearnedUncertainty = field(default_factory=LearnedUncertainty)
     correlations: Correlations = field(default_factory=Correlations)
     nuisances: Mapping[str, FloatArray] = field(default_factory=dict)
+    initial_states: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     simulation: Model | None = None
     stationary: StationaryComparison | None = None
     warnings: tuple[str, ...] = ()
@@ -196,10 +200,15 @@ class Fit:
             of_role[unused(name, of_role)] = comparison.metrics()
         if self.stationary is not None:
             metrics["stationary"] = {self.stationary.name: self.stationary.metrics()}
+        starts = {
+            recording: {name: asdict(one) for name, one in states.items()}
+            for recording, states in self.initial_states.items()
+        }
         return {
             "schema": SCHEMA,
             "horizon": asdict(self.horizon),
             "parameters": {name: asdict(p) for name, p in self.parameters.items()},
+            **({"initial_states": starts} if starts else {}),
             "metrics": metrics,
             "warnings": list(self.warnings),
             "provenance": dict(self.provenance),

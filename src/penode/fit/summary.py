@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from penode.validation.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -69,7 +71,10 @@ def _where(comparison: Comparison) -> str:
 
 
 def _errors(comparison: Comparison) -> str:
-    """Return the errors in words: of all states where they share a unit, else of each."""
+    """Return the errors in words: of all states where they share a unit, else of each.
+
+    Without the states there is nothing to predict a single step from.
+    """
     if comparison.unit is not None:
         pairs = [("", comparison.one_step_rmse, comparison.free_run_rmse, comparison.unit)]
     else:
@@ -78,7 +83,11 @@ def _errors(comparison: Comparison) -> str:
             (f"{name} ", one[name], run[name], unit)
             for name, unit in zip(comparison.states, comparison.units, strict=True)
         ]
-    return ", ".join(f"{n}one step {a:.3g} {u}, free run {b:.3g} {u}" for n, a, b, u in pairs)
+    known = bool(np.isfinite(comparison.one_step[1:]).any())
+    return ", ".join(
+        (f"{n}one step {a:.3g} {u}, free run " if known else f"{n}free run ") + f"{b:.3g} {u}"
+        for n, a, b, u in pairs
+    )
 
 
 def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:

@@ -1,8 +1,8 @@
 """Assembly: a climbed ladder and the choice made on it become a `Fit`."""
 
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,12 +18,14 @@ from penode.horizon.consensus import LEFT_OUT, Consensus, averaged, map_weights,
 from penode.horizon.cross_checks import CrossCheck
 from penode.horizon.discrepancy import what_is_left_out
 from penode.horizon.identifiability import Start
+from penode.horizon.initial_states import initial_states
 from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.horizon.loss_weighting import linearised
 from penode.horizon.selection import Choice
 from penode.horizon.simulation import best_in_free_run
 from penode.horizon.uncertainty_budget import budget, raw_shifts
 from penode.models.base import Model
+from penode.models.measured import hidden_states, measured_units
 from penode.training.covariance import sandwich
 from penode.training.plan import Plan, Problem
 from penode.validation.comparison import Comparison
@@ -64,13 +66,12 @@ class Assembly:
             **self.start.facts,
         }
         predictor, experiments = self.problem.objective.predictor, self.problem.experiments
-        chosen = self.rungs[self.choice.index]
         model = self._model(self._raw)
         own = [self._model(self._raw, k) for k in range(len(experiments))]
         seen = [compare(predictor, m, e, "train") for m, e in zip(own, experiments, strict=True)]
         comparisons = (*seen, *(compare(predictor, model, e, "validation") for e in validation))
         whole = [with_unmeasured(e, model) for e in experiments]
-        visited = np.concatenate([e.stack(model.states) for e in whole])
+        visited = np.concatenate([e.stack(model.states) for e in self._visited])
         shown = experiments.index(max(by_recording(experiments)[0], key=len))
         return Fit(
             model=model,
@@ -81,13 +82,27 @@ class Assembly:
             spectrum=residual_spectrum(comparisons[shown]),
             transitions=self._transitions(own[shown], experiments[shown]),
             starts=self._starts,
-            learned_uncertainty=self._uncertainty(chosen),
+            learned_uncertainty=self._uncertainty(),
+            initial_states=initial_states(self.problem, self._raw, self._covariance, seen),
             correlations=residual_correlations(comparisons[shown], whole[shown], model.inputs),
             nuisances=self._nuisances(),
             simulation=self._model(self.rungs[best_in_free_run(self.rungs)].solution.raw),
             warnings=self._warnings(comparisons),
             provenance=provenance,
         )
+
+    @property
+    def _visited(self) -> list[Experiment]:
+        """The recordings with the hidden states that the chosen rung's windows find."""
+        problem, chosen = self.problem, self.rungs[self.choice.index]
+        found: Sequence[Mapping[str, FloatArray]] = [{}] * len(problem.experiments)
+        if hidden_states(problem.model):
+            objective = chosen.objective or problem.objective
+            found = problem.hidden_states(objective, chosen.solution.raw, chosen.windows)
+        return [
+            with_unmeasured(replace(e, channels={**e.channels, **own}), problem.model)
+            for e, own in zip(problem.experiments, found, strict=True)
+        ]
 
     @cached_property
     def _consensus(self) -> Consensus:
@@ -143,17 +158,22 @@ class Assembly:
             self.problem, plan, plan.stages[k], self.rungs[k], self.start.imperfections
         )
 
-    def _uncertainty(self, chosen: HorizonFit) -> LearnedUncertainty:
-        layout = self.problem.objective.layout
+    @cached_property
+    def _covariance(self) -> FloatArray:
+        """Covariance of the raw parameters, infinite where the learned part's is not known."""
+        chosen, layout = self.rungs[self.choice.index], self.problem.objective.layout
         moving = np.flatnonzero(self._moving)
         finite = np.isfinite(chosen.deviation[len(self.names) :]).all()
         covariance = np.full((layout.size, layout.size), np.inf)
         if finite:
             covariance[:] = self._shifts.T @ self._shifts
             covariance[np.ix_(moving, moving)] += sandwich(chosen.solution.terms, chosen.series)
-        kept = layout.first_copies
+        return covariance
+
+    def _uncertainty(self) -> LearnedUncertainty:
+        kept = self.problem.objective.layout.first_copies
         return LearnedUncertainty(
-            covariance=covariance[np.ix_(kept, kept)],
+            covariance=self._covariance[np.ix_(kept, kept)],
             agreeing=np.stack([rung.solution.raw[kept] for rung in self._agreeing]),
             weights=map_weights(self._agreeing),
         )
@@ -215,10 +235,9 @@ class Assembly:
     def _ladder(self) -> tuple[HorizonSummary, ...]:
         model = self.problem.model
         errors = np.stack([np.asarray(rung.free_run, dtype=float) for rung in self.rungs])
-        measured = [name for name in model.states if name not in model.unmeasured]
-        units = [u for n, u in zip(model.states, model.state_units, strict=True) if n in measured]
+        measured = measured_units(model)
         pooled = np.sqrt(np.mean(errors**2, axis=1))
-        if len(set(units)) > 1:
+        if len(set(measured.values())) > 1:
             pooled[:] = np.nan
         return tuple(
             HorizonSummary(

@@ -199,7 +199,7 @@ def _given_by_plan(plan: Plan) -> dict[str, str]:
 def _given_by_problem(problem: Problem, raw: FloatArray) -> dict[str, str]:
     windows, layout = problem.windows, problem.objective.layout
     digest = hashlib.sha256(f"{windows.time_step!r} {windows.states.shape}".encode())
-    for array in (windows.states, windows.inputs, windows.starts, windows.recording):
+    for array in (windows.measured, windows.inputs, windows.starts, windows.recording):
         digest.update(np.ascontiguousarray(array).tobytes())
     with float64():
         leaves, structure = jax.tree.flatten(layout.plain_model(raw))

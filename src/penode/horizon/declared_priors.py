@@ -57,7 +57,8 @@ def _variances(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> F
     """Return the variance of an independent residual over the number of all, for each value."""
     ladder = LadderProblem.of(start.model, experiments, plan, ignore_events)
     error, layout = ladder.objective.error, ladder.objective.layout
-    spent = np.sum(error.stiffness == 0)  # at that horizon all goes into the windows' starts
+    # At horizons as short all goes into the windows' starts.
+    spent = error.spent
     stages = [s for s in plan.stages if s.horizon * len(error.compared) > spent] or plan.stages
     first = replace(plan, stages=tuple(stages[:1]))
     fit = ladder.climb(first, layout.raw(start.model)).fits[0]

@@ -10,6 +10,12 @@ from penode.data.windows import Jittered
 from penode.errors import InputError
 from penode.horizon.ladder import ladder_plan
 from penode.models.base import Model
+from penode.models.measured import (
+    free_states,
+    hidden_states,
+    measured_units,
+    nothing_measured,
+)
 from penode.predictors.base import DEFAULT_SOLVER
 from penode.predictors.one_step import Substeps
 from penode.training.loss import Loss
@@ -27,9 +33,9 @@ _LONG, _PART, _SHARE = 1000, 1 / 40, 0.8
 def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0) -> Plan:
     """Return a ladder for a model and its recordings.
 
-    A window has to show more than its own start: with unmeasured states a short one is fitted
-    exactly, whatever the parameters are. The ladder begins where each window has four measured
-    values for each state that it estimates at its start, at 1 where all states are measured. It
+    A window has to show more than its own start: with hidden states a short one is fitted exactly,
+    whatever the parameters are. The ladder begins where each window has four measured values for
+    each state that it estimates at its start, at 1 where all states are measured. It
     ends at most of a recording that is short, which is simulation-error training, and there the
     windows overlap. The start of a measured state is one more measured sample: it is estimated too.
 
@@ -52,7 +58,7 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
         If no state of the model is measured.
     """
     horizons = default_horizons(model, experiments)
-    starts = {name: None for name in model.states if name not in model.unmeasured}
+    starts = {name: None for name in model.states if name not in free_states(model)}
     plan = ladder_plan(horizons, seed=seed)
     return replace(
         plan,
@@ -64,14 +70,11 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
 
 def default_horizons(model: Model, experiments: Sequence[Experiment]) -> tuple[int, ...]:
     """Return the horizons of `default_plan`, steps, ascending."""
-    states = len(model.states)
-    measured = states - len(model.unmeasured)
+    states, measured = len(model.states), len(measured_units(model))
     if not measured:
-        raise InputError(
-            f"no state of {type(model).__name__} is measured; name those that no sensor measures, "
-            "and no others, in `unmeasured`."
-        )
-    first = math.ceil(_OVERDETERMINED * states / measured) - 1 if model.unmeasured else 1
+        raise InputError(nothing_measured(model))
+    needed = math.ceil(_OVERDETERMINED * max(states / measured, 1))
+    first = needed - 1 if hidden_states(model) else 1
     # The longest stretch of the shortest recording.
     samples = min(max(map(len, stretches)) for stretches in by_recording(experiments))
     last = int(min(_SHARE * samples, max(_LONG, _PART * samples)))

@@ -82,7 +82,7 @@ def _error_grows(problem: LadderProblem, rungs: Sequence[HorizonFit]) -> bool:
     """
     error, horizons = problem.objective.error, np.array([rung.horizon for rung in rungs])
     predicted = horizons * len(error.compared)
-    spent = np.sum(error.stiffness == 0)
+    spent = error.spent
     kept = predicted > spent
     losses = np.array([rung.solution.terms.loss for rung in rungs])
     variance = (losses * predicted)[kept] / (predicted - spent)[kept]

@@ -10,6 +10,8 @@ from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import Choice, Plateau, Selector
+from penode.models.base import Model
+from penode.models.measured import free_states, hidden_states
 from penode.models.parameters import with_batch_axis
 from penode.validation.free_run import compare, look_ahead
 
@@ -78,7 +80,7 @@ class HeldOut:
     def _squares(self, rung: HorizonFit, experiment: Experiment, steps: int) -> FloatArray:
         """Return the squared error of each sample (time,), states over their deviations."""
         model, predictor = rung.model, rung.predictor
-        if steps == FREE_RUN or model.unmeasured:
+        if steps == FREE_RUN or free_states(model):
             seen = compare(predictor, model, experiment)
             measured = seen.measured[predictor.past :]
             ahead = (seen.one_step if steps == 1 else seen.free_run)[predictor.past :]
@@ -117,3 +119,15 @@ def selector_for(purpose: str | Selector, experiments: Sequence[Experiment]) -> 
     if purpose == "parameters":
         return Plateau()
     return HeldOut(experiments, _LOOK_AHEADS[purpose])
+
+
+def require_single_steps(
+    purpose: str | Selector, model: Model, experiments: Sequence[Experiment]
+) -> None:
+    """Refuse to choose by single steps, which begin at states, where these are not recorded."""
+    hidden = [n for n in hidden_states(model) if any(n not in e.channels for e in experiments)]
+    if purpose == "one_step" and hidden:
+        raise InputError(
+            "purpose must be 'parameters' or 'simulation' where states are not measured, got "
+            f"'one_step'; a single step is predicted from {', '.join(hidden)} too."
+        )

@@ -133,8 +133,8 @@ def _steps_fail(one: _Errors, single: FloatArray, ahead: FloatArray, bad: BoolAr
 
 
 def _inside(fit: Fit, one: _Errors) -> BoolArray:
-    """Return which steps end in the excited region; all where a state is not measured."""
-    if fit.excited.shape[1] != one.states.shape[1]:
+    """Return which steps end in the excited region; all where not every state is measured."""
+    if tuple(fit.model.states) != one.whole.states:
         return np.ones(len(one.states), dtype=bool)
     return fit.supported(one.states)
 

@@ -12,6 +12,7 @@ from penode.errors import InputError
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HorizonFit, LadderProblem, ignore_events
 from penode.models.base import Model
+from penode.models.measured import measured_units
 from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.holds import FirstOrderHold, Hold, ZeroOrderHold
 from penode.training.plan import Plan
@@ -70,8 +71,8 @@ def better_hold(
 
 
 def _values(model: Model, experiments: Sequence[Experiment]) -> int:
-    """Return how many values of states were measured."""
-    return (len(model.states) - len(model.unmeasured)) * sum(map(len, experiments))
+    """Return how many values were measured."""
+    return len(measured_units(model)) * sum(map(len, experiments))
 
 
 def _log_losses(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> list[float]:

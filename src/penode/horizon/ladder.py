@@ -14,6 +14,7 @@ from penode.data.stretches import by_recording, fewest_windows
 from penode.data.windows import Jittered, Windows, cut
 from penode.errors import InputError
 from penode.models.base import Model
+from penode.models.measured import hidden_states, measured_units
 from penode.predictors.base import Predictor
 from penode.training.coarse_to_fine import CoarseToFine
 from penode.training.covariance import (
@@ -196,14 +197,17 @@ class LadderProblem:
             If a channel is missing, or of all states in a unit none ever moves.
         """
         alike: dict[str, list[str]] = {}
-        for name, unit in zip(model.states, model.state_units, strict=True):
-            alike.setdefault(unit, []).extend([] if name in model.unmeasured else [name])
+        for name, unit in measured_units(model).items():
+            alike.setdefault(unit, []).append(name)
         for stretches in by_recording(experiments):
             check_any_excitation(stretches, alike.values())
         whole = [with_unmeasured(e, model).stack(model.states) for e in experiments]
         visited = np.concatenate(whole)
+        measured = visited
+        if model.outputs:
+            measured = np.concatenate([e.stack(tuple(model.outputs)) for e in experiments])
         predictor = Predictor(experiments[0].time_step, plan.solver, plan.hold)
-        scale = residual_scale(model, visited, plan.loss)
+        scale = residual_scale(model, measured, plan.loss)
         objective = Objective(predictor, model, scale, plan.loss, len(experiments))
         reported = Reported(objective.layout, thin(visited, most=100))
         return cls(objective, reported, model, experiments, observer)
@@ -250,8 +254,9 @@ class LadderProblem:
             if solution.outcome == DIVERGED or (rungs and _explodes(solution, rungs[0])):
                 break
             raw = solution.raw
-            if self.model.unmeasured and number + 1 < len(plan.stages):
-                self.guesses[plan.stages[number + 1].horizon] = self._guessed(problem, raw)
+            if hidden_states(self.model) and number + 1 < len(plan.stages):
+                guesses = self.hidden_states(problem.objective, raw, problem.windows)
+                self.guesses[plan.stages[number + 1].horizon] = guesses
             rungs.append(self._finish(stage.horizon, problem, solution))
             self._report(rungs[-1], place)
             raw = np.where(self._lost(problem, solution), first, raw)
@@ -269,6 +274,7 @@ class LadderProblem:
             self.model.states,
             self.model.inputs,
             stage.horizon,
+            output_names=tuple(self.model.outputs),
             past=predictor.past,
             placement=plan.placement,
             prepared=predictor.prepared,
@@ -287,14 +293,16 @@ class LadderProblem:
         stage = next(stage for stage in plan.stages if stage.horizon == rung.horizon)
         return replace(self, objective=objective, objectives={}).problem(stage, plan)
 
-    def _guessed(self, problem: Problem, raw: FloatArray) -> list[dict[str, FloatArray]]:
-        """Return the unmeasured states of each recording as a rung's windows have them.
+    def hidden_states(
+        self, objective: Objective, raw: FloatArray, windows: Windows
+    ) -> list[dict[str, FloatArray]]:
+        """Return the hidden states of each recording as windows at raw (parameter,) have them.
 
         Long windows of a nonlinear model have several minima; the shorter ones lead to the right.
         """
-        mean = mean_states(problem.objective.error, raw, problem.windows)
+        mean = mean_states(objective.error, raw, windows)
         parts = np.split(mean, np.cumsum([len(e) for e in self.experiments])[:-1])
-        rows = {name: self.model.states.index(name) for name in self.model.unmeasured}
+        rows = {name: self.model.states.index(name) for name in hidden_states(self.model)}
         return [
             {name: np.interp(np.arange(len(part)), at, part[at, k]) for name, k in rows.items()}
             if len(at := np.flatnonzero(np.isfinite(part).all(axis=1)))
@@ -338,7 +346,7 @@ class LadderProblem:
     def _unknown(self, horizon: int, series: ScoreSeries) -> str:
         """Return why no deviation is known at a horizon; nothing where they are."""
         error = self.objective.error
-        if horizon * len(error.compared) <= np.sum(error.stiffness == 0):
+        if horizon * len(error.compared) <= error.spent:
             return f"windows of {horizon} steps spend all they show on their own start"
         if not series.long_enough:
             return (

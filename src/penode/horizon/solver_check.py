@@ -171,7 +171,7 @@ def _doubled(
     step = terms.inverse @ (after.descent - terms.descent)
     compared = before.error.compared
     as_it_varies = replace(before.loss, scale=channel_deviation)
-    spread = residual_scale(rung.model, rung.windows.states, as_it_varies)
+    spread = residual_scale(rung.model, rung.windows.measured, as_it_varies)
     moves = np.mean((spread / before.scale)[compared] ** 2)
     visible = _SQUARES * terms.loss + _VISIBLE**2 * moves
     seen = np.sqrt(abs(after.loss - terms.loss) / visible)

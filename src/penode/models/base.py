@@ -39,6 +39,11 @@ class Model(eqx.Module):
     unmeasured : tuple of str
         States that no sensor measures (none by default): nothing is compared with them, and each
         window estimates where they start. A channel of that name is taken as a first guess.
+    outputs : mapping of str to str
+        Channels that sensors measure and their SI units, where states are not measured as they are
+        (none by default): y = h(x, u, theta), the method `output`. They are then all that is
+        compared, and every start is estimated. A state that is measured as well is an output of its
+        own name; of the others a channel, if there is one, is a first guess.
     map_units : mapping of str to str
         SI units of what `maps` return, for figures (none by default).
     """
@@ -46,6 +51,7 @@ class Model(eqx.Module):
     states: ClassVar[tuple[str, ...]]
     state_units: ClassVar[tuple[str, ...]]
     unmeasured: ClassVar[tuple[str, ...]] = ()
+    outputs: ClassVar[Mapping[str, str]] = MappingProxyType({})
     input_rates: ClassVar[Mapping[str, str]] = MappingProxyType({})
     map_units: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
@@ -82,6 +88,26 @@ class Model(eqx.Module):
         array, shape (state, batch)
             State derivative, SI units per second.
         """
+
+    def output(self, x: JaxArray, u: Inputs) -> JaxArray:
+        """Return what the sensors read, y = h(x, u, theta), where `outputs` are declared.
+
+        Parameters
+        ----------
+        x : array, shape (state, batch)
+            State at the sample, SI units.
+        u : Inputs, rows of shape (batch,)
+            Input at the sample, SI units, as recorded there.
+
+        Returns
+        -------
+        array, shape (output, batch)
+            A row for each of `outputs`, in their order and units.
+        """
+        raise InputError(
+            f"{type(self).__name__} has outputs, but no method `output`; write output(self, x, u), "
+            "which returns a row for each of them: jnp.stack([...])."
+        )
 
     def learned(self, x: JaxArray) -> JaxArray:
         """Return the output (output, batch) of the learned part at states (state, batch).

@@ -3,7 +3,7 @@
 import dataclasses
 import inspect
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -16,9 +16,12 @@ from penode.errors import InputError, did_you_mean
 from penode.models.base import Model
 from penode.models.inputs import Inputs
 from penode.models.layout import Layout
+from penode.models.measured import measured_units, nothing_measured
 from penode.models.parameters import with_batch_axis
 from penode.models.users_code import failing_line
 
+#: Methods that are given the inputs too.
+_OF_INPUTS = ("derivative", "output")
 #: Length of the batch axis: no model has as many rows of anything.
 _BATCH = 9973
 
@@ -52,22 +55,34 @@ _FOLDED: dict[str, Callable[..., Any]] = {
 def require_sound(model: Any) -> None:
     """Refuse a model with a mistake that shapes alone show; nothing is compiled."""
     layout = _declared(model)
-    kind, rows = type(model), len(model.states)
-    acting: set[int] = set()
+    kind, acting = type(model), set[int]()
     with float64():
-        for name in ("derivative", "corrected", "learned", "stored"):
-            if name == "derivative" or getattr(kind, name) is not getattr(Model, name):
-                acting |= _traced(model, name, None if name in ("learned", "stored") else rows)
+        for name in ("derivative", "output", "corrected", "learned", "stored"):
+            declared = name == "derivative" or (name == "output" and model.outputs)
+            if declared or _overrides(model, name):
+                acting |= _traced(model, name)
     for place, (name, setting) in enumerate(zip(layout.names, layout.settings, strict=True)):
         if (setting.physical or setting.per_experiment) and place not in acting:
+            where = "derivative or output depends" if model.outputs else "derivative depends"
             raise InputError(
-                f"{kind.__name__}.{name} acts nowhere: derivative does not depend on it, so no "
-                "recording can show it; use it there, or leave it out."
+                f"{kind.__name__}.{name} acts nowhere: no {where} on it, so no recording can show "
+                "it; use it there, or leave it out."
             )
 
 
-def _traced(model: Model, name: str, rows: int | None) -> set[int]:
-    """Return which leaves a method's result depends on; refuse one that is no array of the rows."""
+def _overrides(model: Model, name: str) -> bool:
+    return getattr(type(model), name) is not getattr(Model, name)
+
+
+def _rows(model: Model, name: str) -> tuple[str, Sequence[str]]:
+    """Return what the rows of a method's result are, and their names; none where any will do."""
+    if name == "output":
+        return "outputs", tuple(model.outputs)
+    return "states", () if name in ("learned", "stored") else model.states
+
+
+def _traced(model: Model, name: str) -> set[int]:
+    """Return which leaves a method's result depends on; refuse one that is no array of its rows."""
     leaves, structure = jax.tree.flatten(with_batch_axis(model))
     states = jax.ShapeDtypeStruct((len(model.states), _BATCH), jnp.float64)
     inputs = jax.ShapeDtypeStruct((len(model.inputs), _BATCH), jnp.float64)
@@ -75,7 +90,7 @@ def _traced(model: Model, name: str, rows: int | None) -> set[int]:
 
     def method(leaves: Any, x: Any, u: Any) -> Any:
         one = jax.tree.unflatten(structure, leaves)
-        given = (x, Inputs(u, model.inputs)) if name == "derivative" else (x,)
+        given = (x, Inputs(u, model.inputs)) if name in _OF_INPUTS else (x,)
         returned.append(getattr(one, name)(*given))
         return returned[0] if isinstance(returned[0], (jax.Array, np.ndarray)) else ()
 
@@ -86,26 +101,25 @@ def _traced(model: Model, name: str, rows: int | None) -> set[int]:
         raise
     except Exception as error:
         raise InputError(_sentence(place, error, model)) from error
-    _require_rows(place, returned[0], model, rows)
+    _require_rows(place, returned[0], *_rows(model, name))
     _require_bounds(place, program)
     return _dependence(program) & set(range(len(leaves)))
 
 
-def _require_rows(place: str, result: Any, model: Model, rows: int | None) -> None:
-    """Refuse a result that is no real array of one row for each state."""
-    states = ", ".join(model.states)
+def _require_rows(place: str, result: Any, kind: str, names: Sequence[str]) -> None:
+    """Refuse a result that is no real array of one row for each name; without names of any rows."""
+    each = f" for each of the {kind} {', '.join(names)}" if names else ""
     if not isinstance(result, (jax.Array, np.ndarray)):
-        kind = "nothing" if result is None else f"a {type(result).__name__}"
+        got = "nothing" if result is None else f"a {type(result).__name__}"
         raise InputError(
-            f"{place} returns {kind}; return one array with a row for each of the states {states}: "
-            "jnp.stack([...])."
+            f"{place} returns {got}; return one array with a row{each}: jnp.stack([...])."
         )
-    fits = result.ndim == 2 and result.shape[1] in (1, _BATCH) and rows in (None, len(result))
-    if not fits:
-        wanted = f"({rows or 'rows'}, batch)"
-        each = f", a row for each of the states {states}" if rows else ""
+    fits = result.ndim == 2 and result.shape[1] in (1, _BATCH)
+    if not fits or (names and len(names) != len(result)):
+        wanted = f"({len(names) or 'rows'}, batch)"
+        rows = f", a row{each}" if names else ""
         raise InputError(
-            f"{place} must return shape {wanted}{each}, got {_shown(result.shape)}; put the rows "
+            f"{place} must return shape {wanted}{rows}, got {_shown(result.shape)}; put the rows "
             "together with jnp.stack([...])."
         )
     if jnp.issubdtype(result.dtype, jnp.complexfloating):
@@ -190,8 +204,10 @@ def _declared(model: Any) -> Layout[Any]:
         raise InputError(f"a model must be an instance of a subclass of penode.Model, got {kind}.")
     for name in ("states", "state_units", "inputs", "unmeasured"):
         _require_names(model, name)
+    _require_outputs(model)
     _require_agreement(model)
-    _require_arguments(model)
+    for name in _OF_INPUTS:
+        _require_arguments(model, name)
     layout = Layout(model)
     for name, setting, leaf in zip(
         layout.names, layout.settings, jax.tree.leaves(model), strict=True
@@ -243,18 +259,46 @@ def _require_agreement(model: Model) -> None:
             f"{kind}.unmeasured names {unknown[0]}{did_you_mean(unknown[0], model.states)}, but "
             f"the states are {states}; name some of them."
         )
-    if len(set(model.unmeasured)) == len(model.states):
+    if not measured_units(model):
+        raise InputError(nothing_measured(model))
+
+
+def _require_outputs(model: Model) -> None:
+    """Refuse outputs without units or method, and what contradicts them."""
+    kind, outputs = type(model).__name__, model.outputs
+    form = 'declare each with its SI unit: outputs = {"y": "m"}'
+    if not isinstance(outputs, Mapping):
+        raise InputError(f"{kind}.outputs is {outputs!r}, which has no units; {form}.")
+    for name, unit in outputs.items():
+        if not isinstance(name, str) or not isinstance(unit, str):
+            raise InputError(f"{kind}.outputs has {name!r}: {unit!r}; {form}.")
+        if name in model.inputs:
+            raise InputError(
+                f"{kind}: {name} stands twice, among the inputs {', '.join(model.inputs)} and the "
+                "outputs; give each channel a name of its own."
+            )
+    own = dict(zip(model.states, model.state_units, strict=False))
+    other = [name for name, unit in outputs.items() if own.get(name, unit) != unit]
+    if other:
         raise InputError(
-            f"no state of {kind} is measured; name those that no sensor measures, and no others, "
-            "in `unmeasured`."
+            f"{kind}: the state {other[0]} is in {own[other[0]]} and the output of its name in "
+            f"{outputs[other[0]]}; give both one unit, or the output a name of its own."
+        )
+    if not outputs and _overrides(model, "output"):
+        raise InputError(f"{kind} has a method `output`, but no outputs; {form}.")
+    if outputs and (model.unmeasured or _overrides(model, "corrected")):
+        what = "unmeasured" if model.unmeasured else "corrected"
+        raise InputError(
+            f"{kind} has outputs, which say all that is measured, and `{what}` beside them; leave "
+            "it out, and write what sensors read in `output`."
         )
 
 
-def _require_arguments(model: Model) -> None:
-    """Refuse a derivative whose arguments are not a state and an input, in this order."""
+def _require_arguments(model: Model, method: str) -> None:
+    """Refuse a method whose arguments are not a state and an input, in this order."""
     kind = type(model)
     try:
-        given = list(inspect.signature(model.derivative).parameters.values())
+        given = list(inspect.signature(getattr(model, method)).parameters.values())
     except (TypeError, ValueError):
         return
     places = [p for p in given if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
@@ -263,11 +307,11 @@ def _require_arguments(model: Model) -> None:
     every = any(p.kind is p.VAR_POSITIONAL for p in given)
     if len(needed) > 2 or (len(places) < 2 and not every):
         raise InputError(
-            f"{kind.__name__}.derivative takes {', '.join(names) or 'nothing'} beside self; write "
-            "derivative(self, x, u), and make time, where it acts, one of the inputs."
+            f"{kind.__name__}.{method} takes {', '.join(names) or 'nothing'} beside self; write "
+            f"{method}(self, x, u), and make time, where it acts, one of the inputs."
         )
     if names[:2] == ["u", "x"]:
         raise InputError(
-            f"{kind.__name__}.derivative(self, u, x) has its arguments exchanged; write "
-            "derivative(self, x, u): states first, then inputs."
+            f"{kind.__name__}.{method}(self, u, x) has its arguments exchanged; write "
+            f"{method}(self, x, u): states first, then inputs."
         )

@@ -51,6 +51,11 @@ class Discrepant(Model):
         return self.model.unmeasured
 
     @property
+    def outputs(self) -> Mapping[str, str]:  # type: ignore[override]
+        """What sensors measure of the model, and its units."""
+        return self.model.outputs
+
+    @property
     def input_rates(self) -> Mapping[str, str]:  # type: ignore[override]
         """Inputs of the model that go on between samples."""
         return self.model.input_rates
@@ -62,8 +67,7 @@ class Discrepant(Model):
 
     def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
         """Return the model's derivative and what it lacks, (state, batch)."""
-        own = Inputs(u.values[: len(self.model.inputs)], self.model.inputs, u.span, u.unit)
-        rate = self.model.derivative(x, own)
+        rate = self.model.derivative(x, self._own(u))
         width = max(x.shape[-1], u.values.shape[-1])
         channels = jnp.concatenate(
             [jnp.broadcast_to(part, (len(part), width)) for part in (x, u.values)]
@@ -73,6 +77,14 @@ class Discrepant(Model):
             lacking = jnp.sum(self.coefficients[k] * basis, axis=(0, 1))
             rate = rate.at[at].add(self.scale[k] * lacking)
         return rate
+
+    def output(self, x: JaxArray, u: Inputs) -> JaxArray:
+        """Return what sensors read of the model."""
+        return self.model.output(x, self._own(u))
+
+    def _own(self, u: Inputs) -> Inputs:
+        """Return the model's inputs without their changes."""
+        return Inputs(u.values[: len(self.model.inputs)], self.model.inputs, u.span, u.unit)
 
     def learned(self, x: JaxArray) -> JaxArray:
         """Return the model's learned part."""

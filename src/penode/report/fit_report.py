@@ -86,7 +86,7 @@ class Page:
 
     kind: str = "Identification"
     headline: tuple[str, ...] = ()
-    method: str = "so that the model predicts the measured states"
+    method: str = "so that the model predicts what was measured"
     parts: tuple[Part, ...] = PARTS
     own: Mapping[Part, Sequence[Part]] = field(default_factory=dict)
     words: tuple[tuple[str, str], ...] = ()

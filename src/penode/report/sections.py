@@ -102,7 +102,7 @@ def predictions(fit: Fit) -> Section | None:
     figures = [
         picture(
             overlay_title(one),
-            "Measured states (wide grey), the free run and the prediction one step ahead, each "
+            "What was measured (wide grey), the free run and the prediction one step ahead, each "
             "with its error. The close-up at the right is a typical stretch, shaded at the left.",
             overlay,
             one,
@@ -110,11 +110,13 @@ def predictions(fit: Fit) -> Section | None:
         for one in ordered[:_DRAWN]
     ]
     inputs = f"{listed(fit.model.inputs)} and " if fit.model.inputs else ""
+    start = f"the first sample of {listed(ordered[0].states)}"
+    if fit.initial_states:
+        start = "the initial state that fits it best"
     return Section(
         "Prediction against measurement",
-        f"In a free run the model sees {inputs}the first sample of {listed(ordered[0].states)}, "
-        "nothing else. Recordings not used for training count most, and those with the largest "
-        "errors come first.",
+        f"In a free run the model sees {inputs}{start}, nothing else. Recordings not used for "
+        "training count most, and those with the largest errors come first.",
         [validation_table(_worst_first(fit.recordings)), *figures],
     )
 

@@ -89,22 +89,25 @@ def squared(slopes: FloatArray) -> FloatArray:
     return np.asarray(rows.T @ rows)
 
 
-def residual_scale(model: Model, visited: FloatArray, loss: Loss) -> FloatArray:
+def residual_scale(model: Model, measured: FloatArray, loss: Loss) -> FloatArray:
     """Return what residuals are divided by, shape (quantity,), in the loss's domain.
 
     Parameters
     ----------
     model : Model
         At its start.
-    visited : ndarray, shape (time, state)
-        Recorded states, SI units.
+    measured : ndarray, shape (time, state) or (time, output)
+        What was recorded of the states, or of the outputs of a model that has them, SI units.
     loss : Loss
         Its `scale`; by default 1 if the states share a unit and else the channels' deviations.
     """
-    with float64():
-        padded = loss.domain(with_batch_axis(model), with_shared_length(visited.T))
-        quantity = np.asarray(padded)[:, : len(visited)]
-    if loss.scale is None and len(set(model.state_units)) == 1:
+    quantity = measured.T
+    if not model.outputs:
+        with float64():
+            padded = loss.domain(with_batch_axis(model), with_shared_length(measured.T))
+            quantity = np.asarray(padded)[:, : len(measured)]
+    units = model.outputs.values() or model.state_units
+    if loss.scale is None and len(set(units)) == 1:
         return np.ones(len(quantity))
     scale = loss.scale or channel_deviation
     return np.asarray(np.maximum(scale(quantity.T), 1e-300))

@@ -161,6 +161,7 @@ class Loss:
         the correction in SI units that weighs as much as one residual of one scale (infinite: not
         held at all; None: that scale, as the start is one more measured sample). With windows as
         long as the recordings this is simulation-error (NOE) training with estimated initial state.
+        A model with outputs has all starts free; leave it empty.
     scale : Scale or None
         `channel_deviation`, `increment_deviation` or a function of your own; None divides by the
         channels' deviations where their units differ and by 1 where they share one.

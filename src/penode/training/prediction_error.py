@@ -3,7 +3,7 @@
 Loss, gradient, Gauss-Newton terms, scores and estimated starts all call these functions.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -24,7 +24,9 @@ from penode.arrays import (
 from penode.data.windows import Windows
 from penode.errors import InputError
 from penode.models.base import Model
+from penode.models.inputs import Inputs
 from penode.models.layout import Layout, Parts
+from penode.models.measured import free_states, predicted_outputs
 from penode.predictors.base import Predictor
 from penode.predictors.holds import Drive
 from penode.predictors.input_table import Substep
@@ -34,7 +36,7 @@ from penode.training.loss import NO_FILTER, Loss, every_step, states
 class Batch(eqx.Module):
     """Windows inside compiled code."""
 
-    # Measured states (state, time) of all recordings.
+    # States (state, time) of all recordings where windows start: measured, or first guesses.
     states: JaxArray
     # (input, time), or (place * input, time * sub-step) of a predictor with an `InputTable`.
     inputs: JaxArray
@@ -45,6 +47,8 @@ class Batch(eqx.Module):
     used: JaxArray
     # Of each sample, of a predictor with an `InputTable`; 1 of others.
     substeps: JaxArray
+    # Measured outputs (output, time); no rows where states are measured as they are.
+    outputs: JaxArray
 
     def drive(self, step: JaxArray) -> Drive:
         """Return the input by offset from sample `step` of each window."""
@@ -57,7 +61,7 @@ class Batch(eqx.Module):
 
     def of_windows(self, starts: JaxArray, recording: JaxArray, used: JaxArray) -> "Batch":
         """Return other windows of the same recordings."""
-        return Batch(self.states, self.inputs, starts, recording, used, self.substeps)
+        return replace(self, starts=starts, recording=recording, used=used)
 
     def part(self, first: JaxArray, size: int) -> "Batch":
         """Return `size` windows from the window `first` on."""
@@ -79,9 +83,13 @@ class Batch(eqx.Module):
         )
         return starts, recording, jnp.pad(self.used, padding).reshape(number, size)
 
-    def measured(self, step: JaxArray) -> JaxArray:
-        """Return the measured states (state, batch) at sample `step` of each window."""
+    def recorded(self, step: JaxArray) -> JaxArray:
+        """Return the recorded states (state, batch) at sample `step` of each window."""
         return self.states[:, self.starts + step]
+
+    def output(self, step: JaxArray) -> JaxArray:
+        """Return the measured outputs (output, batch) at sample `step` of each window."""
+        return self.outputs[:, self.starts + step]
 
 
 #: Sub-steps that there is room for in a table of so many numbers: one program then serves them all.
@@ -106,6 +114,7 @@ def compiled_windows(
         recording=on_device(windows.recording[order]),
         used=on_device((np.arange(capacity) < len(windows.starts)).astype(float)),
         substeps=on_device(error.predictor.substeps),
+        outputs=with_shared_length(windows.measured.T[: len(error.model.outputs)]),
     )
 
 
@@ -144,9 +153,15 @@ class PredictionError:
                 f"free_starts must name states, got {', '.join(unknown)}; the states are "
                 f"{', '.join(self.model.states)}."
             )
-        if self.model.unmeasured and not self.plain:
+        if self.model.outputs and self.loss.free_starts:
             raise InputError(
-                f"{', '.join(self.model.unmeasured)} is not measured, but errors in the equation's "
+                f"free_starts must be empty for {type(self.model).__name__}, whose outputs make "
+                f"every start free, got {', '.join(self.loss.free_starts)}; leave it out."
+            )
+        hidden = free_states(self.model)
+        if hidden and self.loss.domain is not states:
+            raise InputError(
+                f"{', '.join(hidden)} is not measured, but errors in the equation's "
                 "domain need every state; measure errors in the states."
             )
         if len(self.free) and self.predictor.past > 1:
@@ -171,7 +186,7 @@ class PredictionError:
     @cached_property
     def free(self) -> IntArray:
         """Rows of the states whose start each window estimates."""
-        freed = {*self.model.unmeasured, *self.loss.free_starts}
+        freed = {*free_states(self.model), *self.loss.free_starts}
         return np.array([k for k, n in enumerate(self.model.states) if n in freed], dtype=np.int64)
 
     @property
@@ -188,11 +203,17 @@ class PredictionError:
 
     @cached_property
     def compared(self) -> IntArray:
-        """Rows of the domain's quantity that measurements are compared with."""
+        """Rows of the outputs, or of the domain's quantity, that are compared."""
         if not self.plain:
-            return np.arange(len(self.scale))
+            return np.arange(len(self.model.outputs) or len(self.scale))
         unmeasured = self.model.unmeasured
         return np.array([k for k, n in enumerate(self.model.states) if n not in unmeasured])
+
+    @property
+    def spent(self) -> int:
+        """Values that a window's start takes of those at its steps, beside its first sample's."""
+        own = len(self.compared) if self.model.outputs else 0
+        return int(np.sum(self.stiffness == 0)) - own
 
     def start(self, parts: Parts, correction: JaxArray, batch: Batch) -> JaxArray:
         """Return where predictions start, (past, state, batch), present first: what sensors read.
@@ -201,7 +222,7 @@ class PredictionError:
         """
         model = self._model(parts, batch)
         past = [
-            model.corrected(batch.measured(jnp.asarray(-j))) for j in range(self.predictor.past)
+            model.corrected(batch.recorded(jnp.asarray(-j))) for j in range(self.predictor.past)
         ]
         if len(self.free):
             past[0] = past[0].at[self.free].add(correction)
@@ -254,12 +275,23 @@ class PredictionError:
     ) -> JaxArray:
         """Return the weighted, scaled error (output, batch) of the prediction for sample `step`.
 
-        The prefilter comes after it.
+        The prefilter comes after it. Of a model with outputs the first sample, step 0, counts too,
+        as one residual whatever the weight of the steps.
         """
-        model = self._model(parts, batch)
-        measured = model.corrected(batch.measured(step))
+        model, weight = self._model(parts, batch), self.weight(step, horizon)[:, None]
+        if model.outputs:
+            gap = batch.output(step) - predicted_outputs(model, predicted, self._input(step, batch))
+            return gap * jnp.where(step == 0, 1 / jnp.asarray(self.scale)[:, None], weight)
+        measured = model.corrected(batch.recorded(step))
         gap = self.loss.domain(model, measured) - self.loss.domain(model, predicted)
-        return (gap * self.weight(step, horizon)[:, None])[self.compared]
+        return (gap * weight)[self.compared]
+
+    def _input(self, step: JaxArray, batch: Batch) -> Inputs:
+        """Return the input at sample `step` of each window."""
+        tabulated = self.predictor.table is not None
+        rows = batch.tabulated(step, 0) if tabulated else batch.drive(step)(0)
+        names = self.model.inputs
+        return Inputs(rows[: len(names)], names)
 
     def _model(self, parts: Parts, batch: Batch) -> Model:
         count = self.layout.experiments
@@ -271,7 +303,7 @@ class PredictionError:
     @property
     def plain(self) -> bool:
         """Whether errors are measured in the states, so that dr/dx is minus the weight."""
-        return self.loss.domain is states
+        return self.loss.domain is states and not self.model.outputs
 
     @property
     def is_filtered_one_step(self) -> bool:

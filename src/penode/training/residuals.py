@@ -40,7 +40,7 @@ class Objective:
         Structure of the parameters; its values are not kept.
     scale : ndarray, shape (state,)
         Residuals are divided by it; in the units of the loss's domain, SI units of the states by
-        default.
+        default. Shape (output,) of a model with outputs.
     loss : Loss
         What is squared and summed; the paper's training loss by default.
     experiments : int
@@ -244,6 +244,10 @@ class Objective:
         memory = jnp.zeros((prefilter.order, outputs, len(batch.starts)), values.dtype)
         start = error.start(parts, correction, batch)
         held = jnp.sum(jnp.asarray(error.stiffness)[:, None] * (correction * batch.used) ** 2)
+        if error.model.outputs:
+            here = jnp.zeros((), int)
+            first = error.residual(parts, start[0], here, jnp.asarray(horizon), batch)
+            held += jnp.sum((first * batch.used) ** 2)
         total: JaxArray = rollout(step, start, horizon, visit, (memory, held))[1]
         return total
 

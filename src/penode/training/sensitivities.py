@@ -97,6 +97,11 @@ class Recursion:
         """
         start, first = self.start(correction)
         prefilter, batch = self.error.loss.prefilter, self.batch
+        if self.error.model.outputs:  # a window's first sample is measured like any other
+            at_start = first.each(lambda part: part[0])
+            residual, slopes = self.residual(jnp.zeros((), int), start[0], at_start)
+            used = slopes.each(lambda part: part * batch.used)
+            carry = add(jnp.asarray(-1), residual * batch.used, used, carry)
         shape = (prefilter.order, len(self.error.compared))
 
         def zeros(*axes: int) -> JaxArray:

@@ -29,13 +29,16 @@ class Comparison:
     time_step : float
         Sampling interval in s; row k of the arrays is at time k * time_step.
     states, units : tuple of str
-        Names and SI units of the columns.
+        Names and SI units of the columns: the states that are measured, or the model's outputs.
     measured, one_step, free_run : ndarray, shape (time, state)
-        Measured states, less the sensor errors the model knows; prediction of each sample from the
-        measured one before it (nan where a state is neither measured nor guessed); prediction of
-        the whole recording from its first sample alone (not finite after a divergence).
+        What was measured, less the sensor errors the model knows; prediction of each sample from
+        the measured one before it (nan where a state is neither measured nor guessed); prediction
+        of the whole recording from its first sample alone, or from the start that fits it best
+        where states are not measured (not finite after a divergence).
     recording : str
         The recording that it is a stretch of; itself where empty.
+    start : ndarray, shape (state,)
+        The state that the free run starts from, SI units; None where it was not kept.
     """
 
     name: str
@@ -47,6 +50,7 @@ class Comparison:
     one_step: FloatArray
     free_run: FloatArray
     recording: str = ""
+    start: FloatArray | None = None
 
     def to_frame(self) -> "pl.DataFrame":
         """Return a row a sample: time (s); STATE, STATE_one_step and STATE_free_run, SI units."""

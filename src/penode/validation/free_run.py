@@ -1,4 +1,4 @@
-"""Measured states against the model's one-step and free-run predictions."""
+"""What was measured against the model's one-step and free-run predictions."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,6 +14,13 @@ from penode.arrays import FloatArray, JaxArray, float64, on_device, with_shared_
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.models.base import Model
+from penode.models.inputs import Inputs
+from penode.models.measured import (
+    free_states,
+    hidden_states,
+    measured_units,
+    predicted_outputs,
+)
 from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
@@ -26,8 +33,8 @@ _BEGINNING = 32
 
 
 def with_unmeasured(experiment: Experiment, model: Model) -> Experiment:
-    """Return the recording with a channel of zeros for each unmeasured state that has no guess."""
-    absent = [name for name in model.unmeasured if name not in experiment.channels]
+    """Return the recording with a channel of zeros for each hidden state that has no guess."""
+    absent = [name for name in hidden_states(model) if name not in experiment.channels]
     blank = {name: np.zeros(len(experiment)) for name in absent}
     return replace(experiment, channels={**experiment.channels, **blank}) if absent else experiment
 
@@ -39,12 +46,13 @@ def require_predictable(predictor: Predictor, model: Model, experiment: Experime
     """
     for name, values in experiment.channels.items():
         bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad) and name in (*model.states, *model.inputs):
+        if len(bad) and name in (*model.states, *model.outputs, *model.inputs):
             raise InputError(
                 f"{experiment.name}: data row {bad[0] + 1}, channel {name} is {values[bad[0]]} "
                 "where a number was wanted; cut the recording there."
             )
-    with_unmeasured(experiment, model).stack((*model.states, *model.inputs))
+    needed = (*model.states, *model.outputs, *model.inputs)
+    with_unmeasured(experiment, model).stack(tuple(dict.fromkeys(needed)))
     if not np.isclose(experiment.time_step, predictor.time_step, rtol=1e-4, atol=0):
         raise InputError(
             f"{experiment.name}: time step must be {predictor.time_step:.6g} s, as trained, got "
@@ -67,12 +75,13 @@ def compare(
     model : Model
         Trained, without batch axis.
     experiment : Experiment
-        Has the model's measured states and inputs as channels.
+        Has the model's measured states, or its outputs, and its inputs as channels.
     role : str
         ``"train"`` or ``"validation"``.
     free : sequence of str, optional
         States whose initial value the free run estimates, by least squares over the whole
-        recording (NOE with estimated initial state); the model's unmeasured ones by default.
+        recording (NOE with estimated initial state); by default the model's unmeasured ones, and
+        all of a model with outputs.
 
     Raises
     ------
@@ -80,72 +89,84 @@ def compare(
         If a channel is missing, or the time step is not the predictor's.
     """
     require_predictable(predictor, model, experiment)
-    guessed = all(name in experiment.channels for name in model.unmeasured)
-    experiment = with_unmeasured(experiment, model)
-    rows = _measured_rows(model)
-    freed = [model.states.index(name) for name in (model.unmeasured if free is None else free)]
+    guessed = all(name in experiment.channels for name in hidden_states(model))
+    experiment, units = with_unmeasured(experiment, model), measured_units(model)
+    freed = [model.states.index(name) for name in (free_states(model) if free is None else free)]
     with float64():
         read, inputs = (experiment.stack(names).T for names in (model.states, model.inputs))
         batched = with_batch_axis(model)
         corrected = batched.corrected(with_shared_length(read))
-        measured = np.asarray(corrected)[:, : len(experiment)]
-        ahead = look_ahead(predictor, batched, measured, inputs, 1).T
-        start = on_device(measured[:, : predictor.past].T[::-1].copy())
-        inputs = predictor.prepared(inputs.T).T
+        states = np.asarray(corrected)[:, : len(experiment)]
+        ahead = look_ahead(predictor, batched, states, inputs, 1)
+        start = on_device(states[:, : predictor.past].T[::-1].copy())
+        measured = _measured(batched, experiment, states)
+        padded = with_shared_length(predictor.prepared(inputs.T).T)
         if freed:
-            both = on_device(measured), on_device(inputs)
-            start = _estimated_start(predictor, batched, both, (rows, freed))
-        samples = inputs.shape[1] - predictor.past
-        padded = with_shared_length(inputs)
-        run = np.asarray(_free_run(predictor, batched, start, padded, samples)).T[:samples]
-    whole = measured.T
-    first = np.asarray(start)[::-1]
+            start = _estimated_start(predictor, batched, (start, measured, padded), freed)
+        samples = len(experiment) - predictor.past
+        run = np.asarray(_free_run(predictor, batched, start, padded, samples))[:, :samples]
+        first = np.asarray(start)[::-1].T
+        one_step, free_run = (
+            _predicted(batched, np.concatenate([first, after], axis=1), inputs)
+            for after in (ahead if guessed else ahead * np.nan, run)
+        )
     return Comparison(
         name=experiment.name,
         role=role,
         time_step=experiment.time_step,
-        states=tuple(model.states[k] for k in rows),
-        units=tuple(model.state_units[k] for k in rows),
-        measured=whole[:, rows],
-        one_step=np.concatenate([first, ahead if guessed else ahead * np.nan])[:, rows],
-        free_run=np.concatenate([first, run])[:, rows],
+        states=tuple(units),
+        units=tuple(units.values()),
+        measured=measured.T,
+        one_step=one_step.T,
+        free_run=free_run.T,
         recording="" if experiment.stretch is None else experiment.stretch.recording,
+        start=np.asarray(start)[0],
     )
 
 
 def free_run_errors(
     predictor: Predictor, fits: Sequence[Sequence[Model]], experiments: Sequence[Experiment]
 ) -> FloatArray:
-    """Return the free-run RMSE, (fit, state), over all recordings in the states' units.
+    """Return the free-run RMSE, (fit, quantity), over all recordings in SI units.
 
     Each fit has a model of every recording, of one structure; infinite where a free run diverged.
     """
-    rows = _measured_rows(fits[0][0])
-    squares, count = np.zeros((len(fits), len(rows))), 0
+    squares, count = np.zeros((len(fits), len(measured_units(fits[0][0])))), 0
     for models, experiment in zip(zip(*fits, strict=True), experiments, strict=True):
-        squares += _free_run_squares(predictor, models, experiment)[:, rows]
+        squares += _free_run_squares(predictor, models, experiment)
         count += len(experiment) - predictor.past
     with np.errstate(invalid="ignore"):
         rms = np.sqrt(squares / count)
     return np.asarray(np.where(np.isfinite(rms), rms, np.inf))
 
 
-def _measured_rows(model: Model) -> list[int]:
-    return [k for k, name in enumerate(model.states) if name not in model.unmeasured]
+def _measured(model: Model, experiment: Experiment, states: FloatArray) -> FloatArray:
+    """Return what was measured, (quantity, time): outputs, or rows of the corrected states."""
+    if model.outputs:
+        return experiment.stack(tuple(model.outputs)).T
+    return states[[model.states.index(name) for name in measured_units(model)]]
+
+
+def _predicted(model: Model, states: FloatArray, inputs: FloatArray) -> FloatArray:
+    """Return what sensors read at states (state, time) and inputs (input, time)."""
+    padded = with_shared_length(states), with_shared_length(inputs)
+    return np.asarray(_outputs(model, *padded))[:, : states.shape[1]]
+
+
+@jax.jit
+def _outputs(model: Model, states: JaxArray, inputs: JaxArray) -> JaxArray:
+    return predicted_outputs(model, states, Inputs(inputs, model.inputs))
 
 
 def _free_run_squares(
     predictor: Predictor, models: Sequence[Model], experiment: Experiment
 ) -> FloatArray:
-    """Return the sums of squared free-run errors of each model on a recording, (model, state)."""
-    if models[0].unmeasured:  # each estimates its own start
-        squares = np.full((len(models), len(models[0].states)), np.nan)
-        for row, model in zip(squares, models, strict=True):
-            run = compare(predictor, model, experiment)
-            gap = (run.measured - run.free_run)[predictor.past :]
-            with np.errstate(over="ignore"):
-                row[_measured_rows(model)] = np.sum(gap**2, axis=0)
-        return squares
+    """Return the sums of squared free-run errors of each model on a recording, (model, row)."""
+    if free_states(models[0]):  # each estimates its own start
+        runs = [compare(predictor, model, experiment) for model in models]
+        gaps = np.stack([(run.measured - run.free_run)[predictor.past :] for run in runs])
+        with np.errstate(over="ignore"):
+            return np.asarray(np.sum(gaps**2, axis=1))
     with float64():
         names = (models[0].states, models[0].inputs)
         states, inputs = (experiment.stack(channels) for channels in names)
@@ -248,38 +269,50 @@ def _free_run(
 def _estimated_start(
     predictor: Predictor,
     model: Model,
-    recording: tuple[JaxArray, JaxArray],
-    rows: tuple[list[int], list[int]],
+    recording: tuple[JaxArray, FloatArray, JaxArray],
+    freed: list[int],
 ) -> JaxArray:
-    """Return the first state (1, state), its free rows fitted to the compared rows of the run."""
-    (measured, inputs), (compared, freed) = recording, rows
-    first, ahead = measured[:, 0], inputs.shape[1] - 1
-    padded = with_shared_length(inputs)
+    """Return the first state (1, state), its free rows fitted to what was measured of the run."""
+    start, measured, inputs = recording
+    # The first sample of states that are measured as they are says nothing of the others.
+    begin = 0 if model.outputs else 1
     if predictor.past > 1:
         raise InputError(
             f"the first state is to be estimated, but {predictor.solver} starts from "
             f"{predictor.past} samples; choose a one-step solver."
         )
 
-    target = np.asarray(measured[:, 1:])[compared]
+    first, ahead = start[0], measured.shape[1] - 1
+    scale = scale_of_errors(model, measured)[:, None]
     free = np.asarray(first)[freed]
     # A long run of a nonlinear model has several minima; its beginning leads to the right one.
     lengths = [n for n in (_BEGINNING * 4**k for k in range(20)) if n < ahead]
     for length in (*lengths, ahead):
-        fixed = predictor, tuple(freed), model, first, (padded, jnp.asarray(length))
+        fixed = predictor, tuple(freed), model, first, (inputs, jnp.asarray(length))
+        part = slice(begin, length + 1)
 
-        def residual(free: FloatArray, length: int = length, fixed: Any = fixed) -> FloatArray:
-            gap = np.asarray(_run_from(free, *fixed))[compared, :length] - target[:, :length]
-            return _bounded(gap.ravel())
+        def residual(free: FloatArray, part: slice = part, fixed: Any = fixed) -> FloatArray:
+            gap = np.asarray(_run_from(free, *fixed))[:, part] - measured[:, part]
+            return _bounded((gap / scale).ravel())
 
-        def slope(free: FloatArray, length: int = length, fixed: Any = fixed) -> FloatArray:
-            slopes = np.asarray(_slope_of_run(free, *fixed))[compared, :length]
+        def slope(free: FloatArray, part: slice = part, fixed: Any = fixed) -> FloatArray:
+            slopes = np.asarray(_slope_of_run(free, *fixed))[:, part] / scale[..., None]
             return _bounded(slopes.reshape(-1, len(freed)))
 
         with np.errstate(all="ignore"):  # of a run that diverges from every start
             free = least_squares(residual, free, jac=slope, x_scale="jac", max_nfev=50).x
-    start: JaxArray = first.at[np.array(freed)].set(free)[None]
-    return start
+    found: JaxArray = first.at[np.array(freed)].set(free)[None]
+    return found
+
+
+def scale_of_errors(model: Model, measured: FloatArray) -> FloatArray:
+    """Return what a free run's errors are divided by, (quantity,): deviations where units differ.
+
+    What was measured is (quantity, time).
+    """
+    if len(set(measured_units(model).values())) == 1:
+        return np.ones(len(measured))
+    return np.maximum(measured.std(axis=1), 1e-300)
 
 
 def _bounded(values: FloatArray) -> FloatArray:
@@ -295,9 +328,14 @@ def _from_free(
     first: JaxArray,
     drive: tuple[JaxArray, JaxArray],
 ) -> JaxArray:
-    """Return the free run of inputs and samples (`drive`) from a state with free rows."""
+    """Return what sensors read of the run of inputs and samples (`drive`) from a state.
+
+    Its free rows are given; the first column is the state's own.
+    """
     start = first.at[np.array(freed)].set(free)[None]
-    return _free_run(predictor, model, start, *drive)
+    run = _free_run(predictor, model, start, *drive)
+    path = jnp.concatenate([start.T, run[:, :-1]], axis=1)
+    return predicted_outputs(model, path, Inputs(drive[0][: len(model.inputs)], model.inputs))
 
 
 # Compiled once for all recordings of about a length, all values of parameters and all starts.

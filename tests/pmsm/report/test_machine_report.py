@@ -155,6 +155,7 @@ def machine_fit(choice=None, comparisons=None, warnings=(), **provenance):
         spectrum=spectrum_of(comparisons[0]),
         transitions=np.array([[[0.99, 0.09], [-0.07, 0.99]]]),
         starts=np.ones(2),
+        initial_states={},
         warnings=tuple(warnings),
         provenance={
             "electrical_frequency_hz": ELECTRICAL_FREQUENCY,
