@@ -7,10 +7,11 @@ deviations of the declared accuracy as priors, the map that of a smooth coenergy
 the noise of voltages and torque are what makes the points most likely.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from itertools import product
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -36,7 +37,7 @@ _TORQUE_GAIN, _VOLTAGE_TIME = 0.005, 50e-6
 _IRON = 0.02
 #: Steps a decade, and decades, between which noise and strength are sought; noise is over the
 #: largest value of its kind, strength over that at which the largest voltage is as rough as it is.
-_STEPS, _FIRST, _LIMITS = 4, (-2, -2, 3), (-7, 9)
+_STEPS, _FIRST, _LIMITS = 8, (-2, -2, -2, 3), (-7, 9)
 #: Rounds in which map and imperfections that need it follow each other.
 _ROUNDS = 3
 
@@ -63,10 +64,20 @@ class PointsSolution:
 
     mean: FloatArray
     covariance: FloatArray
-    # Deviation of a voltage in V and of a torque in Nm.
+    # Deviation of u_d and u_q in V, and of a torque in Nm.
     noise: FloatArray
     # -2 log likelihood.
     evidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A balance that is solved: over all noise, at the most likely one, and its equations."""
+
+    solution: PointsSolution
+    likeliest: PointsSolution
+    # What each coefficient adds to each equation, (equation, coefficient).
+    matrix: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,19 +146,19 @@ class PointsBalance:
 
     @property
     def outputs(self) -> tuple[slice, ...]:
-        """Where the voltages are among the equations, and the torques if there are any."""
+        """Where u_d, u_q and the torques, if there are any, are among the equations."""
         voltages = 2 * len(self.points)
-        every = slice(0, voltages), slice(voltages, voltages + len(self.points))
-        return every if self.torque else every[:1]
+        both = slice(0, voltages, 2), slice(1, voltages, 2)
+        return (*both, slice(voltages, None)) if self.torque else both
 
-    def solve(self) -> tuple[PointsSolution, FloatArray]:
-        """Return the solution and the equations' matrix (equation, coefficient)."""
+    def solve(self) -> Solved:
+        """Solve for map, parameters and imperfections, which follow each other."""
         drive: KnownDrive | None = None
         for _ in range(_ROUNDS):
-            matrix = self._matrix(drive)
-            solution = self._most_likely(matrix)
-            drive = self._drive(solution)
-        return solution, matrix
+            search = _Search.of(self, self._matrix(drive))
+            likeliest = search.solution(self._most_likely(search))
+            drive = self._drive(likeliest)
+        return Solved(search.around(self._most_likely(search)), likeliest, search.matrix)
 
     def _drive(self, solution: PointsSolution) -> KnownDrive:
         place = self.names.index("R") if "R" in self.names else None
@@ -179,7 +190,7 @@ class PointsBalance:
         own = np.stack([-np.ones(count), -_TORQUE_GAIN * self.points.channels[TORQUE]], axis=1)
         parts = [np.zeros((count, outer)), own, np.stack([t for _, t in changes], axis=1)]
         i_d, i_q = self.points.stack(CURRENTS).T[:, :, None]
-        crossed = 1.5 * self.pole_pairs * (basis[:, 0] * i_q - basis[:, 1] * i_d)
+        crossed = 1.5 * (self.pole_pairs or 0) * (basis[:, 0] * i_q - basis[:, 1] * i_d)
         return np.concatenate([rows, np.concatenate([*parts, crossed], axis=1)])
 
     def _changed(
@@ -211,12 +222,11 @@ class PointsBalance:
         known |= dict.fromkeys(self.imperfections, 1.0)
         return np.array([known.get(name, np.inf) ** -2.0 for name in self.names])
 
-    def _most_likely(self, matrix: FloatArray) -> PointsSolution:
-        search = _Search.of(self, matrix)
+    def _most_likely(self, search: "_Search") -> FloatArray:
+        """Return the steps of noise and strength at which the points are most likely."""
         first = _STEPS * np.array([*_FIRST[: len(self.outputs)], _FIRST[-1]])
         limits = (_STEPS * _LIMITS[0], _STEPS * _LIMITS[1])
-        best = lowest(lambda place: search.at(place / _STEPS)[0], first, limits)
-        return search.solution(best / _STEPS)
+        return lowest(lambda steps: search.at(steps)[0], first, limits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,44 +243,77 @@ class _Search:
     @classmethod
     def of(cls, balance: PointsBalance, matrix: FloatArray) -> "_Search":
         penalty = Roughness.of(len(balance.names), roughness(balance.part))
-        of_map = matrix[balance.outputs[0], penalty.first :]
-        largest = [np.abs(balance.target[rows]).max() for rows in balance.outputs]
+        voltages = 2 * len(balance.points)
+        of_map = matrix[:voltages, penalty.first :]
+        highest = np.abs(balance.target[:voltages]).max()
+        largest = [
+            highest,
+            highest,
+            *([np.abs(balance.target[voltages:]).max()] if balance.torque else []),
+        ]
         even = float(np.sum(of_map**2) / np.trace(penalty.matrix))
         return cls(balance, matrix, balance.target, np.maximum(largest, 1e-300), penalty, even)
 
-    def noise(self, logs: FloatArray) -> FloatArray:
+    def noise(self, steps: FloatArray) -> FloatArray:
         """Return the deviation of each output."""
-        return np.asarray(self.largest * 10.0 ** logs[:-1])
+        return np.asarray(self.largest * 10.0 ** (steps[:-1] / _STEPS))
 
-    def at(self, logs: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """Return -2 log likelihood, the mean and the covariance at decades of noise and prior."""
+    def solution(self, steps: FloatArray) -> PointsSolution:
+        """Return the solution at steps of noise and strength."""
+        evidence, mean, factor, size = self.at(steps)
+        inverse = cho_solve(factor, np.eye(len(size)), check_finite=False)
+        return PointsSolution(
+            mean / size, inverse / np.outer(size, size), self.noise(steps), evidence
+        )
+
+    def at(self, steps: FloatArray) -> tuple[float, FloatArray, Any, FloatArray]:
+        """Return -2 log likelihood at steps of noise and strength, and the scaled solution.
+
+        Mean (coefficient,), Cholesky's factor of the precision, and what both are divided by.
+        """
         weight = np.ones(len(self.target))
-        for rows, deviation in zip(self.balance.outputs, self.noise(logs), strict=True):
+        for rows, deviation in zip(self.balance.outputs, self.noise(steps), strict=True):
             weight[rows] = 1 / deviation
-        rows, values = self.matrix * weight[:, None], self.target * weight
-        precision = rows.T @ rows
+        scaled_rows, values = self.matrix * weight[:, None], self.target * weight
+        precision = scaled_rows.T @ scaled_rows
         count, place = len(self.balance.names), self.penalty.place
         precision[np.arange(count), np.arange(count)] += self.balance._precision
         # Not over the noise: what is believed of the map does not move with it.
-        strength = self.even / self.largest[0] ** 2 * 10.0 ** logs[-1]
+        strength = self.even / self.largest[0] ** 2 * 10.0 ** (steps[-1] / _STEPS)
         precision[place, place] += strength * self.penalty.matrix
         size = np.sqrt(np.maximum(np.diag(precision), 1e-300))
         scaled = precision / np.outer(size, size)
         scaled[np.diag_indices_from(scaled)] += 1e-12
         factor = cho_factor(scaled, lower=True, check_finite=False)
-        right = rows.T @ values / size
+        right = scaled_rows.T @ values / size
         mean = cho_solve(factor, right, check_finite=False)
         volume = 2 * float(np.sum(np.log(np.diag(factor[0]))) + np.sum(np.log(size)))
         prior = self.penalty.rank * np.log(strength) + self.penalty.volume
         left = float(values @ values - right @ mean)
         evidence = left - 2 * float(np.sum(np.log(weight))) + volume - float(prior)
-        inverse = cho_solve(factor, np.eye(len(size)), check_finite=False)
-        return evidence, mean / size, inverse / np.outer(size, size)
+        return evidence, mean, factor, size
 
-    def solution(self, logs: FloatArray) -> PointsSolution:
-        """Return all of it."""
-        evidence, mean, covariance = self.at(logs)
-        return PointsSolution(mean, covariance, self.noise(logs), evidence)
+    def around(self, best: FloatArray) -> PointsSolution:
+        """Return the mean over noise and strength around the most likely."""
+        steps = product((-1, 0, 1), repeat=len(best))
+        return mixed(self.solution(best + np.array(step)) for step in steps)
+
+
+def mixed(solutions: Iterable[PointsSolution]) -> PointsSolution:
+    """Return the mean of solutions weighed by their likelihood, what they differ by in its spread.
+
+    Its likelihood is the mean of theirs.
+    """
+    every = list(solutions)
+    evidence = np.array([one.evidence for one in every])
+    likely = np.exp(0.5 * (evidence.min() - evidence))
+    weight = likely / likely.sum()
+    mean = weight @ np.stack([one.mean for one in every])
+    apart = np.stack([one.mean - mean for one in every])
+    within = sum(w * one.covariance for w, one in zip(weight, every, strict=True))
+    noise = np.sqrt(weight @ np.stack([one.noise**2 for one in every]))
+    covariance = within + (weight * apart.T) @ apart
+    return PointsSolution(mean, covariance, noise, evidence.min() - 2 * np.log(likely.mean()))
 
 
 def left_out(

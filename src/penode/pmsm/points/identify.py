@@ -40,14 +40,18 @@ from penode.pmsm.points.balance import (
     TORQUE,
     PointsBalance,
     PointsSolution,
+    Solved,
     contributions,
     left_out,
+    mixed,
 )
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 from penode.validation.comparison import StationaryComparison
 
 #: Verdict of points that answer.
 ANSWERED = "operating points"
+#: Widths of the inverter's knee over the largest current, one as likely as the other.
+_KNEES = (0.01, 0.03, 0.1, 0.2)
 
 
 @one_blas_thread
@@ -74,11 +78,13 @@ def identify_points(points: Experiment, study: Study = DEFAULT_STUDY) -> Fit:
         are missing.
     """
     began = time.monotonic()
-    balance = _balance_of(points, study)
-    solution, matrix = balance.solve()
+    balances = _balances(points, study)
+    solved = [one.solve() for one in balances]
+    best = min(range(len(solved)), key=lambda k: solved[k].solution.evidence)
+    balance, solution = balances[best], mixed(one.solution for one in solved)
     machine = _machine(balance, solution)
     estimates = _estimates(balance, solution)
-    stationary = _comparison(balance, solution, matrix)
+    stationary = _comparison(balance, solved[best])
     choice = _choice(balance, estimates, machine)
     facts = {**study.facts([points], ()), **_found(balance, solution)}
     provenance = {**provenance_of([points]), "training_time_s": time.monotonic() - began, **facts}
@@ -94,27 +100,34 @@ def identify_points(points: Experiment, study: Study = DEFAULT_STUDY) -> Fit:
     )
 
 
-def _balance_of(points: Experiment, study: Study) -> PointsBalance:
-    roles = {term.role for term in study.terms}
-    own: tuple[Term, ...] = () if MeanDeadTime.role in roles else (MeanDeadTime(),)
+def _balances(points: Experiment, study: Study) -> list[PointsBalance]:
+    """Return the balance with each width of the inverter's knee, which few points show."""
     largest = float(np.abs(points.stack(CURRENTS)).max())
-    terms = tuple(term.prepared(largest) for term in completed((*study.terms, *own)))
-    for name, channel in channels_of(terms).items():
-        if name not in points.channels:
-            raise InputError(
-                f"{points.name}: no column {name}, {channel.meaning}, which a term needs; add it, "
-                "or leave the term out."
-            )
     if TORQUE in points.channels and study.pole_pairs is None:
         raise InputError(
             f"{points.name}: the torque is measured and pole_pairs is missing; add --pole-pairs, "
             "or remove the column."
         )
+    known = any(term.role == MeanDeadTime.role for term in study.terms)
+    knees: Sequence[tuple[Term, ...]] = [
+        () if known else (MeanDeadTime(knee_current=knee * largest),)
+        for knee in (_KNEES[:1] if known else _KNEES)
+    ]
     speed = np.abs(points.channels[SPEED.name])
     turning = speed > 0.1 * speed.max()
     induced = np.hypot(*points.stack(VOLTAGES)[turning].T) / speed[turning]
     scales = (reach([points]), round_scale(float(induced.max())))
-    return PointsBalance(points, terms, study.accuracy, study.pole_pairs, scales)
+    balances = []
+    for knee in knees:
+        terms = tuple(term.prepared(largest) for term in completed((*study.terms, *knee)))
+        for name, channel in channels_of(terms).items():
+            if name not in points.channels:
+                raise InputError(
+                    f"{points.name}: no column {name}, {channel.meaning}, which a term needs; add "
+                    "it, or leave the term out."
+                )
+        balances.append(PointsBalance(points, terms, study.accuracy, study.pole_pairs, scales))
+    return balances
 
 
 def _machine(balance: PointsBalance, solution: PointsSolution) -> Machine:
@@ -144,9 +157,9 @@ def _estimates(balance: PointsBalance, solution: PointsSolution) -> dict[str, Es
     return estimates
 
 
-def _comparison(
-    balance: PointsBalance, solution: PointsSolution, matrix: FloatArray
-) -> StationaryComparison:
+def _comparison(balance: PointsBalance, solved: Solved) -> StationaryComparison:
+    """Return the points beside what the most likely noise and knee say of them."""
+    matrix, solution = solved.matrix, solved.likeliest
     deviation = np.ones(len(balance.target))
     for rows, own in zip(balance.outputs, solution.noise, strict=True):
         deviation[rows] = own
@@ -237,4 +250,6 @@ def _found(balance: PointsBalance, solution: PointsSolution) -> dict[str, Any]:
 
 
 def _in_words(noise: Sequence[float] | FloatArray) -> str:
-    return ", ".join(f"{one:.2g} {unit}" for one, unit in zip(noise, ("V", "Nm"), strict=False))
+    return ", ".join(
+        f"{one:.2g} {unit}" for one, unit in zip(noise, ("V", "V", "Nm"), strict=False)
+    )

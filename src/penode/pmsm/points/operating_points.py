@@ -10,26 +10,12 @@ from penode.data.load import read
 from penode.data.mapping import Origin, si_values
 from penode.data.table import TIME, Table
 from penode.errors import InputError
-from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.terms import SPEED
 from penode.pmsm.points.balance import TORQUE
 from penode.pmsm.recording.drive_mapping import RECORDED, DriveMapping
 
-#: Channels that every point has; others are read where they are columns.
-NEEDED = (*VOLTAGES, *CURRENTS, SPEED.name)
 #: Fewest points, and slowest speed in rad/s at which a voltage shows the flux linkage.
 FEWEST, _STANDSTILL = 8, 1e-3
-
-
-def is_table_of_points(mapping: DriveMapping, table: Table) -> bool:
-    """Return whether a file has the channels of operating points, and no time."""
-    named = {name: one.origin.column for name, one in mapping.channels.items()}
-    time = named.get(TIME, TIME)
-    return (
-        time not in table.columns
-        and not table.clocks
-        and all(named.get(name, name) in table.columns for name in NEEDED)
-    )
 
 
 def load_runs(
@@ -58,7 +44,7 @@ def load_runs(
     recordings: list[Experiment] = []
     for path in paths:
         table, source = read(path)
-        if not is_table_of_points(mapping, table):
+        if not mapping.is_table_of_points(table):
             recordings += mapping.stretches_of(path, table, source)
         elif len(paths) > 1:
             raise InputError(

@@ -21,6 +21,9 @@ from penode.pmsm.recording.stationary_frame import LINK, STATIONARY
 #: Channel of a recorded file -> SI unit, the time included.
 RECORDED = {TIME: "s", **CANONICAL, **STATIONARY}
 
+#: Channels that every operating point has.
+OF_POINTS = ("u_d", "u_q", "i_d", "i_q", "omega_el")
+
 #: SI unit of the channels that may be recorded per unit -> entry that says what 1 is.
 BASES = {"V": "u_base", "A": "i_base", "rad/s": "omega_base"}
 
@@ -133,7 +136,19 @@ class DriveMapping:
         tuple of Experiment
             What lies between the gaps, in order of time.
         """
-        return self.stretches_of(path, *read(path))
+        table, source = read(path)
+        if self.is_table_of_points(table):
+            raise InputError(
+                f"{path}: no column {TIME}: a table of operating points must be given to penode "
+                "identify alone; give a recording with its time here."
+            )
+        return self.stretches_of(path, table, source)
+
+    def is_table_of_points(self, table: Table) -> bool:
+        """Return whether a file has what operating points have, and no time."""
+        named = {name: one.origin.column for name, one in self.channels.items()}
+        timed = named.get(TIME, TIME) in table.columns or bool(table.clocks)
+        return not timed and all(named.get(n, n) in table.columns for n in OF_POINTS)
 
     def stretches_of(
         self, path: str | Path, table: Table, source: Source
