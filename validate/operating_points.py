@@ -15,7 +15,7 @@ R and of the inverter's voltage cover, the median width and the largest error.
 
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -154,6 +154,11 @@ def main(count: int) -> None:
                 f"{'' if one.resistance else ' *'}{'' if one.inverter else ' inverter *'}",
                 flush=True,
             )
+    print_table(found)
+
+
+def print_table(found: Mapping[bool, Sequence[Outcome]]) -> None:
+    """Print of both how many are positive and how many of their intervals cover."""
     for torque, outcomes in found.items():
         sure = [one for one in outcomes if one.verdict == ANSWERED]
         covered, inverter = (

@@ -41,7 +41,9 @@ def test_a_linear_machine_is_found_with_its_inverter(fit):
     for name, true in {"R": R, "inverter_voltage": LOST}.items():
         low, high = fit.parameters[name].interval_95
         assert low < true < high
-    i = fit.excited
+    i = measured().stack(("i_d", "i_q"))
+    assert fit.supported(i).all()
+    assert not fit.supported(3 * i).all()
     exact = np.stack([PSI + L_D * i[:, 0], L_Q * i[:, 1]])
     gap = np.abs(fit.flux_map(*i.T) - exact)
     assert gap.max() < 0.02 * PSI

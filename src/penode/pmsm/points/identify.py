@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial import Delaunay, QhullError
 
 from penode.arrays import FloatArray, one_blas_thread
 from penode.data.experiment import Experiment
@@ -50,6 +51,8 @@ from penode.validation.comparison import StationaryComparison
 
 #: Verdict of points that answer.
 ANSWERED = "operating points"
+#: Parts of a triangle's side at which currents between points are taken for visited.
+_FINE = 6
 #: Widths of the inverter's knee over the largest current, one as likely as the other.
 _KNEES = (0.01, 0.03, 0.1, 0.2)
 
@@ -92,7 +95,7 @@ def identify_points(points: Experiment, study: Study = DEFAULT_STUDY) -> Fit:
         model=machine,
         parameters=estimates,
         horizon=choice,
-        excited=points.stack(CURRENTS),
+        excited=_between(points.stack(CURRENTS)),
         comparisons=(),
         stationary=stationary,
         learned_uncertainty=_uncertainty(balance, solution, machine),
@@ -128,6 +131,17 @@ def _balances(points: Experiment, study: Study) -> list[PointsBalance]:
                 )
         balances.append(PointsBalance(points, terms, study.accuracy, study.pole_pairs, scales))
     return balances
+
+
+def _between(currents: FloatArray) -> FloatArray:
+    """Return currents (point, 2) with some between neighbours, where a smooth map interpolates."""
+    try:
+        corners = currents[Delaunay(currents).simplices]
+    except QhullError:  # all on a line
+        return currents
+    shares = np.array([(a, b, _FINE - a - b) for a in range(_FINE) for b in range(_FINE - a)])
+    between = np.einsum("sk,tkj->tsj", shares / _FINE, corners).reshape(-1, 2)
+    return np.concatenate([currents, between])
 
 
 def _machine(balance: PointsBalance, solution: PointsSolution) -> Machine:

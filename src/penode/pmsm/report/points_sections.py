@@ -57,7 +57,7 @@ def _farthest(fit: Fit, one: StationaryComparison) -> Table:
         "Points farthest from what all others say",
         [
             ("row", [numeric(str(k + 1)) for k in order]),
-            ("i_d in A", [plain(fit.excited[k, 0]) for k in order]),
+            ("i_d in A", [plain(fit.excited[k, 0]) for k in order]),  # the points come first
             ("i_q in A", [plain(fit.excited[k, 1]) for k in order]),
             ("quantity", [one.quantities[q] for _, q in pairs]),
             (
