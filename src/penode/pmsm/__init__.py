@@ -2,7 +2,7 @@
 
 From a recording to a result
     `load_study` or `guess_study`, `check_recordings`; `identify` with a `Study` and the
-    `Accuracy` of the bench; `write`.
+    `Accuracy` of the bench, `identify_points` where all stand still; `write`.
 What the result is used for
     `export`, `ControlledMachine`, `control_loci`, `mtpa` and `operating_points`, `compare_maps`,
     `tabulate`, `torque_of` a recording.
@@ -23,6 +23,7 @@ from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.machine.terms import Channel, Resistance, TemperatureResistance, Term
+from penode.pmsm.points.identify import identify_points
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.recording.guess import guess_study
 from penode.pmsm.recording.imperfections import Accuracy
@@ -57,6 +58,7 @@ __all__ = [
     "export",
     "guess_study",
     "identify",
+    "identify_points",
     "load_study",
     "mtpa",
     "named_lines",
