@@ -64,3 +64,14 @@ def test_a_table_without_an_answer_is_refused(tmp_path, penode, points, columns,
     ended = penode("identify", written(tmp_path, points, **columns), "--out", tmp_path / "out")
     assert ended.returncode == 2
     assert sentence in ended.stderr
+
+
+def test_a_recording_that_lost_its_time_is_no_table(tmp_path, penode):
+    turn = np.linspace(0, 6, 400)
+    points = measured(count=400)
+    smooth = {"i_d": 80 * np.cos(turn) - 80, "i_q": 90 * np.sin(turn)}
+    file = written(tmp_path, points, **smooth)
+    ended = penode("identify", file, "--pole-pairs", PAIRS, "--out", tmp_path / "out")
+    assert ended.returncode == 2
+    assert "follow each other like samples" in ended.stderr
+    assert not (tmp_path / "out" / "result.json").exists()

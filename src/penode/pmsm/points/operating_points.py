@@ -10,12 +10,16 @@ from penode.data.load import read
 from penode.data.mapping import Origin, si_values
 from penode.data.table import TIME, Table
 from penode.errors import InputError
+from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.terms import SPEED
 from penode.pmsm.points.balance import TORQUE
 from penode.pmsm.recording.drive_mapping import RECORDED, DriveMapping
 
 #: Fewest points, and slowest speed in rad/s at which a voltage shows the flux linkage.
 FEWEST, _STANDSTILL = 8, 1e-3
+#: From so many rows on they are looked at as samples, which change by less than this part of their
+#: range from one to the next.
+_MANY, _STEP = 200, 0.02
 
 
 def load_runs(
@@ -76,7 +80,8 @@ def points_of(path: str | Path, mapping: DriveMapping, table: Table, source: Sou
     Raises
     ------
     InputError
-        If a cell is no number, there are fewer than 8 points, or none of them turns.
+        If a cell is no number, there are fewer than 8 points, none of them turns, or the rows are
+        samples of a recording whose time is missing.
     """
     origins = {
         name: mapping.channels[name].origin if name in mapping.channels else Origin(name, si)
@@ -98,5 +103,14 @@ def points_of(path: str | Path, mapping: DriveMapping, table: Table, source: Sou
         raise InputError(
             f"{path}: {SPEED.name} must differ from 0 at some point, got 0 at all of "
             f"{len(points)}; voltages at rest show R alone, and nothing of the flux linkage."
+        )
+    currents = points.stack(CURRENTS)
+    span = max(float(np.ptp(currents, axis=0).max()), 1e-300)
+    step = float(np.median(np.hypot(*np.diff(currents, axis=0).T))) / span
+    if len(points) >= _MANY and step < _STEP:
+        raise InputError(
+            f"{path}: no column {TIME}, and {len(points)} rows that follow each other like "
+            f"samples: the currents change by {100 * step:.2g} % of their range from row to row; add the "
+            f"column {TIME} of a recording, or give operating points in any order."
         )
     return points
