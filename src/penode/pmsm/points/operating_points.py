@@ -110,7 +110,7 @@ def points_of(path: str | Path, mapping: DriveMapping, table: Table, source: Sou
     if len(points) >= _MANY and step < _STEP:
         raise InputError(
             f"{path}: no column {TIME}, and {len(points)} rows that follow each other like "
-            f"samples: the currents change by {100 * step:.2g} % of their range from row to row; add the "
-            f"column {TIME} of a recording, or give operating points in any order."
+            f"samples: the currents change by {100 * step:.2g} % of their range from row to "
+            f"row; add the column {TIME} of a recording, or give operating points in any order."
         )
     return points
