@@ -62,6 +62,9 @@ class Fit:
         scaled states; infinite where starts are as measured. Empty says so of all.
     learned_uncertainty : LearnedUncertainty
         What `learned_deviation` is computed from.
+    covariance : ndarray, shape (parameter, parameter)
+        Of the physical parameters in the order of `parameters`, SI units; the root of its diagonal
+        is the deviation reported. What a parameter of unknown deviation shares with others is NaN.
     correlations : Correlations
         Of the one-step residual on the first training recording, with itself and with the inputs.
     nuisances : mapping of str to ndarray, shape (recording, ...)
@@ -86,6 +89,7 @@ class Fit:
     transitions: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
     starts: FloatArray = field(default_factory=lambda: np.empty(0))
     learned_uncertainty: LearnedUncertainty = field(default_factory=LearnedUncertainty)
+    covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     correlations: Correlations = field(default_factory=Correlations)
     nuisances: Mapping[str, FloatArray] = field(default_factory=dict)
     initial_states: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
@@ -115,6 +119,18 @@ class Fit:
         from penode.fit.frames import parameters_frame
 
         return parameters_frame(self.parameters)
+
+    def covariance_frame(self) -> "pl.DataFrame":
+        """Return the covariance of the physical parameters by name, a row a parameter, SI units."""
+        from penode.fit.frames import matrix_frame
+
+        return matrix_frame(tuple(self.parameters), self.covariance)
+
+    def correlation_frame(self) -> "pl.DataFrame":
+        """Return the correlations of the physical parameters by name, a row a parameter."""
+        from penode.fit.frames import matrix_frame
+
+        return matrix_frame(tuple(self.parameters), self.correlation)
 
     def ladder_frame(self) -> "pl.DataFrame":
         """Return a row a horizon: parameters with NAME_std, errors, outcome, selected, plateau."""
@@ -184,6 +200,13 @@ class Fit:
         return self.learned_uncertainty.deviation(self.model, np.asarray(points, dtype=np.float64))
 
     @property
+    def correlation(self) -> FloatArray:
+        """Correlations of the physical parameters, (parameter, parameter); NaN: not known."""
+        deviation = np.sqrt(np.diag(self.covariance))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(self.covariance / np.outer(deviation, deviation))
+
+    @property
     def recordings(self) -> tuple[Comparison, ...]:
         """The comparisons, the stretches of a recording as one."""
         return by_recording(self.comparisons)
@@ -203,11 +226,20 @@ class Fit:
             "schema": SCHEMA,
             "horizon": asdict(self.horizon),
             "parameters": {name: asdict(p) for name, p in self.parameters.items()},
+            **self._covariances(),
             **({"initial_states": starts} if starts else {}),
             "metrics": metrics,
             "warnings": list(self.warnings),
             "provenance": dict(self.provenance),
         }
+
+    def _covariances(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Return the covariance by the names of both parameters, where there are two or more."""
+        if len(self.covariance) < 2:
+            return {}
+        rows = zip(self.parameters, self.covariance.tolist(), strict=True)
+        named = {name: dict(zip(self.parameters, row, strict=True)) for name, row in rows}
+        return {"covariance": named}
 
     def save(self, folder: str | Path) -> None:
         """Write ``result.json`` and the reloadable ``fit/`` into a folder.
