@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from penode.arrays import BoolArray, FloatArray, float64
+from penode.data.experiment import Experiment
 from penode.errors import InputError, require_extra
 from penode.fit.archive import archive, read_archive, to_json
 from penode.fit.learned_uncertainty import LearnedUncertainty
@@ -18,8 +19,11 @@ from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary
 from penode.fit.result_folder import claimed, digests, replace_together, require_one_result
 from penode.fit.summary import html, text
 from penode.models.base import Model
+from penode.predictors.base import Predictor
 from penode.validation.comparison import Comparison, by_recording
 from penode.validation.coverage import supported
+from penode.validation.free_run import compare
+from penode.validation.free_run_deviation import free_run_deviation
 from penode.validation.residual_tests import Correlations, Spectrum
 
 if TYPE_CHECKING:
@@ -74,6 +78,8 @@ class Fit:
         estimates: those that are not measured, and all of a model with outputs.
     simulation : Model or None
         The model of the horizon whose free run on the recordings errs least, of the same climb.
+    predictor : Predictor or None
+        Time step, solver and hold; None where the fit is of another method.
     warnings : tuple of str
         One sentence each.
     provenance : mapping
@@ -94,6 +100,7 @@ class Fit:
     nuisances: Mapping[str, FloatArray] = field(default_factory=dict)
     initial_states: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     simulation: Model | None = None
+    predictor: Predictor | None = None
     warnings: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -198,6 +205,43 @@ class Fit:
             SI units. Outside the excited region it shows what the map's form allows, no more.
         """
         return self.learned_uncertainty.deviation(self.model, np.asarray(points, dtype=np.float64))
+
+    def compare(self, experiment: Experiment) -> Comparison:
+        """Return a recording beside its predictions, with the solver and hold of the training.
+
+        Raises
+        ------
+        InputError
+            If a channel is missing, or the time step is not that of the training.
+        """
+        return compare(self._predicting(), self.model, experiment)
+
+    def free_run_deviation(self, experiment: Experiment) -> FloatArray:
+        """Return the standard deviation of a recording's free run, (time, quantity), SI units.
+
+        By linearisation in all parameters, with the joint covariance of which `covariance` is the
+        part of the physical ones, and in the initial states that the run estimates. Infinite where
+        that is not known. The noise of the sensors is not part of it.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            Has the channels that `compare` needs. What every recording has a value of its own of
+            is at the mean over those trained on.
+
+        Raises
+        ------
+        InputError
+            If a channel is missing, or the time step is not that of the training.
+        """
+        predictor = self._predicting()
+        joint = self.learned_uncertainty.joint(self.model, self.covariance)
+        return free_run_deviation(predictor, self.model, experiment, joint)
+
+    def _predicting(self) -> Predictor:
+        if self.predictor is None:
+            raise InputError("the fit must have a predictor, got none; run the identification.")
+        return self.predictor
 
     @property
     def correlation(self) -> FloatArray:

@@ -88,6 +88,7 @@ class Assembly:
             correlations=residual_correlations(comparisons[shown], whole[shown], model.inputs),
             nuisances=self._nuisances(),
             simulation=self._model(self.rungs[best_in_free_run(self.rungs)].solution.raw),
+            predictor=predictor,
             warnings=self._warnings(comparisons),
             provenance=provenance,
         )
