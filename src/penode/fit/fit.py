@@ -216,6 +216,33 @@ class Fit:
         """
         return compare(self._predicting(), self.model, experiment)
 
+    @staticmethod
+    def compare_models(fits: Mapping[str, "Fit"]) -> "pl.DataFrame":
+        """Return fits of several models to the same recordings side by side, a row a model.
+
+        Columns model; parameters, all numbers that were found from the training recordings, starts
+        included; verdict, horizon; errors (rms) as ROLE_free_run_QUANTITY and
+        ROLE_one_step_QUANTITY, of train and validation, null where there is none; effective_number,
+        bic, bic_above_least. The criterion of Schwarz (Ann. Stat. 6 (1978) 461,
+        doi:10.1214/aos/1176344136), sum_q N_q ln(rms_q^2) + parameters ln(sum_q N_q), is of the
+        free run on the training recordings. N_q are the effective numbers of independent residuals
+        (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8 (1946) 184, doi:10.2307/2983560) of the
+        model that errs least.
+
+        Parameters
+        ----------
+        fits : mapping of str to Fit
+            By the name to be shown.
+
+        Raises
+        ------
+        InputError
+            If there is no fit, or the recordings or quantities differ.
+        """
+        from penode.fit.model_comparison import compare_models
+
+        return compare_models(fits)
+
     def free_run_deviation(self, experiment: Experiment) -> FloatArray:
         """Return the standard deviation of a recording's free run, (time, quantity), SI units.
 

@@ -38,3 +38,21 @@ def score_covariance(slopes: FloatArray, residual: FloatArray) -> FloatArray:
         part = np.einsum("qft,qr,rgt->fg", slopes[..., early], gamma, slopes[..., late])
         total += (1 - lag / lags) * (part if lag == 0 else part + part.T)
     return total
+
+
+def effective_number(residual: FloatArray) -> float:
+    """Return of how many independent values a residual (time,) says as much: N / (1 + 2 sum r_k).
+
+    After Bayley and Hammersley (J. R. Stat. Soc. Suppl. 8 (1946) 184, doi:10.2307/2983560), with
+    autocorrelations r_k tapered over the residual's own bandwidth; NaN of one that is not finite.
+    """
+    samples = len(residual)
+    if not np.isfinite(residual).all():
+        return np.nan
+    power, lags = float(residual @ residual), bandwidth_of(residual[None])
+    if power == 0:
+        return float(samples)
+    along = [residual[lag:] @ residual[: samples - lag] for lag in range(1, min(lags, samples))]
+    taper = 1 - np.arange(1, len(along) + 1) / lags
+    longer = 1 + 2 * float(taper @ np.array(along)) / power
+    return samples / max(longer, 1.0)
