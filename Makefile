@@ -56,6 +56,7 @@ validate: $(STAMP)
 	$(BIN)/python -m validate.imperfections
 	$(BIN)/python -m validate.imperfect_drives
 	$(BIN)/python -m validate.aliasing
+	$(BIN)/python -m validate.operating_points
 	$(BIN)/python -m validate.through_command 80
 	$(BIN)/python -m validate.drawn_physics 3
 	$(BIN)/python -m fuzz.readers --seconds 300

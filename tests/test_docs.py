@@ -8,7 +8,9 @@ import tomllib
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
+from validate.operating_points import drawn
 
 from penode.bench.config import load_config
 from penode.bench.machines import TRACTION_300A
@@ -66,6 +68,9 @@ def page_files(tmp_path_factory, machine_fit):
     slow, other = Lissajous(240.0, 14.0, 15.0), Lissajous(200.0, 40.0, 33.0)
     save(simulate(TRACTION_300A, slow, speed_rpm=1500.0, duration=0.5), folder / "run.csv")
     save(simulate(TRACTION_300A, other, speed_rpm=900.0, duration=0.3), folder / "other.csv")
+    bench = drawn(3).columns
+    rows = np.column_stack(list(bench.values()))
+    np.savetxt(folder / "bench.csv", rows, "%.9g", ",", header=",".join(bench), comments="")
     guess = guess_study(read(folder / "run.csv")[0])
     (folder / "study.toml").write_text(study_text(guess, "run.csv", "study.toml"))
     (folder / "drive.toml").write_text(blocks(DRIVE_PAGE, "toml")[0])

@@ -38,6 +38,7 @@ def fit():
         recordings=recordings,
         warnings=("First [sic].", "Second."),
         provenance={"structure": ("The voltage acts late.",)},
+        stationary=None,
     )
 
 

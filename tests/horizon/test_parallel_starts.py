@@ -58,5 +58,5 @@ def test_another_optimiser_is_refused(systems):
 def test_plans_of_two_solvers_are_refused(systems):
     system = systems["linear machine"]
     other = replace(plan_of(5), solver=RungeKutta(EULER))
-    with pytest.raises(InputError, match="several solvers"):
+    with pytest.raises(InputError, match="must share solver, hold and loss"):
         sweep([system.model], system.experiments, [plan_of(5), other])

@@ -36,6 +36,7 @@ from penode.fit.outcome import Estimate
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
 from penode.pmsm.exports.formats import export
+from penode.pmsm.points.identify import ANSWERED
 from penode.predictors.one_step import RungeKutta, Substeps
 from penode.predictors.tableaus import RK4
 from penode.validation.free_run import compare
@@ -52,6 +53,7 @@ from validate import (
     learned_sets,
     ledger,
     map_errors,
+    operating_points,
     processes,
     public_sets,
     random_starts,
@@ -74,9 +76,9 @@ ELSEWHERE = {
 HERE = {
     "aliasing", "bad_files", "conventions", "drawn_recordings", "examples", "flux_maps",
     "full_disk", "horizon_choice", "identified", "imperfect_drives", "imperfections",
-    "imported_machine", "interruption", "learned_sets", "ledger", "map_errors", "other_simulators",
-    "processes", "public_sets", "random_starts", "repetition", "simulated_sets",
-    "sweep_interruption",
+    "imported_machine", "interruption", "learned_sets", "ledger", "map_errors",
+    "operating_points", "other_simulators", "processes", "public_sets", "random_starts",
+    "repetition", "simulated_sets", "sweep_interruption",
 }  # fmt: skip
 
 
@@ -475,6 +477,19 @@ def test_simulated_sets_draw_their_noise_anew_and_count_what_covers(monkeypatch,
     monkeypatch.setattr(simulated_sets, "identify", lambda start, experiments: fit)
     simulated_sets.main(["lotka_volterra"], 2)
     assert capsys.readouterr().out.splitlines()[-1] == "lotka_volterra: 4 of 6 intervals cover"
+
+
+def test_drawn_operating_points_balance_and_are_identified(capsys):
+    bench = operating_points.drawn(3)
+    u, i = (bench.columns[f"{n}_d"] + 1j * bench.columns[f"{n}_q"] for n in "ui")
+    shaft = bench.columns["torque"] * bench.columns["omega_el"] / bench.pole_pairs
+    lost = 1.5 * np.real(np.conj(i) * u) - shaft
+    assert np.mean(lost > 0) > 0.9
+    one = operating_points.identified(bench, torque=True, command=False)
+    assert one.verdict in {ANSWERED, "not identifiable"}
+    monkey = operating_points.Outcome(ANSWERED, True, False, 0.2, -0.1)
+    operating_points.print_table({True: [monkey], False: [monkey]})
+    assert "1 of 1 positive" in capsys.readouterr().out
 
 
 def test_an_error_of_public_sets_counts_the_channels_that_have_a_unit():

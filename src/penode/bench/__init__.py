@@ -7,7 +7,7 @@ Machines
     `TRACTION_300A` and the others in `MACHINES`; `import_machine` from a flux table,
     `identified_machine` from a result; `true_flux_map` of any.
 Current references
-    `Lissajous`, `Steps`, `stationary_grid` and `Injection`, or any function of time.
+    `Lissajous`, `Steps` and `stationary_grid`, or any function of time.
 The drive and its imperfections
     `Drive`: `Inverter` (`DeadTime`, `StationaryHold`), `CurrentSensors`, `Resolver`, `Winding`.
 
@@ -21,7 +21,7 @@ from penode.bench.drive import Drive
 from penode.bench.inverter import DeadTime, Inverter, StationaryHold
 from penode.bench.machines import MACHINES, TRACTION_300A, Machine
 from penode.bench.map_import import identified_machine, import_machine
-from penode.bench.references import Injection, Lissajous, Steps, stationary_grid
+from penode.bench.references import Lissajous, Steps, stationary_grid
 from penode.bench.run import record, simulate
 from penode.bench.sensors import CurrentSensors, Resolver
 from penode.bench.winding import Winding
@@ -32,7 +32,6 @@ __all__ = [
     "CurrentSensors",
     "DeadTime",
     "Drive",
-    "Injection",
     "Inverter",
     "Lissajous",
     "Machine",

@@ -2,6 +2,7 @@
 
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -60,15 +61,28 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
     rows: list[Row] = [
         *((name, _interval(estimate)) for name, estimate in fit.parameters.items()),
         *(("budget", f"{name}: {line}") for name, line in budgets if line),
-        ("horizon", Text.assemble(f"{choice.selected} {steps}: ", verdict, f". {choice.reason}")),
+        ("horizon", Text.assemble(f"{choice.selected} {steps}: ", verdict, f". {choice.reason}"))
+        if choice.selected
+        else ("verdict", Text.assemble(verdict, f". {choice.reason}")),
         *(("model", reason) for reason in fit.provenance.get("structure", ())),
     ]
     for comparison in fit.recordings:
         one_step, free_run = one_step_text(comparison), free_run_text(comparison)
         errors = f"{comparison.name}: RMSE one step {one_step}; free run {free_run}"
         rows.append((comparison.role, errors.replace("\N{NO-BREAK SPACE}", " ")))
+    rows += [("points", line) for line in _stationary(fit)]
     rows += [("warning", warning) for warning in fit.warnings]
     print_rows([*rows, ("map", str(folder / "flux_map.csv"))], console)
+
+
+def _stationary(fit: Fit) -> Iterator[str]:
+    """Yield of each quantity at operating points how far the model is from it."""
+    for name, errors in fit.stationary.metrics().items() if fit.stationary else ():
+        yield (
+            f"{name}: RMSE {number(errors['rmse'])} {errors['unit']}; without the point "
+            f"{number(errors['rmse_without'])} {errors['unit']}, "
+            f"{100 * errors['within_95']:.0f} % within 95 %"
+        )
 
 
 def _interval(estimate: Estimate) -> str:

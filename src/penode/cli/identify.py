@@ -12,10 +12,13 @@ from penode.cli.console import ERRORS, say
 from penode.cli.fits import print_fit, report_beside, signed
 from penode.cli.progress import watched
 from penode.errors import InputError
-from penode.fit.result_folder import REPORT, RESULT
+from penode.fit.fit import Fit
+from penode.fit.result_folder import REPORT, RESULT, claimed
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.held_out import PURPOSES
 from penode.identify import Stopped
+from penode.pmsm.points.identify import identify_points
+from penode.pmsm.points.operating_points import load_runs
 from penode.pmsm.result_files import write_answer
 from penode.pmsm.study import identify
 from penode.pmsm.study_file import load_study
@@ -76,6 +79,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
 
     Columns: t (s), u_d and u_q (V), i_d and i_q (A), omega_el (rad/s, electrical), optionally
     theta_el (rad); or u_a .. u_c, i_a .. i_c and theta_el. Currents and voltages are peak values.
+    A file without t is a table of operating points: torque (Nm) of the shaft counts there too.
     Anything else is mapped by a study file, given with --config; options override its entries.
 
     Ctrl-C stops with the best so far, written as a whole result; the same command with --resume
@@ -101,7 +105,13 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     asked = load_study(
         config, settings if horizon is None else {**settings, "horizon": _steps(horizon)}
     )
-    recordings = [stretch for run in runs for stretch in asked.load_stretches(run)]
+    recordings, points = load_runs(runs, asked.mapping)
+    if points is not None:
+        _require_points_alone(horizon=horizon, validate=validate, hold=hold, purpose=purpose)
+        with claimed(out):
+            fit = signed(identify_points(points, asked.study), began)
+            write_answer(fit, out)
+        return _ended(fit, out, as_json, show)
     unseen = [stretch for run in validate or [] for stretch in asked.load_stretches(run)]
     stopped = False
     with watched(out, ERRORS, checkpoint) as observer:
@@ -119,6 +129,11 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         write_answer(fit, out)
         if not stopped:
             checkpoint.path.unlink(missing_ok=True)
+    _ended(fit, out, as_json, show, stopped)
+
+
+def _ended(fit: Fit, out: Path, as_json: bool, show: bool, stopped: bool = False) -> None:
+    """Print what was found, report it, and end with the command's status."""
     if as_json:
         typer.echo((out / "result.json").read_text())
     else:
@@ -131,6 +146,16 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         raise typer.Exit(130)
     if not fit.horizon.answered:
         raise typer.Exit(1)
+
+
+def _require_points_alone(**options: object) -> None:
+    """Refuse options that mean nothing for operating points."""
+    for name, option in options.items():
+        if option is not None:
+            raise InputError(
+                f"--{name} must be left out for a table of operating points, which has no horizon, "
+                f"got {option}."
+            )
 
 
 def _steps(horizon: str) -> int | None:

@@ -7,6 +7,7 @@ import typer
 
 from penode.cli.console import Row, print_rows
 from penode.data.load import read
+from penode.data.table import TIME
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.recording.guess import StudyGuess, guess_study
@@ -44,6 +45,11 @@ def _open_questions(guess: StudyGuess) -> str:
     missing = [f"column of {name}" for name in guess.missing]
     missing += ["pole_pairs"] * guess.lacks_pole_pairs
     missing += guess.bases
+    if guess.missing == (TIME,) and len(missing) == 1:
+        return (
+            "No column of time: penode identify takes it as a table of operating points; for a "
+            f"recording fill in the column of {TIME}."
+        )
     if missing:
         return f"Fill in before you use it: {', '.join(missing)}."
     return "All of this is guessed; the file says from what. Look at it before you trust a result."

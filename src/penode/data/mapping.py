@@ -77,11 +77,11 @@ def map_channels(
     for name, origin in origins.items():
         if name == TIME:
             continue
-        values, si = _si_values(file, table, name, origin)
+        values, si = si_values(file, table, name, origin)
         own = table.clocks.get(origin.column)
         clock = time if own in (None, table.clocks.get(time.column)) else Origin(own, "s")
         if clock not in read:
-            read[clock] = _si_values(file, table, TIME, clock)[0]
+            read[clock] = si_values(file, table, TIME, clock)[0]
         if len(values) != len(read[clock]):
             raise InputError(
                 f"{file}: channel {name}: column {origin.column} has {len(values)} values where "
@@ -93,8 +93,8 @@ def map_channels(
     return _without_delays(file, times, channels, origins)
 
 
-def _si_values(file: str, table: Table, name: str, origin: Origin) -> tuple[FloatArray, str]:
-    """Return the values of a channel in SI units, and the unit."""
+def si_values(file: str, table: Table, name: str, origin: Origin) -> tuple[FloatArray, str]:
+    """Return the values of a channel in SI units, finite, and the unit."""
     factor = origin.scale * origin.sign
     if not origin.times:
         unit = _unit(file, table, name, origin)
@@ -102,8 +102,8 @@ def _si_values(file: str, table: Table, name: str, origin: Origin) -> tuple[Floa
         return in_pieces(lambda piece: unit.to_si(piece, factor), column), unit.si
     share = Origin(origin.column, "1", scale=factor)
     whole = Origin(origin.times, origin.si, origin.unit)
-    shares, _ = _si_values(file, table, name, share)
-    wholes, si = _si_values(file, table, name, whole)
+    shares, _ = si_values(file, table, name, share)
+    wholes, si = si_values(file, table, name, whole)
     together = table.clocks.get(origin.column) == table.clocks.get(origin.times)
     if not together or len(shares) != len(wholes):
         raise InputError(

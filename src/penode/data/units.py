@@ -53,6 +53,8 @@ UNITS: Mapping[str, Unit] = MappingProxyType(
         "degC": Unit("degC"),
         "K": Unit("degC", offset=-273.15),
         "degF": Unit("degC", 5.0, 9.0, -160.0 / 9.0),
+        "Nm": Unit("Nm"),
+        "mNm": Unit("Nm", denominator=1e3),
         "1": Unit("1"),
         "%": Unit("1", denominator=100.0),
     }

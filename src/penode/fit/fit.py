@@ -20,7 +20,7 @@ from penode.fit.result_folder import claimed, digests, replace_together, require
 from penode.fit.summary import html, text
 from penode.models.base import Model
 from penode.predictors.base import Predictor
-from penode.validation.comparison import Comparison, by_recording
+from penode.validation.comparison import Comparison, StationaryComparison, by_recording
 from penode.validation.coverage import supported
 from penode.validation.free_run import compare
 from penode.validation.free_run_deviation import free_run_deviation
@@ -80,6 +80,8 @@ class Fit:
         The model of the horizon whose free run on the recordings errs least, of the same climb.
     predictor : Predictor or None
         Time step, solver and hold; None where the fit is of another method.
+    stationary : StationaryComparison or None
+        Of points at which nothing changes, beside what the model says of them.
     warnings : tuple of str
         One sentence each.
     provenance : mapping
@@ -90,8 +92,8 @@ class Fit:
     parameters: Mapping[str, Estimate]
     horizon: HorizonChoice
     excited: FloatArray
-    comparisons: tuple[Comparison, ...]
-    spectrum: Spectrum
+    comparisons: tuple[Comparison, ...] = ()
+    spectrum: Spectrum = field(default_factory=Spectrum)
     transitions: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
     starts: FloatArray = field(default_factory=lambda: np.empty(0))
     learned_uncertainty: LearnedUncertainty = field(default_factory=LearnedUncertainty)
@@ -101,6 +103,7 @@ class Fit:
     initial_states: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     simulation: Model | None = None
     predictor: Predictor | None = None
+    stationary: StationaryComparison | None = None
     warnings: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -289,6 +292,8 @@ class Fit:
             of_role = metrics[comparison.role]
             name = comparison.recording or comparison.name
             of_role[unused(name, of_role)] = comparison.metrics()
+        if self.stationary is not None:
+            metrics["stationary"] = {self.stationary.name: self.stationary.metrics()}
         starts = {
             recording: {name: asdict(one) for name, one in states.items()}
             for recording, states in self.initial_states.items()

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-#: Two-sided 95 % point of the normal distribution.
-NORMAL_95 = 1.96
+from penode.validation.metrics import NORMAL_95 as NORMAL_95
 
 #: Verdicts under which the horizons that agree are one answer, and their mean is reported.
 AVERAGED = ("plateau", "H = 1 suffices")

@@ -2,10 +2,10 @@
 
 From a recording to a result
     `load_study` or `guess_study`, `check_recordings`; `identify` with a `Study` and the
-    `Accuracy` of the bench; `write`.
+    `Accuracy` of the bench, `identify_points` where all stand still; `write`.
 What the result is used for
     `export`, `ControlledMachine`, `control_loci`, `mtpa` and `operating_points`, `compare_maps`,
-    `tabulate`, `torque_of` a recording.
+    `torque_of` a recording.
 What the model is made of
     `Machine`: a flux map and terms (`TERMS`; write your own as a `Term`).
 
@@ -18,12 +18,10 @@ from penode.pmsm.control.loci import control_loci, mtpa
 from penode.pmsm.control.operating_points import operating_points
 from penode.pmsm.exports.formats import export
 from penode.pmsm.machine.dead_time import DeadTime
-from penode.pmsm.machine.flux_grid import tabulate
-from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.machine.terms import Channel, Resistance, TemperatureResistance, Term
-from penode.pmsm.recording.channels import drive_recording
+from penode.pmsm.points.identify import identify_points
 from penode.pmsm.recording.guess import guess_study
 from penode.pmsm.recording.imperfections import Accuracy
 from penode.pmsm.recording.name_plate import NamePlate
@@ -48,21 +46,18 @@ __all__ = [
     "Study",
     "TemperatureResistance",
     "Term",
-    "abc_from_dq",
     "check_recordings",
     "compare_maps",
     "control_loci",
-    "dq_from_abc",
-    "drive_recording",
     "export",
     "guess_study",
     "identify",
+    "identify_points",
     "load_study",
     "mtpa",
     "named_lines",
     "operating_points",
     "study_text",
-    "tabulate",
     "torque_of",
     "write",
 ]

@@ -16,6 +16,7 @@ from penode.data.toml_file import COUNT, FINITE, NATURAL, POSITIVE, held_against
 from penode.errors import InputError
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.term_registry import terms_of
+from penode.pmsm.points.operating_points import load_runs
 from penode.pmsm.recording.drive_mapping import BASES, RECORDED, DriveMapping, DriveOrigin
 from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY, Accuracy
 from penode.pmsm.recording.name_plate import NamePlate
@@ -102,6 +103,16 @@ class StudyFile:
     def load_stretches(self, path: str | Path) -> tuple[Experiment, ...]:
         """Load a recording that may have gaps; see `DriveMapping.load_stretches`."""
         return self.mapping.load_stretches(path)
+
+    def load_points(self, path: str | Path) -> Experiment:
+        """Load a table of operating points; see `penode.pmsm.points.operating_points.load_runs`."""
+        recordings, points = load_runs([Path(path)], self.mapping)
+        if points is None:
+            raise InputError(
+                f"{path}: a table of operating points must have no column of time, got "
+                f"{len(recordings[0])} samples of a recording; identify it as one."
+            )
+        return points
 
 
 def load_study(

@@ -160,6 +160,7 @@ def _first_paragraph(fit: Fit, names: Sequence[str], page: Page) -> str:
         both = [f"{span} for {name}" for name, span in zip(names, spans, strict=True)]
         intervals = f"The horizons tried gave values from {listed(spans if single else both)}. "
     trained = [one.name for one in fit.recordings if one.role == "train"]
+    trained += [fit.stationary.name] if fit.stationary else []
     source = trained[0] if len(trained) == 1 else f"{len(trained) or 'the training'} recordings"
     subject = "Each was" if not answered else "It was" if len(names) < 2 else "They were"
     return f"{intervals}{subject} fitted to {source} {page.method}."
@@ -179,7 +180,8 @@ def _key_values(fit: Fit, names: Sequence[str]) -> KeyValues:
         detail = f"{number(ahead, 2)}\N{NO-BREAK SPACE}ms ahead; {choice.verdict}"
     horizon = KeyValue("Horizon", f"H = {choice.selected}", detail, choice.selected)
     values = [_parameter_value(fit, name) for name in names]
-    return KeyValues((*values, *filter(None, errors), horizon))
+    ahead_of = (horizon,) if choice.selected else ()
+    return KeyValues((*values, *filter(None, errors), *ahead_of))
 
 
 def _parameter_value(fit: Fit, name: str) -> KeyValue:

@@ -18,6 +18,7 @@ _MEANINGS = {
     "plateau": "The estimate no longer depends on how far ahead the model predicts.",
     "H = 1 suffices": "The estimate is the same whether the model predicts one sample ahead or "
     "many, so the shortest horizon is enough.",
+    "operating points": "All points balance with one machine, each as well as without it.",
     "predicts best": "Nothing here tests whether the parameters depend on the horizon; identify "
     "for the purpose of parameters to find out.",
     "fixed": "The horizon was given, so nothing here tests whether the estimate depends on it. "

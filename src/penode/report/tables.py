@@ -55,6 +55,8 @@ def parameter_table(fit: Fit) -> Table:
     caption = (
         "The standard deviation allows for residuals that are correlated in time and for the "
         "spread over the horizons that agree, and for the sensors where their accuracy was given."
+        if fit.horizon.ladder
+        else "The standard deviation allows for everything that the uncertainty budget names."
     )
     independence = [one.identifiability for one in fit.parameters.values()]
     if any(one is not None for one in independence):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.validation.metrics import rmse
+from penode.validation.metrics import NORMAL_95, rmse
 
 if TYPE_CHECKING:
     import polars as pl
@@ -119,6 +119,50 @@ class Comparison:
 
     def _pooled(self, predicted: FloatArray) -> float:
         return rmse(self.measured[1:], predicted[1:]) if self.unit is not None else np.nan
+
+
+@dataclass(frozen=True, eq=False)
+class StationaryComparison:
+    """Points at which nothing changes, beside what the model says of them.
+
+    Attributes
+    ----------
+    name : str
+        Of the table.
+    quantities, units : tuple of str
+        Names and SI units of the columns.
+    measured, fitted, without : ndarray, shape (point, quantity)
+        Measured; said by the model; said by a model fitted without the point.
+    deviation : ndarray, shape (point, quantity)
+        Of the difference between the measured one and that without the point.
+    """
+
+    name: str
+    quantities: tuple[str, ...]
+    units: tuple[str, ...]
+    measured: FloatArray
+    fitted: FloatArray
+    without: FloatArray
+    deviation: FloatArray
+
+    @property
+    def covered(self) -> dict[str, float]:
+        """Share of points that lie within the 95 % band of the model without them."""
+        gap = np.abs(self.measured - self.without) <= NORMAL_95 * self.deviation
+        return dict(zip(self.quantities, gap.mean(axis=0).tolist(), strict=True))
+
+    def metrics(self) -> dict[str, Any]:
+        """Return of each quantity the errors, fitted and without the point, and the share."""
+        rows = zip(self.quantities, self.units, strict=True)
+        return {
+            name: {
+                "unit": unit,
+                "rmse": rmse(self.measured[:, k], self.fitted[:, k]),
+                "rmse_without": rmse(self.measured[:, k], self.without[:, k]),
+                "within_95": self.covered[name],
+            }
+            for k, (name, unit) in enumerate(rows)
+        }
 
 
 def finite_residual(comparison: Comparison) -> FloatArray:

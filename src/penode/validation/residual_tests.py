@@ -23,9 +23,9 @@ class Spectrum:
         Peak amplitude in the state's unit (Hann window, corrected for its coherent gain).
     """
 
-    recording: str
-    frequency: FloatArray
-    amplitude: FloatArray
+    recording: str = ""
+    frequency: FloatArray = field(default_factory=lambda: np.empty(0))
+    amplitude: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
 
 #: Lags of the correlations, and the two-sided 99 % point of the normal distribution.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from penode import Experiment, InputError
-from penode.pmsm import abc_from_dq, dq_from_abc
+from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc
 from penode.pmsm.recording.imperfection import KnownDrive
 from penode.pmsm.recording.imperfections import IMPERFECTIONS, Accuracy, budget_rows
 

@@ -158,6 +158,7 @@ def machine_fit(choice=None, comparisons=None, warnings=(), **provenance):
         transitions=np.array([[[0.99, 0.09], [-0.07, 0.99]]]),
         starts=np.ones(2),
         initial_states={},
+        stationary=None,
         warnings=tuple(warnings),
         provenance={
             "electrical_frequency_hz": ELECTRICAL_FREQUENCY,

@@ -88,10 +88,10 @@ def weak_start(
     points = currents[np.linspace(0, len(currents) - 1, _POINTS).round().astype(int)]
     largest = float(np.abs(balance.flux(points, np.zeros(len(points)))[0]).max())
     if not family.drawn:
-        scales = (reach(experiments), _round_scale(largest))
+        scales = (reach(experiments), round_scale(largest))
         splines = spline_start(experiments, form.terms, scales, angle_orders)
         return WeakStart(splines.machine, balance, splines.penalties)
-    scales = (_round_scale(form.polynomial.current_scale), _round_scale(largest))
+    scales = (round_scale(form.polynomial.current_scale), round_scale(largest))
     draws = [draw_flux_map(kind, seed + k, scales, angle_orders) for k in range(_DRAWS)]
     flux_map = _fit_networks(draws, balance, points, np.random.default_rng(seed))
     return WeakStart(Machine(flux_map, balance.terms), balance)
@@ -141,7 +141,7 @@ def nominal_start(experiments: Sequence[Experiment], seed: int) -> Machine:
     return Machine(FluxMap(beside, scale, largest), (Resistance(resistance),))
 
 
-def _round_scale(largest: float) -> float:
+def round_scale(largest: float) -> float:
     """Return a scale of a tenth of a decade that holds a value.
 
     Scales are constants of the compiled programs: recordings that share them share the programs.

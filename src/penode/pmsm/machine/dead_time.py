@@ -203,6 +203,36 @@ class PhaseDeadTime(PhaseSigns):
         return self.lost(jnp.stack([jnp.atleast_1d(v) for v in voltages]), x, u)
 
 
+class MeanDeadTime(Term):
+    """dU i/abs(i): what dead time takes over a turn, where the rotor's angle is not known.
+
+    The mean over the angle of a sharp dead time dU_phase in every phase is 4/pi dU_phase along the
+    current. An inverter that corrects more than its dead time has a negative one.
+
+    Attributes
+    ----------
+    inverter_voltage : array, shape ()
+        dU in V.
+    knee_current : float or None
+        Current in A below which it bends to zero; a hundredth of the largest where None.
+    """
+
+    role: ClassVar[str] = "dead time"
+    title: ClassVar[str] = "The inverter's voltage along the current"
+
+    inverter_voltage: Leaf = physical("V", default=0.0, meaning="inverter voltage")
+    knee_current: float | None = eqx.field(static=True, default=None)
+
+    def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
+        """Return dU along the current in V; see `Term.drop`."""
+        knee = self.knee_current or 1e-9
+        return self.inverter_voltage * x / jnp.sqrt(jnp.sum(x**2, axis=0) + knee**2)
+
+    def prepared(self, largest_current: float) -> Self:
+        """Return the term with its knee."""
+        return replace(self, knee_current=self.knee_current or _GUESS * largest_current)
+
+
 def _phases(alpha: JaxArray, beta: JaxArray) -> JaxArray:
     """Return the three phase values (3, batch) of a stationary vector."""
     half, root = 0.5 * alpha, np.sqrt(0.75) * beta

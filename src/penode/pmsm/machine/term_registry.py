@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from penode.arrays import FloatArray
 from penode.errors import InputError
-from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime
+from penode.pmsm.machine.dead_time import DeadTime, MeanDeadTime, PhaseDeadTime
 from penode.pmsm.machine.terms import (
     Channel,
     Resistance,
@@ -20,6 +20,7 @@ TERMS: dict[str, type[Term]] = {
     "temperature_resistance": TemperatureResistance,
     "dead_time": DeadTime,
     "phase_dead_time": PhaseDeadTime,
+    "mean_dead_time": MeanDeadTime,
 }
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.data.experiment import Experiment
+from penode.data.experiment import Experiment, Source
 from penode.data.gathered import gathered, in_pieces
 from penode.data.load import experiments_of, in_one_piece, read
 from penode.data.mapping import Origin
@@ -20,6 +20,9 @@ from penode.pmsm.recording.stationary_frame import LINK, STATIONARY
 
 #: Channel of a recorded file -> SI unit, the time included.
 RECORDED = {TIME: "s", **CANONICAL, **STATIONARY}
+
+#: Channels that every operating point has.
+OF_POINTS = ("u_d", "u_q", "i_d", "i_q", "omega_el")
 
 #: SI unit of the channels that may be recorded per unit -> entry that says what 1 is.
 BASES = {"V": "u_base", "A": "i_base", "rad/s": "omega_base"}
@@ -134,6 +137,23 @@ class DriveMapping:
             What lies between the gaps, in order of time.
         """
         table, source = read(path)
+        if self.is_table_of_points(table):
+            raise InputError(
+                f"{path}: no column {TIME}: a table of operating points must be given to penode "
+                "identify alone; give a recording with its time here."
+            )
+        return self.stretches_of(path, table, source)
+
+    def is_table_of_points(self, table: Table) -> bool:
+        """Return whether a file has what operating points have, and no time."""
+        named = {name: one.origin.column for name, one in self.channels.items()}
+        timed = named.get(TIME, TIME) in table.columns or bool(table.clocks)
+        return not timed and all(named.get(n, n) in table.columns for n in OF_POINTS)
+
+    def stretches_of(
+        self, path: str | Path, table: Table, source: Source
+    ) -> tuple[Experiment, ...]:
+        """Make recordings of the columns of a file; see `load_stretches`."""
         origins = {name: channel.origin for name, channel in self.channels.items()}
         if not self.channels:
             for name in RECORDED:
@@ -147,7 +167,7 @@ class DriveMapping:
 
     def _completed(self, run: Experiment, constant: Mapping[str, float]) -> Experiment:
         """Return a recording with its channels scaled, and those that no column holds."""
-        channels = {name: self._scaled(name, values) for name, values in run.channels.items()}
+        channels = {name: self.scaled(name, values) for name, values in run.channels.items()}
         channels |= {name: gathered(np.full(len(run), value)) for name, value in constant.items()}
         return replace(run, channels=channels)
 
@@ -192,13 +212,14 @@ class DriveMapping:
             )
         return origin
 
-    def _scaled(self, name: str, values: FloatArray) -> FloatArray:
+    def scaled(self, name: str, values: FloatArray) -> FloatArray:
+        """Return a channel's values (sample,) as peak and electrical values, SI units."""
         factor = self._factor(name)
         return values if factor == 1.0 else in_pieces(lambda piece: piece * factor, values)
 
     def _factor(self, name: str) -> float:
         channel = self.channels.get(name, DriveOrigin(Origin(name)))
-        base = "" if channel.origin.times else BASES.get(RECORDED[name], "")
+        base = "" if channel.origin.times else BASES.get(RECORDED.get(name, ""), "")
         factor = self.constants.get(base, 1.0)
         if channel.mechanical and self.pole_pairs is not None:
             factor *= self.pole_pairs

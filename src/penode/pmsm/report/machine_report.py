@@ -8,12 +8,14 @@ from penode.fit.fit import Fit
 from penode.pmsm.report.against import Against
 from penode.pmsm.report.flux_sections import flux_linkage, inductances
 from penode.pmsm.report.line_causes import named_lines, signed_frequency
+from penode.pmsm.report.points_sections import points_balance, points_parameters
 from penode.pmsm.report.torque_sections import torque_and_operating_points
 from penode.report import sections
 from penode.report.document import Section
 from penode.report.fit_report import Page, Part, fit_report
 from penode.report.loss_weighting import weighting_of, weighting_section
 from penode.report.quantities import fixed, number, with_unit
+from penode.report.uncertainty_budget import uncertainty_budget
 from penode.validation.residual_lines import Line
 
 _HARMONIC = 6
@@ -100,6 +102,22 @@ MACHINE_PAGE = Page(
     ),
 )
 
+#: The page of a machine from operating points, which have no horizon.
+POINTS_PAGE = Page(
+    kind="Machine identification from operating points",
+    headline=("R",),
+    method="together with the machine's flux-linkage map, so that voltages and torque balance",
+    parts=(
+        points_parameters,
+        uncertainty_budget,
+        points_balance,
+        sections.learned_maps,
+        sections.provenance,
+    ),
+    own={sections.learned_maps: (*_OWN[sections.learned_maps],)},
+    words=MACHINE_PAGE.words,
+)
+
 
 def machine_report(fit: Fit, against: Against | None = None) -> str:
     """Return the report of a machine's identification as one self-contained HTML page.
@@ -117,7 +135,8 @@ def machine_report(fit: Fit, against: Against | None = None) -> str:
     str
         The page; save it as UTF-8.
     """
-    if against is None:
-        return fit_report(fit, MACHINE_PAGE)
-    maps = (*_OWN[sections.learned_maps], against.second_map)
-    return fit_report(fit, replace(MACHINE_PAGE, own={**_OWN, sections.learned_maps: maps}))
+    page = MACHINE_PAGE if fit.stationary is None else POINTS_PAGE
+    if against is not None:
+        maps = (*page.own.get(sections.learned_maps, ()), against.second_map)
+        page = replace(page, own={**page.own, sections.learned_maps: maps})
+    return fit_report(fit, page)

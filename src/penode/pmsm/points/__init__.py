@@ -1,0 +1,1 @@
+"""Machines from tables of operating points: voltages, currents, speed and torque at rest."""

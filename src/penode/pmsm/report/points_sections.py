@@ -1,0 +1,70 @@
+"""The report's sections of a machine that operating points show."""
+
+from penode.fit.fit import Fit
+from penode.report.document import Section, Table
+from penode.report.quantities import number
+from penode.report.tables import numeric, parameter_table, plain, table
+from penode.validation.comparison import StationaryComparison
+
+#: Points that are listed, those farthest from what the others say.
+_LISTED = 8
+
+
+def points_parameters(fit: Fit) -> Section:
+    """Return the section on the physical parameters."""
+    lead = (
+        "What the balance of all points says together, with everything that the bench may be wrong "
+        "by left open within its accuracy."
+    )
+    return Section("Physical parameters", lead, [parameter_table(fit)])
+
+
+def points_balance(fit: Fit) -> Section | None:
+    """Return the section on the points beside what the model says of them."""
+    one = fit.stationary
+    if one is None:
+        return None
+    metrics, names = one.metrics(), one.quantities
+    errors = table(
+        "Errors of the points",
+        [
+            ("quantity", list(names)),
+            ("unit", list(one.units)),
+            ("rms, fitted", [plain(metrics[name]["rmse"]) for name in names]),
+            ("rms, without the point", [plain(metrics[name]["rmse_without"]) for name in names]),
+            (
+                "within 95 %",
+                [numeric(f"{100 * metrics[n]['within_95']:.0f} %") for n in names],
+            ),
+        ],
+        "Without the point: each is compared with a model fitted to all others.",
+    )
+    return Section(
+        "Points against the model",
+        "A model that is right leaves of every point what its noise leaves, whether the point was "
+        "used or not.",
+        [errors, _farthest(fit, one)],
+    )
+
+
+def _farthest(fit: Fit, one: StationaryComparison) -> Table:
+    gap = one.measured - one.without
+    size = abs(gap / one.deviation)
+    order = size.max(axis=1).argsort()[::-1][:_LISTED]
+    worst = size[order].argmax(axis=1)
+    pairs = list(zip(order, worst, strict=True))
+    return table(
+        "Points farthest from what all others say",
+        [
+            ("row", [numeric(str(k + 1)) for k in order]),
+            ("i_d in A", [plain(fit.excited[k, 0]) for k in order]),  # the points come first
+            ("i_q in A", [plain(fit.excited[k, 1]) for k in order]),
+            ("quantity", [one.quantities[q] for _, q in pairs]),
+            (
+                "measured less expected",
+                [numeric(f"{number(gap[k, q], 2)} {one.units[q]}") for k, q in pairs],
+            ),
+            ("in deviations", [plain(float(size[k, q]), 2) for k, q in pairs]),
+        ],
+        "Of some dozens of points one or two lie beyond 2 deviations by chance.",
+    )

@@ -1,0 +1,77 @@
+"""Tables of operating points through the command."""
+
+import json
+
+import numpy as np
+import pytest
+from tests.pmsm.points.test_operating_points import PAIRS, R, measured
+
+from penode import Fit
+from penode.pmsm import export
+
+
+def written(folder, points, **columns):
+    """Write points as a CSV file, columns added or replaced."""
+    every = {**points.channels, **columns}
+    file = folder / "points.csv"
+    rows = np.column_stack([np.broadcast_to(v, len(points)) for v in every.values()])
+    np.savetxt(file, rows, "%.9g", ",", header=",".join(every), comments="")
+    return file
+
+
+def test_the_command_reads_a_table_and_writes_a_whole_result(tmp_path, penode):
+    file, out = written(tmp_path, measured()), tmp_path / "out"
+    ended = penode("identify", file, "--pole-pairs", PAIRS, "--out", out)
+    assert ended.returncode == 0, ended.stderr
+    assert "operating points" in ended.stdout
+    assert "horizon" not in ended.stdout
+    again = Fit.load(out)
+    low, high = again.parameters["R"].interval_95
+    assert low < R < high
+    assert again.stationary.covered.keys() == {"u_d", "u_q", "torque"}
+    metrics = json.loads((out / "result.json").read_text())["metrics"]
+    assert metrics["stationary"]["points.csv"]["torque"]["unit"] == "Nm"
+    page = (out / "report.html").read_text()
+    assert "Points against the model" in page
+    assert "This section is left out" not in page
+    export(again, "c", tmp_path / "machine.h")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("identify", "{file}", "{file}", "--out", "{out}"), "must be the only file, got 2"),
+        (("identify", "{file}", "--horizon", "5", "--out", "{out}"), "which has no horizon"),
+        (("check", "{file}"), "a table of operating points must be given to penode identify"),
+    ],
+)
+def test_the_command_refuses_what_points_are_not(tmp_path, penode, arguments, sentence):
+    file = written(tmp_path, measured(count=12))
+    places = {"file": file, "out": tmp_path / "out"}
+    ended = penode(*(one.format(**places) for one in arguments))
+    assert ended.returncode == 2
+    assert sentence in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("points", "columns", "sentence"),
+    [
+        (measured(count=7), {}, "must be >= 8, got 7"),
+        (measured(count=12), {"omega_el": 0.0}, "omega_el must differ from 0"),
+    ],
+)
+def test_a_table_without_an_answer_is_refused(tmp_path, penode, points, columns, sentence):
+    ended = penode("identify", written(tmp_path, points, **columns), "--out", tmp_path / "out")
+    assert ended.returncode == 2
+    assert sentence in ended.stderr
+
+
+def test_a_recording_that_lost_its_time_is_no_table(tmp_path, penode):
+    turn = np.linspace(0, 6, 400)
+    points = measured(count=400)
+    smooth = {"i_d": 80 * np.cos(turn) - 80, "i_q": 90 * np.sin(turn)}
+    file = written(tmp_path, points, **smooth)
+    ended = penode("identify", file, "--pole-pairs", PAIRS, "--out", tmp_path / "out")
+    assert ended.returncode == 2
+    assert "follow each other like samples" in ended.stderr
+    assert not (tmp_path / "out" / "result.json").exists()
