@@ -2,20 +2,25 @@
 
 import time
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from tests.horizon.test_default_plan import Lag
 from tests.horizon.test_simulation import lag
 
-from penode import Plan, Stage, Start, ladder_plan
-from penode.data.windows import Jittered
+from penode import Experiment, Model, Plan, Stage, Start, identify, ladder_plan, physical
+from penode.arrays import Leaf
+from penode.data.windows import Contiguous, Jittered
 from penode.horizon.assemble import Assembly
 from penode.horizon.consensus import Consensus
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.ladder import Climb, LadderProblem
 from penode.horizon.selection import Choice
+from penode.horizon.uncertainty_budget import Imperfection
 from penode.models.polynomials import Polynomial
+from penode.predictors.one_step import RungeKutta
+from penode.predictors.tableaus import EULER
 from penode.training.covariance import Reported
 from penode.training.loss import Loss, equation, last_step
 from penode.training.plan import Solution
@@ -206,3 +211,97 @@ def test_provenance_names_versions_and_data(oscillator):
     assert set(provenance["data"]) == {"train.csv", "unseen.csv"}
     assert provenance["placement"] == str(Jittered())
     assert provenance["training_time_s"] > 0
+
+
+#: What reports the mean of a plateau, what one horizon says, and what none is sure of.
+CHOICES = {
+    "mean": Choice(1, "plateau", "Because.", (0, 1)),
+    "one": FIXED,
+    "around": Choice(1, "no plateau", "They differ.", (0, 1)),
+}
+
+
+def scaled(name, factor):
+    """Return an imperfection that multiplies a channel."""
+
+    def applied(experiment, number):
+        values = experiment.channels[name] * (1 + factor * number)
+        return replace(experiment, channels={**experiment.channels, name: values})
+
+    return Imperfection(f"gain of {name}", "1 %", "Calibrate.", applied)
+
+
+@pytest.mark.parametrize("choice", CHOICES.values(), ids=CHOICES)
+@pytest.mark.parametrize("assumed", [(), (scaled("u_d", 0.01), scaled("u_q", 0.01))])
+def test_the_covariance_is_that_of_the_deviations_reported(climbed, choice, assumed):
+    values = [np.add(rung.values, [0, 0, 1e-3, -1e-4]) for rung in climbed[1]]
+    values[1] = climbed[1][1].values
+    fit = fit_of(climbed, Start(climbed[0].model, imperfections=assumed), choice, values)
+    deviation = [one.std for one in fit.parameters.values()]
+    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), deviation, rtol=1e-10)
+    np.testing.assert_allclose(fit.covariance, fit.covariance.T, rtol=1e-10)
+    assert np.linalg.eigvalsh(fit.correlation).min() > -1e-12
+    frame = fit.correlation_frame()
+    assert frame.columns == ["parameter", *fit.parameters]
+    np.testing.assert_array_equal(frame.drop("parameter").to_numpy(), fit.correlation)
+    of_resistance = fit.result()["covariance"]["R"]
+    assert of_resistance["psi"] == fit.covariance[2, 3]
+
+
+def test_what_rungs_and_imperfections_move_together_is_correlated(climbed):
+    """Two rungs apart by one vector, and one imperfection, each add a matrix of rank one."""
+    apart, (problem, rungs) = np.array([0, 0, 2e-3, -3e-4]), climbed
+    one = scaled("u_q", 0.05)
+    silent = fit_of(climbed, choice=CHOICES["around"])
+    values = [rungs[1].values + apart, rungs[1].values]
+    wide = fit_of(climbed, choice=CHOICES["around"], values=values)
+    added = (wide.covariance - silent.covariance)[2:, 2:]
+    # Each parameter has weights of its own.
+    assert added[0, 1] == pytest.approx(-np.sqrt(added[0, 0] * added[1, 1]), rel=0.03)
+    moved = fit_of(climbed, Start(problem.model, imperfections=(one,)), CHOICES["around"])
+    rank = np.linalg.svd(moved.covariance - silent.covariance, compute_uv=False)
+    assert rank[1] < 1e-6 * rank[0]
+
+
+def test_what_a_parameter_of_unknown_deviation_shares_is_not_known(climbed):
+    problem, rungs = climbed
+    unsure = np.array([1.0, np.inf, 1.0, 1.0])
+    rungs = [
+        replace(rung, deviation=rung.deviation * unsure, working=rung.working * unsure)
+        for rung in rungs
+    ]
+    known = np.ones((4, 4), dtype=bool)
+    known[1] = known[:, 1] = False
+    fit = fit_of((problem, rungs))
+    np.testing.assert_array_equal(np.isfinite(fit.correlation), known)
+    assert np.isinf(fit.covariance[1, 1])
+
+
+class Leaky(Model):
+    """x' = b u - a x."""
+
+    states: ClassVar[tuple[str, ...]] = ("x",)
+    inputs: ClassVar[tuple[str, ...]] = ("u",)
+    state_units: ClassVar[tuple[str, ...]] = ("V",)
+
+    a: Leaf = physical("1/s")
+    b: Leaf = physical("1/s")
+
+    def derivative(self, x, u):
+        return (self.b * u[0] - self.a * x[0])[None]
+
+
+def test_white_noise_in_every_step_gives_the_covariance_of_linear_regression():
+    step, count, noise, random = 0.01, 6000, 0.01, np.random.default_rng(5)
+    u = 1.0 + np.repeat(random.normal(size=count // 50), 50)
+    x = np.zeros(count)
+    for k in range(count - 1):
+        x[k + 1] = x[k] + step * (2.0 * u[k] - 1.5 * x[k]) + noise * random.normal()
+    plan = replace(ladder_plan((1,)), solver=RungeKutta(EULER), placement=Contiguous())
+    fit = identify(Leaky(1.0, 1.0), [Experiment("run", step, {"x": x, "u": u})], plan=plan)
+    regressors = step * np.stack([-x, u], axis=1)[:-1]
+    wanted = noise**2 * np.linalg.inv(regressors.T @ regressors)
+    np.testing.assert_allclose(fit.covariance, wanted, rtol=0.25)
+    correlation = wanted[0, 1] / np.sqrt(wanted[0, 0] * wanted[1, 1])
+    assert correlation > 0.5
+    assert fit.correlation[0, 1] == pytest.approx(correlation, abs=0.05)

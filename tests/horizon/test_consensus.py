@@ -56,7 +56,7 @@ def test_independent_rungs_are_surer_together():
 
 
 def test_what_a_prior_adds_is_shared_by_all_rungs():
-    rungs = [replace(rung(h, 5.0, 1e-3, white(h)), prior=np.array([0.2])) for h in (1, 4, 16)]
+    rungs = [replace(rung(h, 5.0, 1e-3, white(h)), prior=np.array([[0.04]])) for h in (1, 4, 16)]
     np.testing.assert_allclose(Consensus.of(rungs).deviation, [0.2], rtol=1e-3)
 
 

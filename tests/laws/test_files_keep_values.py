@@ -234,9 +234,12 @@ CHOICES = st.builds(
 @settings(max_examples=40, deadline=None)
 @given(st.data())
 def test_a_fit_comes_back_from_its_folder(oscillator, data):
+    parameters = data.draw(st.dictionaries(TEXT, ESTIMATES, max_size=2))
+    size = len(parameters), len(parameters)
     fit = replace(
         oscillator.fit,
-        parameters=data.draw(st.dictionaries(TEXT, ESTIMATES, max_size=2)),
+        parameters=parameters,
+        covariance=data.draw(arrays_of.arrays(np.float64, size, elements=FLOATS)),
         horizon=data.draw(CHOICES),
         transitions=data.draw(arrays_of.arrays(np.float64, (2, 2, 2), elements=FLOATS)),
         starts=data.draw(arrays_of.arrays(np.float64, 2, elements=FLOATS)),
@@ -249,6 +252,7 @@ def test_a_fit_comes_back_from_its_folder(oscillator, data):
         found = Fit.load(folder)
     given = (
         "parameters",
+        "covariance",
         "horizon",
         "transitions",
         "starts",

@@ -51,6 +51,8 @@ def fit(choice, comparison, spectrum):
             "mass": Estimate(1.018, 0.004, (1.010, 1.026), "kg", 0.9),
             "friction": Estimate(3.2e-3, 1e-4, (3.0e-3, 3.4e-3), "Ns/m"),
         },
+        covariance=np.array([[1.6e-5, 2e-7], [2e-7, 1e-8]]),
+        correlation=np.array([[1.0, 0.5], [0.5, 1.0]]),
         horizon=choice,
         comparisons=(comparison,),
         spectrum=spectrum,

@@ -18,7 +18,7 @@ from penode.training.covariance import (
     bartlett,
     dominated_by_few_windows,
     influence,
-    prior_deviation,
+    prior_covariance,
     sandwich_deviation,
     undetermined,
 )
@@ -230,9 +230,9 @@ def test_a_prior_varies_what_the_data_do_not_determine(rng):
     found = sandwich_deviation(terms, both, series)
     known = noise / np.linalg.norm(matrix @ seen)
     np.testing.assert_allclose(found, [known, spread], rtol=0.15)
-    np.testing.assert_allclose(prior_deviation(terms, across), spread, rtol=1e-6)
-    assert prior_deviation(terms, seen[None])[0] < 0.01 * known
-    np.testing.assert_array_equal(prior_deviation(GaussNewtonTerms(*arguments), both), 0.0)
+    np.testing.assert_allclose(np.diag(prior_covariance(terms, across)), spread**2, rtol=1e-6)
+    assert prior_covariance(terms, seen[None])[0, 0] < (0.01 * known) ** 2
+    np.testing.assert_array_equal(prior_covariance(GaussNewtonTerms(*arguments), both), 0.0)
     assert sandwich_deviation(GaussNewtonTerms(*arguments), across, series) < 1e-6
 
 

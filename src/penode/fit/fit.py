@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from penode.arrays import BoolArray, FloatArray, float64
+from penode.data.experiment import Experiment
 from penode.errors import InputError, require_extra
 from penode.fit.archive import archive, read_archive, to_json
 from penode.fit.learned_uncertainty import LearnedUncertainty
@@ -18,8 +19,11 @@ from penode.fit.outcome import Estimate, HorizonChoice, HorizonSummary
 from penode.fit.result_folder import claimed, digests, replace_together, require_one_result
 from penode.fit.summary import html, text
 from penode.models.base import Model
+from penode.predictors.base import Predictor
 from penode.validation.comparison import Comparison, StationaryComparison, by_recording
 from penode.validation.coverage import supported
+from penode.validation.free_run import compare
+from penode.validation.free_run_deviation import free_run_deviation
 from penode.validation.residual_tests import Correlations, Spectrum
 
 if TYPE_CHECKING:
@@ -62,6 +66,9 @@ class Fit:
         scaled states; infinite where starts are as measured. Empty says so of all.
     learned_uncertainty : LearnedUncertainty
         What `learned_deviation` is computed from.
+    covariance : ndarray, shape (parameter, parameter)
+        Of the physical parameters in the order of `parameters`, SI units; the root of its diagonal
+        is the deviation reported. What a parameter of unknown deviation shares with others is NaN.
     correlations : Correlations
         Of the one-step residual on the first training recording, with itself and with the inputs.
     nuisances : mapping of str to ndarray, shape (recording, ...)
@@ -71,6 +78,8 @@ class Fit:
         estimates: those that are not measured, and all of a model with outputs.
     simulation : Model or None
         The model of the horizon whose free run on the recordings errs least, of the same climb.
+    predictor : Predictor or None
+        Time step, solver and hold; None where the fit is of another method.
     stationary : StationaryComparison or None
         Of points at which nothing changes, beside what the model says of them.
     warnings : tuple of str
@@ -88,10 +97,12 @@ class Fit:
     transitions: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
     starts: FloatArray = field(default_factory=lambda: np.empty(0))
     learned_uncertainty: LearnedUncertainty = field(default_factory=LearnedUncertainty)
+    covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     correlations: Correlations = field(default_factory=Correlations)
     nuisances: Mapping[str, FloatArray] = field(default_factory=dict)
     initial_states: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     simulation: Model | None = None
+    predictor: Predictor | None = None
     stationary: StationaryComparison | None = None
     warnings: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -118,6 +129,18 @@ class Fit:
         from penode.fit.frames import parameters_frame
 
         return parameters_frame(self.parameters)
+
+    def covariance_frame(self) -> "pl.DataFrame":
+        """Return the covariance of the physical parameters by name, a row a parameter, SI units."""
+        from penode.fit.frames import matrix_frame
+
+        return matrix_frame(tuple(self.parameters), self.covariance)
+
+    def correlation_frame(self) -> "pl.DataFrame":
+        """Return the correlations of the physical parameters by name, a row a parameter."""
+        from penode.fit.frames import matrix_frame
+
+        return matrix_frame(tuple(self.parameters), self.correlation)
 
     def ladder_frame(self) -> "pl.DataFrame":
         """Return a row a horizon: parameters with NAME_std, errors, outcome, selected, plateau."""
@@ -186,6 +209,77 @@ class Fit:
         """
         return self.learned_uncertainty.deviation(self.model, np.asarray(points, dtype=np.float64))
 
+    def compare(self, experiment: Experiment) -> Comparison:
+        """Return a recording beside its predictions, with the solver and hold of the training.
+
+        Raises
+        ------
+        InputError
+            If a channel is missing, or the time step is not that of the training.
+        """
+        return compare(self._predicting(), self.model, experiment)
+
+    @staticmethod
+    def compare_models(fits: Mapping[str, "Fit"]) -> "pl.DataFrame":
+        """Return fits of several models to the same recordings side by side, a row a model.
+
+        Columns model; parameters, all numbers that were found from the training recordings, starts
+        included; verdict, horizon; errors (rms) as ROLE_free_run_QUANTITY and
+        ROLE_one_step_QUANTITY, of train and validation, null where there is none; effective_number,
+        bic, bic_above_least. The criterion of Schwarz (Ann. Stat. 6 (1978) 461,
+        doi:10.1214/aos/1176344136), sum_q N_q ln(rms_q^2) + parameters ln(sum_q N_q), is of the
+        free run on the training recordings. N_q are the effective numbers of independent residuals
+        (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8 (1946) 184, doi:10.2307/2983560) of the
+        model that errs least.
+
+        Parameters
+        ----------
+        fits : mapping of str to Fit
+            By the name to be shown.
+
+        Raises
+        ------
+        InputError
+            If there is no fit, or the recordings or quantities differ.
+        """
+        from penode.fit.model_comparison import compare_models
+
+        return compare_models(fits)
+
+    def free_run_deviation(self, experiment: Experiment) -> FloatArray:
+        """Return the standard deviation of a recording's free run, (time, quantity), SI units.
+
+        By linearisation in all parameters, with the joint covariance of which `covariance` is the
+        part of the physical ones, and in the initial states that the run estimates. Infinite where
+        that is not known. The noise of the sensors is not part of it.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            Has the channels that `compare` needs. What every recording has a value of its own of
+            is at the mean over those trained on.
+
+        Raises
+        ------
+        InputError
+            If a channel is missing, or the time step is not that of the training.
+        """
+        predictor = self._predicting()
+        joint = self.learned_uncertainty.joint(self.model, self.covariance)
+        return free_run_deviation(predictor, self.model, experiment, joint)
+
+    def _predicting(self) -> Predictor:
+        if self.predictor is None:
+            raise InputError("the fit must have a predictor, got none; run the identification.")
+        return self.predictor
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlations of the physical parameters, (parameter, parameter); NaN: not known."""
+        deviation = np.sqrt(np.diag(self.covariance))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(self.covariance / np.outer(deviation, deviation))
+
     @property
     def recordings(self) -> tuple[Comparison, ...]:
         """The comparisons, the stretches of a recording as one."""
@@ -208,11 +302,20 @@ class Fit:
             "schema": SCHEMA,
             "horizon": asdict(self.horizon),
             "parameters": {name: asdict(p) for name, p in self.parameters.items()},
+            **self._covariances(),
             **({"initial_states": starts} if starts else {}),
             "metrics": metrics,
             "warnings": list(self.warnings),
             "provenance": dict(self.provenance),
         }
+
+    def _covariances(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Return the covariance by the names of both parameters, where there are two or more."""
+        if len(self.covariance) < 2:
+            return {}
+        rows = zip(self.parameters, self.covariance.tolist(), strict=True)
+        named = {name: dict(zip(self.parameters, row, strict=True)) for name, row in rows}
+        return {"covariance": named}
 
     def save(self, folder: str | Path) -> None:
         """Write ``result.json`` and the reloadable ``fit/`` into a folder.

@@ -1,9 +1,10 @@
 """Results as data frames of polars, in SI units."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import polars as pl
 
+from penode.arrays import FloatArray
 from penode.fit.outcome import Estimate, HorizonChoice
 
 
@@ -21,6 +22,12 @@ def parameters_frame(parameters: Mapping[str, Estimate]) -> pl.DataFrame:
     columns = ("parameter", *numbers, "unit", "identifiability", "meaning")
     schema = {name: kinds.get(name, pl.String) for name in columns}
     return pl.DataFrame(rows, schema=schema, orient="row")
+
+
+def matrix_frame(names: Sequence[str], matrix: FloatArray) -> pl.DataFrame:
+    """Return a row a name of a matrix (name, name): columns parameter, then every name."""
+    columns = dict(zip(names, matrix.T, strict=True))
+    return pl.DataFrame({"parameter": list(names), **columns})
 
 
 def ladder_frame(horizon: HorizonChoice) -> pl.DataFrame:

@@ -10,6 +10,8 @@ from penode.models.base import Model
 from penode.models.layout import Layout
 
 _NONE = np.empty((0, 0))
+#: Eigenvalue over the largest up to which a direction of parameters has no variance.
+_NO_VARIANCE = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,39 @@ class LearnedUncertainty:
         middle = np.tensordot(self.weights, maps, axes=1)
         spread = np.tensordot(self.weights, (maps - middle) ** 2, axes=1).T
         return np.asarray(np.sqrt(np.maximum(variance, 0.0) + spread))
+
+    def joint(self, model: Model, reported: FloatArray) -> FloatArray:
+        """Return the covariance of all raw parameters, (parameter, parameter).
+
+        That of the physical parameters is as reported (physical, physical), SI units. All others
+        follow them as at the selected horizon, beside what of their own variance does not go with
+        them. To it belongs what agreeing horizons differ by where maps are linear in their
+        parameters; those of a network at two horizons are not comparable.
+        """
+        layout: Layout[Model] = Layout(model)
+        known = np.isfinite(reported).all() and np.isfinite(self.covariance).all()
+        if not known or len(reported) != layout.physical_members.sum():
+            return np.full((layout.size, layout.size), np.inf)
+        covariance, ours = self.covariance, layout.physical_members
+        if layout.linear_members[~ours].all():
+            gap = self.agreeing - self.weights @ self.agreeing
+            covariance = covariance + (self.weights * gap.T) @ gap
+        with float64():
+            slopes = np.asarray(_physical_slopes(model, on_device(layout.raw(model))))
+        inverse = np.linalg.inv(slopes[:, ours])
+        within = covariance[np.ix_(ours, ours)]
+        follow = covariance[:, ours] @ np.linalg.pinv(within, rcond=_NO_VARIANCE, hermitian=True)
+        follow[ours] = np.eye(ours.sum())
+        change = inverse @ reported @ inverse.T - within
+        return np.asarray(covariance + follow @ change @ follow.T)
+
+
+@jax.jit
+def _physical_slopes(like: Model, raw: JaxArray) -> JaxArray:
+    """Return d(physical)/d(raw), (physical, parameter); of `like` only the structure counts."""
+    layout: Layout[Model] = Layout(like)
+    slopes: JaxArray = jax.jacfwd(lambda raw: layout.physical_values(layout.values(raw)))(raw)
+    return slopes
 
 
 @jax.jit

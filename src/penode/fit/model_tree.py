@@ -122,7 +122,7 @@ def _restorable_class(reference: str, trust: bool) -> type:
             f"{module_name}.py, or add that folder to PYTHONPATH."
         ) from error
     model = isinstance(target, type) and issubclass(target, eqx.Module)
-    record = own and isinstance(target, type) and is_dataclass(target)
+    record = isinstance(target, type) and is_dataclass(target)
     if not (model or record):
         raise InputError(
             f"the saved fit names {reference}, which is no model; it was not written by penode."

@@ -84,9 +84,11 @@ class Assembly:
             starts=self._starts,
             learned_uncertainty=self._uncertainty(),
             initial_states=initial_states(self.problem, self._raw, self._covariance, seen),
+            covariance=self._joint,
             correlations=residual_correlations(comparisons[shown], whole[shown], model.inputs),
             nuisances=self._nuisances(),
             simulation=self._model(self.rungs[best_in_free_run(self.rungs)].solution.raw),
+            predictor=predictor,
             warnings=self._warnings(comparisons),
             provenance=provenance,
         )
@@ -198,19 +200,35 @@ class Assembly:
             for k, name in enumerate(self.names)
         }
 
+    @cached_property
+    def _parts(self) -> Mapping[str, FloatArray]:
+        """What the data show of the physical parameters' covariance, by source."""
+        if not self.plan.discrepancy:
+            return self._consensus.parts
+        left_out = what_is_left_out(self.problem, self.plan, self.rungs, self.choice.index)
+        return {**self._consensus.parts, LEFT_OUT: left_out}
+
+    @cached_property
+    def _moved(self) -> FloatArray:
+        """What each imperfection moves the physical parameters by, (imperfection, physical)."""
+        chosen = self.rungs[self.choice.index]
+        slopes = self.problem.reported.jacobian(chosen.solution.raw)[: len(self.names)]
+        return np.nan_to_num(self._shifts @ slopes.T, nan=np.inf)
+
+    @property
+    def _joint(self) -> FloatArray:
+        """Covariance of the physical parameters as reported, (physical, physical), SI units."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(sum(self._parts.values()) + self._moved.T @ self._moved)
+
     def _budgets(self) -> list[tuple[Contribution, ...]]:
         """Return the uncertainty budget of every physical parameter."""
-        chosen, problem = self.rungs[self.choice.index], self.problem
-        parts = self._consensus.parts
-        if self.plan.discrepancy:
-            left_out = what_is_left_out(problem, self.plan, self.rungs, self.choice.index)
-            parts = {**parts, LEFT_OUT: left_out}
-        slopes = problem.reported.jacobian(chosen.solution.raw)[: len(self.names)]
+        shown = {source: np.sqrt(np.diag(part)) for source, part in self._parts.items()}
         return [
             budget(
-                {source: float(part[k]) for source, part in parts.items()},
+                {source: float(part[k]) for source, part in shown.items()},
                 self.start.imperfections,
-                self._shifts @ slopes[k],
+                self._moved[:, k],
             )
             for k in range(len(self.names))
         ]

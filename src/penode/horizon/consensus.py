@@ -13,8 +13,8 @@ from scipy.special import chdtri
 from penode.arrays import FloatArray
 from penode.fit.outcome import AVERAGED
 from penode.horizon.ladder import HorizonFit
-from penode.horizon.selection import Choice, weighted_deviation
-from penode.training.covariance import bartlett
+from penode.horizon.selection import Choice, weighted_covariance
+from penode.training.covariance import bartlett, with_deviations
 from penode.training.gauss_newton_terms import FLAT, inverse_normal
 from penode.training.plan import DIVERGED, Optimiser, Problem
 from penode.training.second_order import LevenbergMarquardt
@@ -48,8 +48,8 @@ _UNSURE = 1e100
 class Consensus:
     """Physical parameters (SI) as rungs give them together, or as one gives them among them.
 
-    `parts` are deviations by what they come from; their squares add. Statistics are infinite where
-    most of the weight is on rungs that do not know their own deviation.
+    `parts` are covariances (physical, physical) by what they come from; they add. Statistics have
+    an infinite variance where most of the weight is on rungs that do not know their own deviation.
     """
 
     values: FloatArray
@@ -60,7 +60,7 @@ class Consensus:
     @property
     def deviation(self) -> FloatArray:
         """Deviations of the means, shape (physical,), SI units."""
-        return np.sqrt(np.sum([part**2 for part in self.parts.values()], axis=0))
+        return np.sqrt(np.sum([np.diag(part) for part in self.parts.values()], axis=0))
 
     @classmethod
     def of(cls, rungs: Sequence[HorizonFit]) -> "Consensus":
@@ -73,16 +73,18 @@ class Consensus:
         """
         values, weights = _weighed(rungs)
         middle, spread = _middle(values, weights)
-        priors = np.stack([np.broadcast_to(rung.prior, middle.shape) for rung in rungs])
         finite = np.isfinite([rung.deviation[: values.shape[1]] for rung in rungs])
         sure = np.sum(weights * finite, axis=0) >= _MOST
-        statistics = np.where(sure, weighted_deviation(rungs, weights), np.inf)
-        horizon, prior = np.sqrt(_BIAS) * spread, np.sum(weights * priors, axis=0)
-        shown = statistics**2 + horizon**2 + prior**2
-        finest = np.sqrt(np.maximum((_FINEST * middle) ** 2 - shown, 0.0))
-        return cls(
-            middle, {STATISTICS: statistics, HORIZON: horizon, PRIOR: prior, NUMERICS: finest}
-        )
+        statistics = weighted_covariance(rungs, weights)
+        deviation = np.where(sure, np.sqrt(np.diag(statistics)), np.inf)
+        parts = {
+            STATISTICS: with_deviations(statistics, deviation),
+            HORIZON: _BIAS * spread,
+            PRIOR: _shared_prior(rungs, weights),
+        }
+        shown = np.sum([np.diag(part) for part in parts.values()], axis=0)
+        finest = np.maximum((_FINEST * middle) ** 2 - shown, 0.0)
+        return cls(middle, {**parts, NUMERICS: np.diag(finest)})
 
     def off_the_valley(self, chosen: HorizonFit) -> bool:
         """Return whether the means are outside the joint region of a rung they are means of.
@@ -92,10 +94,10 @@ class Consensus:
         """
         gap = self.values - chosen.values[: len(self.values)]
         covariance = bartlett(chosen.influence, chosen.series.lags)
-        priors = np.broadcast_to(chosen.prior, gap.shape)
-        own = np.sqrt(np.diag(covariance) + priors**2)
+        priors = np.diag(np.broadcast_to(chosen.prior, covariance.shape))
+        own = np.sqrt(np.diag(covariance) + priors)
         used = np.isfinite(own) & (own > 0)
-        joint = covariance[np.ix_(used, used)] + np.diag(priors[used] ** 2)
+        joint = covariance[np.ix_(used, used)] + np.diag(priors[used])
         scaled = joint / np.outer(own[used], own[used])
         distance = gap[used] / own[used]
         squared = distance @ np.linalg.pinv(scaled, rcond=FLAT, hermitian=True) @ distance
@@ -107,7 +109,8 @@ class Consensus:
         values, weights = _weighed(rungs)
         _, spread = _middle(values, weights)
         physical = values.shape[1]
-        statistics = chosen.deviation[:physical]
+        own = bartlett(chosen.influence, chosen.series.lags) + chosen.prior
+        statistics = with_deviations(own, chosen.deviation[:physical])
         parts = {STATISTICS: statistics, HORIZON: spread}
         return cls(chosen.values[:physical], parts, mean=False)
 
@@ -134,9 +137,20 @@ def _weighed(rungs: Sequence[HorizonFit]) -> tuple[FloatArray, FloatArray]:
 
 
 def _middle(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the weighted means and deviations, both (physical,), of values (rung, physical)."""
+    """Return weighted means (physical,) and covariance about them of values (rung, physical)."""
     middle = np.sum(weights * values, axis=0)
-    return middle, np.sqrt(np.sum(weights * (values - middle) ** 2, axis=0))
+    apart = np.sqrt(weights) * (values - middle)
+    return middle, apart.T @ apart
+
+
+def _shared_prior(rungs: Sequence[HorizonFit], weights: FloatArray) -> FloatArray:
+    """Return what one belief adds to the covariance of weighted means: deviations add."""
+    size = weights.shape[1], weights.shape[1]
+    priors = np.stack([np.broadcast_to(rung.prior, size) for rung in rungs])
+    own = np.sqrt(np.maximum(np.diagonal(priors, axis1=1, axis2=2), 0.0))
+    root = np.sqrt(weights)
+    together = np.sum(root[:, :, None] * priors * root[:, None, :], axis=0)
+    return with_deviations(together, np.sum(weights * own, axis=0))
 
 
 def map_weights(rungs: Sequence[HorizonFit]) -> FloatArray:

@@ -40,37 +40,37 @@ _ROUNDS = 2
 def what_is_left_out(
     problem: LadderProblem, plan: Plan, rungs: Sequence[HorizonFit], chosen: int
 ) -> FloatArray:
-    """Return what a discrepancy adds to the deviations of physical parameters, (physical,).
+    """Return what a discrepancy adds to the physical parameters' covariance, SI units.
 
-    It is looked for at the last rung up to the chosen one whose windows are enough to show how
-    their residuals vary.
+    Shape (physical, physical). It is looked for at the last rung up to the chosen one whose windows
+    are enough to show how their residuals vary.
     """
     physical = len(problem.objective.layout.physical)
+    nothing = np.zeros((physical, physical))
     if len(rungs) > 1 and not _error_grows(problem, rungs):
-        return np.zeros(physical)
+        return nothing
     rungs = rungs[: chosen + 1]
     enough = [k for k, rung in enumerate(rungs) if _many_windows(rung)]
     if not enough:
-        return np.zeros(physical)
+        return nothing
     rung, stage = rungs[enough[-1]], plan.stages[enough[-1]]
     beside = _Beside.of(problem, rung, stage)
     if beside is None:
-        return np.zeros(physical)
+        return nothing
     terms = beside.problem.gauss_newton(beside.raw)
     if not terms.finite:
-        return np.zeros(physical)
+        return nothing
     data = Information.of(terms, beside.left_over, ScoreSeries.of_windows(rung.windows))
     rows = beside.most_likely(data)
     if rows is None:
-        return np.zeros(physical)
+        return nothing
     covariance = np.linalg.inv(data.matrix + rows.slopes.T @ rows.slopes)
     others = ~beside.left_over
     inverse = inverse_normal(terms.normal[others][:, others])
     slopes = beside.problem.reported_jacobian(beside.raw)[:physical][:, others]
     follow = slopes @ inverse @ terms.normal[others][:, ~others]
     shift = follow @ covariance @ data.slope
-    variance = np.einsum("pi,ij,pj->p", follow, covariance, follow)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0) + shift**2))
+    return np.asarray(follow @ covariance @ follow.T + np.outer(shift, shift))
 
 
 def _error_grows(problem: LadderProblem, rungs: Sequence[HorizonFit]) -> bool:

@@ -14,11 +14,11 @@ from penode.fit.fit import unused
 from penode.fit.outcome import Estimate
 from penode.horizon.ladder import LadderProblem
 from penode.models.measured import free_states
-from penode.training.covariance import ScoreSeries
 from penode.training.gauss_newton_terms import flat_directions, inverse_normal
 from penode.training.loss import Loss
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
 from penode.training.sensitivities import Columns, Recursion
+from penode.validation.autocovariance import score_covariance
 from penode.validation.comparison import Comparison
 from penode.validation.free_run import scale_of_errors, with_unmeasured
 
@@ -83,13 +83,7 @@ def _deviation(
     """
     normal = np.einsum("qft,qgt->fg", own, own)
     inverse = inverse_normal(normal)
-    noise, lags = np.zeros_like(normal), ScoreSeries.of_samples(residual).bandwidth
-    samples = residual.shape[1]
-    for lag in range(min(lags, samples)):
-        early, late = slice(0, samples - lag), slice(lag, samples)
-        gamma = residual[:, early] @ residual[:, late].T / samples
-        part = np.einsum("qft,qr,rgt->fg", own[..., early], gamma, own[..., late])
-        noise += (1 - lag / lags) * (part if lag == 0 else part + part.T)
+    noise = score_covariance(own, residual)
     follow = inverse @ mixed
     variance = np.diag(inverse @ noise @ inverse + follow @ covariance @ follow.T)
     unseen = np.linalg.norm(flat_directions(normal), axis=1) > _UNSEEN

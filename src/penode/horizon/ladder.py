@@ -22,7 +22,7 @@ from penode.training.covariance import (
     ScoreSeries,
     dominated_by_few_windows,
     influence,
-    prior_deviation,
+    prior_covariance,
     sandwich_deviation,
     undetermined,
 )
@@ -114,8 +114,8 @@ class HorizonFit:
     predictor : Predictor
     model : Model
         With the rung's parameters.
-    prior : ndarray, shape (physical,), or 0
-        Deviation of each physical parameter that Gaussian priors add, SI units.
+    prior : ndarray, shape (physical, physical), or 0
+        Covariance of the physical parameters that Gaussian priors add, SI units.
     reasons : tuple of str
         Why the deviation of each physical parameter is not known; empty where it is.
     free_run : ndarray, shape (state,), or None
@@ -338,7 +338,7 @@ class LadderProblem:
             series=series,
             predictor=self.objective.predictor,
             model=model,
-            prior=prior_deviation(solution.terms, of_physical),
+            prior=prior_covariance(solution.terms, of_physical),
             reasons=reasons,
             objective=problem.objective,
         )

@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from penode.arrays import BoolArray, FloatArray
 from penode.horizon.ladder import Climb, HorizonFit
-from penode.training.covariance import bartlett_variance
+from penode.training.covariance import bartlett, bartlett_variance
 from penode.training.plan import Plan
 
 #: Runs whose least errors are within this factor are equally sure. Runs disagree, so that one of
@@ -206,15 +206,27 @@ def paired_deviation(a: HorizonFit, b: HorizonFit) -> FloatArray:
 def weighted_deviation(rungs: Sequence[HorizonFit], weights: FloatArray) -> FloatArray:
     """Return the deviation of a weighted sum of rungs' physical parameters, (physical,), SI units.
 
-    Influences are summed over bins of time by their place, and their weighted sum, by weights
-    (rung, physical or 1), is one autocorrelated series: what the rungs share counts as shared.
+    Weights are (rung, physical or 1).
+    """
+    return np.sqrt(bartlett_variance(*_weighted_influence(rungs, weights)))
+
+
+def weighted_covariance(rungs: Sequence[HorizonFit], weights: FloatArray) -> FloatArray:
+    """Return the covariance of the same sum, (physical, physical), SI units."""
+    return bartlett(*_weighted_influence(rungs, weights))
+
+
+def _weighted_influence(rungs: Sequence[HorizonFit], weights: FloatArray) -> tuple[FloatArray, int]:
+    """Return the weighted sum of rungs' influences, (physical, bin), and its bandwidth in bins.
+
+    Influences are summed over bins of time by their place, and their weighted sum is one
+    autocorrelated series: what the rungs share counts as shared.
     """
     width = max(rungs[0].series.samples // 1000, 16)
     longest = max(rung.series.bandwidth for rung in rungs)
     binned = np.stack([rung.series.binned(rung.influence, width) for rung in rungs])
     series = np.sum(weights[..., None] * binned, axis=0)
-    bandwidth = longest // width + 1
-    return np.sqrt(bartlett_variance(series, bandwidth))
+    return np.asarray(series), longest // width + 1
 
 
 def _runs(agreeing: set[tuple[int, int]], count: int) -> list[tuple[int, ...]]:

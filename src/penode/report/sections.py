@@ -21,6 +21,7 @@ from penode.report.statements import (
     spectrum_title,
 )
 from penode.report.tables import (
+    correlation_table,
     ladder_table,
     measured_states,
     parameter_table,
@@ -67,8 +68,13 @@ def parameters(fit: Fit) -> Section | None:
         "Parameters over the horizon",
         "At a short horizon unmodelled ripple and sensor noise can bias a parameter; a longer one "
         "averages them out. The right value is the one neighbouring horizons agree on.",
-        [parameter_table(fit), *figures],
+        [parameter_table(fit), *correlations_of(fit), *figures],
     )
+
+
+def correlations_of(fit: Fit) -> list[Block]:
+    """Return the table of the parameters' correlations, where there are two or more."""
+    return [correlation_table(fit)] if len(fit.covariance) > 1 else []
 
 
 def learned_maps(fit: Fit) -> Section | None:

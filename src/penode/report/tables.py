@@ -70,6 +70,21 @@ def parameter_table(fit: Fit) -> Table:
     return table("Physical parameters", columns, caption)
 
 
+def correlation_table(fit: Fit) -> Table:
+    """Tabulate how the errors of the physical parameters go together."""
+    names = tuple(fit.parameters)
+    columns: list[Column] = [("parameter", names)]
+    columns += [
+        (name, [numeric(fixed(one, 2), one) for one in column])
+        for name, column in zip(names, fit.correlation.T.tolist(), strict=True)
+    ]
+    caption = (
+        "Correlations of what the deviations above are of: statistics, spread over the horizons "
+        "and what was assumed of the sensors. A dash: not known."
+    )
+    return table("Correlations of the parameters", columns, caption)
+
+
 def _parameter_cells(name: str, estimate: Estimate) -> tuple[Cell | str, ...]:
     scale = scale_for([estimate.value], estimate.unit)
     value, std = _scaled(estimate.value, estimate.std, scale.factor)

@@ -1,6 +1,5 @@
 """Uncertainty under autocorrelated residuals: the HAC sandwich and the influence of each window."""
 
-import math
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -24,14 +23,12 @@ from penode.training.gauss_newton_terms import (
     flat_directions,
     marquardt_scale,
 )
+from penode.validation.autocovariance import bandwidth_of
 
 #: Length of the recordings, in HAC bandwidths, below which no deviation is given, and up to which
 #: the quantiles of a normal distribution leave out too much (N. M. Kiefer and T. J. Vogelsang,
 #: Econom. Theory 21 (2005) 1130, doi:10.1017/S0266466605050565: 2.3 in place of 1.96 at 10).
 LEAST_BANDWIDTHS, _MANY_BANDWIDTHS = 5, 10
-
-#: Most correlation from a sample to the next that a bandwidth is made for.
-_MOST_ALIKE = 0.97
 
 #: Part of a quantity along flat directions up to which the data determine it.
 _SEEN = 1e-3
@@ -87,17 +84,10 @@ class ScoreSeries:
         """Return that of influences by sample, (quantity, sample).
 
         Measurement noise is white, and a wide bandwidth costs degrees of freedom; what a model
-        leaves out is correlated for long. So the bandwidth is that of Andrews for a series of the
-        first order (Econometrica 59 (1991) 817, doi:10.2307/2938229), at least samples^(1/3).
+        leaves out is correlated for long. So the bandwidth is what the series themselves ask for.
         """
         samples = series.shape[1]
-        series = np.nan_to_num(series)
-        power = np.sum(series[:, :-1] ** 2, axis=1)
-        along = np.sum(series[:, 1:] * series[:, :-1], axis=1)
-        rho = np.clip(along / np.maximum(power, 1e-300), 0.0, _MOST_ALIKE)
-        wanted = 1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * samples) ** (1 / 3)
-        longest = float(np.max(wanted, initial=samples ** (1 / 3)))
-        return cls(np.arange(samples), samples, math.ceil(longest))
+        return cls(np.arange(samples), samples, bandwidth_of(series))
 
     @property
     def long_enough(self) -> bool:
@@ -212,9 +202,30 @@ def sandwich_deviation(
         return np.asarray(np.sqrt(variance + _prior_variance(terms, along)))
 
 
-def prior_deviation(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:
-    """Return what Gaussian priors add to the deviations, shape (reported,); no window shows it."""
-    return np.sqrt(_prior_variance(terms, jacobian @ terms.inverse))
+def prior_covariance(terms: GaussNewtonTerms, jacobian: FloatArray) -> FloatArray:
+    """Return what Gaussian priors add to the covariance, (reported, reported), SI units.
+
+    No window shows it.
+    """
+    along = jacobian @ terms.inverse
+    if not isinstance(terms.prior, np.ndarray):
+        return np.zeros((len(along), len(along)))
+    return np.asarray(along @ terms.prior @ along.T)
+
+
+def with_deviations(covariance: FloatArray, deviation: FloatArray) -> FloatArray:
+    """Return the covariance of these deviations, (quantity,), with the correlations of another.
+
+    Where a deviation is infinite, what it shares with others is not known: NaN.
+    """
+    own = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    ratio = np.divide(deviation, own, out=np.zeros_like(own), where=own > 0)
+    with np.errstate(invalid="ignore"):
+        scaled = covariance * np.outer(ratio, ratio)
+    unknown = ~np.isfinite(deviation)
+    scaled[unknown | unknown[:, None]] = np.nan
+    np.fill_diagonal(scaled, deviation**2)
+    return np.asarray(scaled)
 
 
 def _prior_variance(terms: GaussNewtonTerms, along: FloatArray) -> FloatArray:

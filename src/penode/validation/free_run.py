@@ -104,7 +104,7 @@ def compare(
         if freed:
             start = _estimated_start(predictor, batched, (start, measured, padded), freed)
         samples = len(experiment) - predictor.past
-        run = np.asarray(_free_run(predictor, batched, start, padded, samples))[:, :samples]
+        run = np.asarray(run_freely(predictor, batched, start, padded, samples))[:, :samples]
         first = np.asarray(start)[::-1].T
         one_step, free_run = (
             _predicted(batched, np.concatenate([first, after], axis=1), inputs)
@@ -247,7 +247,7 @@ def _ahead(
 
 
 @partial(jax.jit, static_argnums=0)
-def _free_run(
+def run_freely(
     predictor: Predictor, model: Model, start: JaxArray, inputs: JaxArray, samples: JaxArray
 ) -> JaxArray:
     """Predict as many samples from the states (past, state) before them; zeros after (state, N)."""
@@ -333,7 +333,7 @@ def _from_free(
     Its free rows are given; the first column is the state's own.
     """
     start = first.at[np.array(freed)].set(free)[None]
-    run = _free_run(predictor, model, start, *drive)
+    run = run_freely(predictor, model, start, *drive)
     path = jnp.concatenate([start.T, run[:, :-1]], axis=1)
     return predicted_outputs(model, path, Inputs(drive[0][: len(model.inputs)], model.inputs))
 

@@ -148,6 +148,8 @@ def machine_fit(choice=None, comparisons=None, warnings=(), **provenance):
             ),
             "dead_time_voltage": Estimate(1.984, 0.031, (1.923, 2.045), "V", 0.91),
         },
+        covariance=np.array([[7.4e-9, 8e-7], [8e-7, 9.6e-4]]),
+        correlation=np.array([[1.0, 0.3], [0.3, 1.0]]),
         horizon=choice or answered(),
         excited=trajectory(4000, 2e-4)[1],
         comparisons=comparisons,
