@@ -42,7 +42,8 @@ def test_whole_microseconds_become_the_nearest_number():
         ("RPM", "rpm"),
         ("-", "1"),
         ("MV", None),
-        ("Nm", None),
+        ("Nm", "Nm"),
+        ("lx", None),
         ("", None),
     ],
 )

@@ -114,6 +114,11 @@ def along_the_current(term, run, psi):
     return term.directed_voltage * i / np.sqrt((i**2).sum(0) + term.fade**2)
 
 
+def mean_dead_time(term, run, psi):
+    i = run.stack(("i_d", "i_q")).T
+    return term.inverter_voltage * i / np.hypot(np.hypot(*i), term.knee_current or 1e-9)
+
+
 def warm_resistance(term, run, psi):
     factor = 1 + term.alpha * (run.channels["winding_temperature"] - 20.0)
     return term.R * factor * run.stack(("i_d", "i_q")).T
@@ -129,6 +134,7 @@ FORMULAS = {
     "junctions": dead_time_in_numpy,
     "rotation": lambda _, run, psi: run.channels["omega_el"] * np.stack([-psi[1], psi[0]]),
     "mean dead time": along_the_current,
+    "mean_dead_time": mean_dead_time,
 }
 
 

@@ -147,7 +147,7 @@ class DriveMapping:
     def is_table_of_points(self, table: Table) -> bool:
         """Return whether a file has what operating points have, and no time."""
         named = {name: one.origin.column for name, one in self.channels.items()}
-        timed = named.get(TIME, TIME) in table.columns or bool(table.clocks)
+        timed = TIME in named or TIME in table.columns or bool(table.clocks)
         return not timed and all(named.get(n, n) in table.columns for n in OF_POINTS)
 
     def stretches_of(
