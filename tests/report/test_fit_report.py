@@ -71,7 +71,7 @@ def test_the_heading_has_every_parameter(text, oscillator):
     assert re.fullmatch(rf"Mass = [\d.]+{GAP}kg and .*|mass = .*", title)
     for name, estimate in oscillator.fit.parameters.items():
         assert name in title
-        assert f'<data value="{estimate.value!r}">' in text
+        assert f'<data value="{estimate.value:.12g}">' in text
 
 
 def test_errors_have_the_unit_of_their_state(text, oscillator):

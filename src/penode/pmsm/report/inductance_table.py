@@ -71,9 +71,7 @@ def _cells(values: FloatArray, factor: float = 1.0) -> list[Cell | str]:
     shown = values * factor
     largest = float(np.abs(shown[np.isfinite(shown)]).max(initial=0.0))
     decimals = max(decimals_for(0.0, largest) - 1, 0)
-    # Twelve digits: a fit that was saved gives the same page to the last of them.
-    known = [float(f"{value:.12g}") for value in values]
-    pairs = zip(shown.tolist(), known, strict=True)
+    pairs = zip(shown.tolist(), values.tolist(), strict=True)
     return [numeric(fixed(text, decimals), value) for text, value in pairs]
 
 
