@@ -65,7 +65,7 @@ def identify(
         and as many sub-steps as leave the estimate where it is (16 at most).
     purpose : str or Selector
         What the horizon is chosen for: ``"parameters"`` (Lepski's plateau), ``"simulation"`` or
-        ``"one_step"`` (the shortest that predicts as well as any, `penode.engine.HeldOut`), or a
+        ``"one_step"`` (the horizon that predicts best, `penode.engine.HeldOut`), or a
         rule of your own.
     validation : sequence of Experiment
         Recordings that are predicted but not trained on.

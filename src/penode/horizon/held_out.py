@@ -1,4 +1,4 @@
-"""Selection by prediction: the shortest horizon whose errors are as low as any."""
+"""Selection by prediction: the horizon whose errors are least."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,20 +17,22 @@ from penode.validation.free_run import compare, look_ahead
 
 #: The look-ahead of a simulation of the whole recording.
 FREE_RUN = 0
-#: Logarithm of the factor between errors that does not matter.
-_NEGLIGIBLE = 0.01
-#: Stretches of time a single recording is judged by.
+#: Logarithm of the factor within which errors are equal.
+EQUAL = 1e-6
+#: Stretches of time by which chance is judged where there is a single recording.
 _STRETCHES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """The shortest horizon that predicts as well as the best, within one standard error or 1 %.
+    """The horizon that predicts best, the shorter of two that are equal.
 
-    A rung's score is its logarithmic root mean squared error, averaged over look-aheads and
-    regimes: the recordings, or eight stretches of a single one. Never random samples, which would
-    be predicted by their neighbours. The one-standard-error rule is that of Breiman et al.,
-    Classification and Regression Trees, 1984.
+    A rung's error is the geometric mean, over states, look-aheads and recordings, of root mean
+    squares. No tolerance: a shorter horizon is no simpler model, and 1 % of an error that is mostly
+    noise is 14 % of the noise in what the model adds. The rungs that agree with the choice are
+    those whose error is not above it by more than one standard error over the regimes: the
+    recordings, or eight stretches of a single one. Never random samples, which would be predicted
+    by their neighbours.
 
     Attributes
     ----------
@@ -45,40 +47,33 @@ class HeldOut:
 
     def select(self, rungs: Sequence[HorizonFit]) -> Choice:
         """Return the choice among rungs, shortest horizon first."""
-        scores = np.stack([self.scores(rung) for rung in rungs])
-        mean = scores.mean(axis=1)
+        errors = [self.squared_errors(rung) for rung in rungs]
+        mean = np.array([_logarithms(each).mean() for each in errors])
         if not np.isfinite(mean).any():
             reason = "Every horizon's prediction diverges somewhere; check the model's map."
             return Choice(len(rungs) - 1, "no plateau", reason, tuple(range(len(rungs))))
-        best = int(np.argmin(mean))
-        excess = scores - scores[best]
+        best = int(np.argmax(mean <= mean.min() + EQUAL))
+        regimes = np.stack([_logarithms(_in_regimes(each)) for each in errors])
+        excess = regimes - regimes[best]
         with np.errstate(invalid="ignore"):  # a rung that diverges has no deviation
-            chance = excess.std(axis=1, ddof=1) / np.sqrt(scores.shape[1])
-        within = excess.mean(axis=1) <= np.maximum(chance, _NEGLIGIBLE)
-        index = int(np.argmax(within | (np.arange(len(rungs)) == best)))
-        agreeing = tuple(int(k) for k in np.flatnonzero(within | (mean == mean[best])))
-        chosen, lowest = rungs[index].horizon, rungs[best].horizon
+            chance = excess.std(axis=1, ddof=1) / np.sqrt(regimes.shape[1])
+            within = (excess.mean(axis=1) <= chance) | (mean == mean[best])
+        agreeing = tuple(int(k) for k in np.flatnonzero(within))
         what = " and ".join(_named(steps) for steps in self.look_aheads)
-        reason = (
-            f"H = {chosen} is the shortest whose error in {what} is not above the lowest (H = "
-            f"{lowest}) by more than chance or 1 %."
-        )
-        return Choice(index, "predicts best", reason, agreeing)
+        others = ", ".join(str(rungs[k].horizon) for k in agreeing if k != best)
+        beside = f"; above it by no more than chance: H = {others}" if others else ""
+        reason = f"H = {rungs[best].horizon} has the least error in {what}{beside}."
+        return Choice(best, "predicts best", reason, agreeing)
 
-    def scores(self, rung: HorizonFit) -> FloatArray:
-        """Return the mean logarithmic error of a rung in each regime, shape (regime,)."""
-        each = [
+    def squared_errors(self, rung: HorizonFit) -> list[FloatArray]:
+        """Return each recording's squared errors of a rung, (look-ahead, time, state)."""
+        return [
             np.stack([self._squares(rung, experiment, steps) for steps in self.look_aheads])
             for experiment in self.experiments
         ]
-        if len(each) == 1:
-            each = np.array_split(each[0], _STRETCHES, axis=1)
-        with np.errstate(divide="ignore", over="ignore"):
-            logs = [0.5 * np.log(squares.mean(axis=1)).mean() for squares in each]
-        return np.asarray(np.nan_to_num(logs, nan=np.inf))
 
     def _squares(self, rung: HorizonFit, experiment: Experiment, steps: int) -> FloatArray:
-        """Return the squared error of each sample (time,), states over their deviations."""
+        """Return the squared errors of each sample, (time, state)."""
         model, predictor = rung.model, rung.predictor
         if steps == FREE_RUN or free_states(model):
             seen = compare(predictor, model, experiment)
@@ -94,8 +89,19 @@ class HeldOut:
                 predicted = look_ahead(predictor, batched, states, inputs, steps)
                 measured, ahead = np.asarray(states).T[predictor.past :], np.asarray(predicted).T
         with np.errstate(invalid="ignore", over="ignore"):
-            gap = (measured - ahead) / measured.std(axis=0)
-            return np.asarray(np.sum(gap**2, axis=1))
+            return np.asarray((measured - ahead) ** 2)
+
+
+def _in_regimes(each: list[FloatArray]) -> list[FloatArray]:
+    """Return squared errors in regimes: the recordings, or stretches of a single one."""
+    return each if len(each) > 1 else np.array_split(each[0], _STRETCHES, axis=1)
+
+
+def _logarithms(each: list[FloatArray]) -> FloatArray:
+    """Return the mean logarithm of root mean squares, (regime,), of (look-ahead, time, state)."""
+    with np.errstate(divide="ignore", over="ignore"):
+        logs = [0.5 * np.log(squares.mean(axis=1)).mean() for squares in each]
+    return np.asarray(np.nan_to_num(logs, nan=np.inf, posinf=np.inf))
 
 
 def _named(steps: int) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.fit.outcome import AVERAGED, NORMAL_95
 from penode.horizon.consensus import Consensus
+from penode.horizon.held_out import EQUAL
 from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import Choice
 from penode.models.layout import Layout
@@ -26,7 +27,8 @@ def best_in_free_run(rungs: Sequence[HorizonFit]) -> int:
 
     No tolerance: 1 % of an error that is mostly noise is 14 % of the noise in what the model adds.
     """
-    return int(np.argmin(_free_run_errors(rungs)))
+    errors = _free_run_errors(rungs)
+    return int(np.argmax(errors <= (1.0 + EQUAL) * errors.min()))
 
 
 def confirmed(choice: Choice, rungs: Sequence[HorizonFit]) -> Choice:
