@@ -106,13 +106,25 @@ def test_the_least_error_is_taken_though_another_is_within_chance_of_it():
     assert choice.index == 3
     assert choice.agreeing == (1, 3)
     assert choice.reason == (
-        "H = 8 has the least error in one step and 10 steps and free run; above it by no more than "
-        "chance: H = 2."
+        "H = 8 has the least error in one step and 10 steps and free run; H = 2 errs more by no "
+        "more than chance."
     )
 
 
 def test_a_rung_that_diverges_in_one_recording_is_not_taken():
     assert selected([-9.0, np.inf, -9.0, -9.0], np.zeros(4)).index == 1
+    assert selected([np.inf], [np.inf]).verdict == "no plateau"
+
+
+def test_a_state_without_error_does_not_decide():
+    """A current that is zero throughout, at standstill, is predicted exactly at every horizon."""
+
+    class TwoStates(HeldOut):
+        def squared_errors(self, rung):
+            return [np.stack([np.zeros(80), np.full(80, 1.0 / rung.horizon)], axis=1)[None]]
+
+    choice = TwoStates((), (FREE_RUN,)).select([SimpleNamespace(horizon=h) for h in (1, 2)])
+    assert (choice.index, choice.agreeing) == (1, (1,))
 
 
 def test_a_single_recording_is_judged_as_a_whole_and_agreement_by_stretches():

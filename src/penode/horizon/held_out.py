@@ -17,8 +17,8 @@ from penode.validation.free_run import compare, look_ahead
 
 #: The look-ahead of a simulation of the whole recording.
 FREE_RUN = 0
-#: Logarithm of the factor within which errors are equal.
-EQUAL = 1e-6
+#: Logarithm of the factor within which errors are equal, and the least mean square.
+_EQUAL, _LEAST = 1e-6, 1e-300
 #: Stretches of time by which chance is judged where there is a single recording.
 _STRETCHES = 8
 
@@ -28,11 +28,11 @@ class HeldOut:
     """The horizon that predicts best, the shorter of two that are equal.
 
     A rung's error is the geometric mean, over states, look-aheads and recordings, of root mean
-    squares. No tolerance: a shorter horizon is no simpler model, and 1 % of an error that is mostly
-    noise is 14 % of the noise in what the model adds. The rungs that agree with the choice are
-    those whose error is not above it by more than one standard error over the regimes: the
-    recordings, or eight stretches of a single one. Never random samples, which would be predicted
-    by their neighbours.
+    squares. No tolerance: a shorter horizon is no simpler model, and where noise is most of an
+    error, 1 % of it hides an error of the model of 14 % of that noise. The rungs that agree with
+    the choice are those whose error is not above it by more than one standard error over the
+    regimes: the recordings, or eight stretches of a single one. Never random samples, which would
+    be predicted by their neighbours.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class HeldOut:
         if not np.isfinite(mean).any():
             reason = "Every horizon's prediction diverges somewhere; check the model's map."
             return Choice(len(rungs) - 1, "no plateau", reason, tuple(range(len(rungs))))
-        best = int(np.argmax(mean <= mean.min() + EQUAL))
+        best = shortest_of_least(mean)
         regimes = np.stack([_logarithms(_in_regimes(each)) for each in errors])
         excess = regimes - regimes[best]
         with np.errstate(invalid="ignore"):  # a rung that diverges has no deviation
@@ -60,8 +60,9 @@ class HeldOut:
             within = (excess.mean(axis=1) <= chance) | (mean == mean[best])
         agreeing = tuple(int(k) for k in np.flatnonzero(within))
         what = " and ".join(_named(steps) for steps in self.look_aheads)
-        others = ", ".join(str(rungs[k].horizon) for k in agreeing if k != best)
-        beside = f"; above it by no more than chance: H = {others}" if others else ""
+        others = [str(rungs[k].horizon) for k in agreeing if k != best]
+        errs = "errs" if len(others) == 1 else "err"
+        beside = f"; H = {', '.join(others)} {errs} more by no more than chance" if others else ""
         reason = f"H = {rungs[best].horizon} has the least error in {what}{beside}."
         return Choice(best, "predicts best", reason, agreeing)
 
@@ -92,6 +93,11 @@ class HeldOut:
             return np.asarray((measured - ahead) ** 2)
 
 
+def shortest_of_least(logarithms: FloatArray) -> int:
+    """Return the index of the first of the least logarithms of errors (rung,)."""
+    return int(np.argmax(logarithms <= logarithms.min() + _EQUAL))
+
+
 def _in_regimes(each: list[FloatArray]) -> list[FloatArray]:
     """Return squared errors in regimes: the recordings, or stretches of a single one."""
     return each if len(each) > 1 else np.array_split(each[0], _STRETCHES, axis=1)
@@ -99,8 +105,8 @@ def _in_regimes(each: list[FloatArray]) -> list[FloatArray]:
 
 def _logarithms(each: list[FloatArray]) -> FloatArray:
     """Return the mean logarithm of root mean squares, (regime,), of (look-ahead, time, state)."""
-    with np.errstate(divide="ignore", over="ignore"):
-        logs = [0.5 * np.log(squares.mean(axis=1)).mean() for squares in each]
+    with np.errstate(over="ignore"):
+        logs = [0.5 * np.log(np.maximum(squares.mean(axis=1), _LEAST)).mean() for squares in each]
     return np.asarray(np.nan_to_num(logs, nan=np.inf, posinf=np.inf))
 
 

@@ -114,7 +114,7 @@ def with_priors(plan: Plan, start: Start) -> Plan:
     """Return a plan that gives a learned part and what the model leaves out priors.
 
     A plan with penalties says already what is believed of the learned part; a start with checks of
-    its own looks itself for what its model leaves out.
+    its own, which calibrates its recordings, has no prior of what its model leaves out.
     """
     learned = _members(Layout(start.model)).any() and not plan.loss.penalties
     prior = plan.learned_prior or (LearnedPrior() if learned else None)

@@ -291,7 +291,7 @@ def test_page_stays_small(text):
 
 
 def test_shown_numbers_are_those_of_the_record(page):
-    """To the twelve digits of the page, that of a reloaded fit is equal then."""
+    """Cells carry twelve digits, so that a fit that was saved gives the same page."""
     fit = machine_fit()
     values = {value for value, _ in page.values}
 
