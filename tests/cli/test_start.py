@@ -13,10 +13,12 @@ from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
 from penode.cli import identify as command_line
+from penode.data.load import load
 from penode.data.readers import mat
 from penode.data.save import save
 from penode.pmsm.result_files import write
 from penode.pmsm.study_file import load_study
+from penode.validation.comparison import Comparison
 
 HEAVY = {"matplotlib", "plotly", "h5py", "dask", "polars"}
 
@@ -216,3 +218,25 @@ def test_maps_are_listed_and_drawn_without_a_name(machine_fit):
     assert {"flux_map", "differential_inductance", "parameters"} <= set(dir(machine_fit))
     labels = [axes.get_ylabel() for axes in machine_fit.plot_map().axes]
     assert labels == [axes.get_ylabel() for axes in machine_fit.plot_map("flux_map").axes]
+
+
+def test_what_needs_tables_of_polars_names_the_install(machine_fit, run, monkeypatch, tmp_path):
+    """Text files, training and reports do without the library."""
+    save(run, tmp_path / "run.parquet")
+    monkeypatch.setitem(sys.modules, "polars", None)
+    asks = (
+        machine_fit.parameters_frame,
+        machine_fit.correlation_frame,
+        lambda: Comparison.to_frame(None),
+        lambda: machine_fit.compare_models({"one": machine_fit}),
+        lambda: save(run, tmp_path / "other.parquet"),
+        lambda: load(tmp_path / "run.parquet"),
+    )
+    for ask in asks:
+        with pytest.raises(InputError, match=r"needs polars, .*: pip install 'penode\[tables\]'"):
+            ask()
+    assert not list(tmp_path.glob("*other*"))
+    save(run, tmp_path / "run.csv")
+    back = load(tmp_path / "run.csv")
+    for name, values in run.channels.items():
+        np.testing.assert_array_equal(back.channels[name], values)

@@ -1,6 +1,5 @@
 """Long text files are parsed block by block; that may change neither a value nor a sentence."""
 
-import re
 import tracemalloc
 from contextlib import nullcontext
 
@@ -72,10 +71,24 @@ def test_truth_values_are_those_of_a_whole_column(block):
     assert "data row 20 (line 21), channel on: found 'true'" in refusal(mixed)
 
 
-@given(text=st.text('",;\t| \r\nab1', max_size=9))
-def test_a_quotation_mark_alone_is_seen_wherever_a_cell_may_end(text):
-    alone = '"' in re.split(r"[,;\t| \r\n]", text)
-    assert bool(csv._LONE_QUOTE.search(text.encode())) == alone
+def outcome(content):
+    try:
+        return {name: list(values) for name, values in csv.read("run.csv", content).columns.items()}
+    except InputError as error:
+        return str(error)
+
+
+@given(
+    rows=st.text('",;\t \r\n12.-e_x\u0663', max_size=12),
+    head=st.sampled_from(["a,b\n1,2", "a;b\n1;2", "a\n1", "a;b\n1,5;on", "a,b\non,1.5"]),
+)
+def test_a_block_parsed_at_once_gives_what_its_split_rows_give(rows, head):
+    content = f"{head}\n{rows}\n".encode()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(csv, "_BLOCK", 5)  # the first row is a block of its own
+        at_once = outcome(content)
+        patch.setattr(csv._Rows, "_parsed_at_once", lambda *block: None)
+        assert outcome(content) == at_once
 
 
 def test_a_quoted_cell_may_go_on_in_the_next_line(block):

@@ -9,7 +9,7 @@ import typer
 from penode.cli.console import print_rows
 from penode.cli.fits import load_machine
 from penode.cli.options import TrustClasses
-from penode.errors import InputError
+from penode.errors import InputError, require_extra
 from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
 from penode.fit.result_folder import REPORT
@@ -52,6 +52,7 @@ def report_command(
     if (folder / LINES).exists():
         if against is not None:
             raise InputError(f"{folder}: --against must be for one machine, got a sweep; leave it.")
+        require_extra("polars", "tables", "the report of a sweep")
         from penode.pmsm.sweep.fleet_report import fleet_report
         from penode.pmsm.sweep.table import read_table
 

@@ -10,6 +10,7 @@ from rich.table import Table
 from penode.cli import options
 from penode.cli.console import OUTPUT, Interrupted, print_rows, say
 from penode.cli.sweep_workers import cluster, processes
+from penode.errors import require_extra
 from penode.fit.archive import write_atomically
 from penode.fit.result_folder import REPORT, claimed
 from penode.pmsm.sweep.campaign import load_campaign
@@ -61,6 +62,7 @@ def sweep_command(  # noqa: PLR0913 (an argument an option)
 
     Example: penode sweep --config fleet.toml --out fleet --jobs 8
     """
+    require_extra("polars", "tables", "a sweep")
     from penode.pmsm.sweep.run import sweep
     from penode.pmsm.sweep.table import PARQUET, read_table
 

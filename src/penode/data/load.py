@@ -12,25 +12,29 @@ from penode.data.content import Content
 from penode.data.experiment import Experiment, Source
 from penode.data.isolation import isolated
 from penode.data.mapping import Mapped, Origin, map_channels, own_names
+from penode.data.readers import csv
 from penode.data.stretches import SHORTEST, listed
 from penode.data.table import TIME, Table, list_names
 from penode.data.time_axis import gaps_in
-from penode.errors import InputError
+from penode.errors import InputError, require_extra
 
 
 def _csv(content: Content) -> Table:
-    from penode.data.readers import csv  # polars takes a fifth of a second to load
-
     if content.file.lower().endswith(".gz"):
         return csv.read_packed(content.file, content.all())
     return csv.read(content.file, content.mapped())
+
+
+def _parquet(content: Content) -> Table:
+    require_extra("polars", "tables", f"{content.file}: a Parquet file")
+    return isolated("parquet")(content)
 
 
 #: Reader of each file suffix, from the content to the columns; binary files are decoded apart.
 READERS: Mapping[str, Callable[[Content], Table]] = MappingProxyType(
     {
         ".csv": _csv,
-        ".parquet": isolated("parquet"),
+        ".parquet": _parquet,
         ".mat": isolated("mat"),
         ".mf4": isolated("mdf"),
         ".tdms": isolated("tdms"),

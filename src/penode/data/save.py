@@ -1,18 +1,37 @@
 """Write a recording to a file that `penode.data.load` reads back."""
 
+import csv
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 
+from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
-from penode.errors import InputError
+from penode.errors import InputError, require_extra
 
-#: Method of a data frame that writes a file, by suffix.
-_WRITERS = {".csv": "write_csv", ".parquet": "write_parquet"}
+Columns = Mapping[str, FloatArray]
 
 
-def require_suffix(path: Path) -> str:
-    """Return the name of the method that writes a path, refusing another suffix."""
+def _csv(columns: Columns, path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+
+
+def _parquet(columns: Columns, path: Path) -> None:
+    require_extra("polars", "tables", f"{path}: a Parquet file")
+    import polars as pl
+
+    pl.DataFrame(dict(columns)).write_parquet(path)
+
+
+_WRITERS = {".csv": _csv, ".parquet": _parquet}
+
+
+def require_suffix(path: Path) -> Callable[[Columns, Path], None]:
+    """Return what writes columns to a path, refusing another suffix."""
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         raise InputError(
@@ -34,17 +53,15 @@ def save(experiment: Experiment, path: str | Path) -> None:
     Raises
     ------
     InputError
-        If the suffix is neither .csv nor .parquet.
+        If the suffix is neither .csv nor .parquet, or Parquet's library is not installed.
     """
-    import polars as pl  # takes a fifth of a second to load
-
     path = Path(path)
     writer = require_suffix(path)
-    time = np.arange(len(experiment)) * experiment.time_step
+    time: FloatArray = np.arange(len(experiment), dtype=np.float64) * experiment.time_step
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.partial")
     try:
-        getattr(pl.DataFrame({"t": time, **experiment.channels}), writer)(partial)
+        writer({"t": time, **experiment.channels}, partial)
         partial.replace(path)
     except BaseException:
         partial.unlink(missing_ok=True)

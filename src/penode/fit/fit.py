@@ -126,27 +126,19 @@ class Fit:
 
     def parameters_frame(self) -> "pl.DataFrame":
         """Return a row a physical parameter: value, std, low_95, high_95 and unit, SI units."""
-        from penode.fit.frames import parameters_frame
-
-        return parameters_frame(self.parameters)
+        return _frames().parameters_frame(self.parameters)
 
     def covariance_frame(self) -> "pl.DataFrame":
         """Return the covariance of the physical parameters by name, a row a parameter, SI units."""
-        from penode.fit.frames import matrix_frame
-
-        return matrix_frame(tuple(self.parameters), self.covariance)
+        return _frames().matrix_frame(tuple(self.parameters), self.covariance)
 
     def correlation_frame(self) -> "pl.DataFrame":
         """Return the correlations of the physical parameters by name, a row a parameter."""
-        from penode.fit.frames import matrix_frame
-
-        return matrix_frame(tuple(self.parameters), self.correlation)
+        return _frames().matrix_frame(tuple(self.parameters), self.correlation)
 
     def ladder_frame(self) -> "pl.DataFrame":
         """Return a row a horizon: parameters with NAME_std, errors, outcome, selected, plateau."""
-        from penode.fit.frames import ladder_frame
-
-        return ladder_frame(self.horizon)
+        return _frames().ladder_frame(self.horizon)
 
     def plot_ladder(self) -> "plots.Figure":
         """Return a matplotlib figure of each physical parameter over the horizon, with 95 % bars.
@@ -242,6 +234,7 @@ class Fit:
         InputError
             If there is no fit, or the recordings or quantities differ.
         """
+        require_extra("polars", "tables", "a table")
         from penode.fit.model_comparison import compare_models
 
         return compare_models(fits)
@@ -400,6 +393,14 @@ def _require_usable(parts: Mapping[str, Any], arrays: Mapping[str, FloatArray]) 
         of_model = name == "excited" or name.startswith("model.")
         if of_model and not (values.dtype.kind in "fiub" and np.isfinite(values).all()):
             raise ValueError(f"{name} is not finite")
+
+
+def _frames() -> Any:
+    """Return the module of tables; it loads the library of data frames."""
+    require_extra("polars", "tables", "a table")
+    from penode.fit import frames
+
+    return frames
 
 
 def _plots() -> Any:

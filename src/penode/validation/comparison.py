@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from penode.arrays import FloatArray
+from penode.errors import require_extra
 from penode.validation.metrics import NORMAL_95, rmse
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ class Comparison:
 
     def to_frame(self) -> "pl.DataFrame":
         """Return a row a sample: time (s); STATE, STATE_one_step and STATE_free_run, SI units."""
+        require_extra("polars", "tables", "a table")
         import polars as pl
 
         columns = {"time": self.time_step * np.arange(len(self.measured))}

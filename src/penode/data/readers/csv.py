@@ -9,14 +9,16 @@ import csv
 import gzip
 import io
 import mmap
-import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
-import polars as pl
+from numpy.typing import NDArray
 
+from penode.arrays import FloatArray
 from penode.data.gathered import Gathered, forget, on_disk
 from penode.data.table import Column, Table, cell_error, clean_names
 from penode.data.units import unit_name
@@ -24,11 +26,10 @@ from penode.errors import InputError
 
 # Marks that separate cells where every line has them; they are no part of a number.
 _RARE_SEPARATORS = "\t;|"
-# A quotation mark alone in a cell, at which polars panics, and says so to the terminal. Looked for
-# by the mark: a search for what may stand before it takes three times as long as all the parsing.
-_LONE_QUOTE = re.compile(rb'"(?<![^,;\t| \r\n]")(?![^,;\t| \r\n])')
 _MARK = b"\xef\xbb\xbf"
 _BLOCK = 1 << 23
+#: Characters of a word in a block that is parsed in one go, one more than may be used.
+_WORD = 32
 #: Bytes of the longest line of column names.
 _HEADER = 1 << 22
 #: Bytes that a compressed file may be unpacked to.
@@ -141,14 +142,12 @@ class _Dialect:
         """Split one line into cells."""
         return next(csv.reader([line.strip(" \r\n")], delimiter=self.separator), [])
 
-    def numbers(self, cells: pl.Series) -> pl.Series:
-        """Return the numbers that cells hold, null where they hold none."""
-        cells = cells.str.strip_chars()
+    def numbers(self, cells: Iterable[str]) -> list[float | None]:
+        """Return the numbers that cells hold, None where they hold none."""
         if self.decimal_comma:
             # A point beside decimal commas separates thousands: 1.234 is no number then.
-            cells = cells.str.replace_all(".", "_", literal=True)
-            cells = cells.str.replace_all(",", ".", literal=True)
-        return cells.cast(pl.Float64, strict=False)
+            cells = (cell.replace(".", "_").replace(",", ".") for cell in cells)
+        return [_number(cell) for cell in cells]
 
 
 def _dialect(header: str, second: str, comma_below: bool) -> _Dialect:
@@ -167,7 +166,7 @@ def _header_names(file: str, header: str, dialect: _Dialect) -> list[str]:
         cells = dialect.split(header)
     except csv.Error as error:
         raise _unsplittable(file, 1, error) from error
-    if not dialect.numbers(pl.Series(cells)).has_nulls():
+    if None not in dialect.numbers(cells):
         raise InputError(f"{file}: line 1 holds numbers, not column names; add a header line.")
     return clean_names(file, cells)
 
@@ -182,8 +181,8 @@ def _units(names: list[str], second: str, dialect: _Dialect) -> dict[str, str]:
     except csv.Error:
         return {}
     units = {unit_name(cell) for cell in cells} - {None, "1"}
-    other = pl.Series([cell for cell in cells if cell != "1"], dtype=pl.String)
-    if len(cells) != len(names) or dialect.numbers(other).count() or not units:
+    other = dialect.numbers(cell for cell in cells if cell != "1")
+    if len(cells) != len(names) or any(one is not None for one in other) or not units:
         return {}
     return {name: cell for name, cell in zip(names, cells, strict=True) if cell}
 
@@ -207,6 +206,10 @@ class _Channel:
         return self.other and self.first[2].strip() != ""
 
 
+#: Of a column in a block: finite numbers, or text.
+_Cells = FloatArray | list[str]
+
+
 class _Rows:
     """The parse of a file's rows, block by block, of which the first has ``lines`` above it."""
 
@@ -220,7 +223,8 @@ class _Rows:
 
         What is wrong with a cell is kept for `columns`: a row of another length is refused first.
         """
-        columns, lines = self._parsed_at_once(block), [block.count(b"\n")]
+        lines = [block.count(b"\n")]
+        columns = self._parsed_at_once(block)
         if columns is None:
             columns, lines = self._split(block)
         for channel, cells in zip(self._channels.values(), columns, strict=True):
@@ -228,32 +232,34 @@ class _Rows:
         self._rows += len(columns[0])
         self._lines += lines[-1]
 
-    def _parsed_at_once(self, block: bytes) -> list[pl.Series] | None:
+    def _parsed_at_once(self, block: bytes) -> list[_Cells] | None:
         """Return the columns: finite numbers, and cells where earlier blocks held anything else.
 
         None if that cannot be had.
         """
-        if (self._dialect.decimal_comma and b"." in block) or _LONE_QUOTE.search(block):
+        if not block.strip() or (self._dialect.decimal_comma and b"." in block):
             return None
-        kinds = {n: pl.String() if c.first else pl.Float64() for n, c in self._channels.items()}
+        if self._dialect.decimal_comma:
+            block = block.replace(b",", b".")
+        words = [channel.first is not None for channel in self._channels.values()]
+        row = np.dtype([(f"{k}", f"U{_WORD}" if word else "f8") for k, word in enumerate(words)])
+        parse = partial(np.loadtxt, comments=None, quotechar='"', encoding="utf-8", ndmin=1)
         try:
-            frame = pl.read_csv(
-                block,
-                has_header=False,
-                schema=kinds,
-                separator=self._dialect.separator,
-                decimal_comma=self._dialect.decimal_comma,
-            ).rechunk()
-        except (pl.exceptions.PolarsError, pl.exceptions.PanicException):
+            table: NDArray[Any] = parse(io.BytesIO(block), row, delimiter=self._dialect.separator)
+        except ValueError:
             return None
-        numbers = frame.select(pl.col(pl.Float64))
-        plain = numbers.width and all(np.isfinite(s.to_numpy()).all() for s in numbers)  # or a gap
-        # A row that is short ends in gaps as well, which words may have.
-        mark, last = self._dialect.separator.encode(), frame[:, -1]
-        short = last.has_nulls() and block.count(mark) != len(frame) * (frame.width - 1)
-        return frame.get_columns() if plain and not short else None
+        columns = [table[name] for name in row.names or ()]
+        if not all(map(_whole, columns)):
+            return None
+        # A copy each, so that what is gathered of one column is let go of by itself.
+        return [one.copy() if one.dtype == np.float64 else self._words(one) for one in columns]
 
-    def _split(self, block: bytes) -> tuple[list[pl.Series], list[int]]:
+    def _words(self, cells: NDArray[np.str_]) -> list[str]:
+        """Return cells as they are in the file."""
+        words: list[str] = cells.tolist()
+        return [cell.replace(".", ",") for cell in words] if self._dialect.decimal_comma else words
+
+    def _split(self, block: bytes) -> tuple[list[_Cells], list[int]]:
         """Return columns of cells, and the line of each row and the last, counted in the block."""
         text = io.TextIOWrapper(io.BytesIO(block), encoding="utf-8", newline="")
         reader = csv.reader(text, delimiter=self._dialect.separator)
@@ -269,8 +275,8 @@ class _Rows:
                     raise self._other_length(len(rows), lines[-1], len(cells))
         except csv.Error as error:
             raise _unsplittable(self._file, self._lines + reader.line_num, error) from error
-        columns = zip(*rows, strict=True) if rows else [()] * len(self._channels)
-        return [pl.Series(cells, dtype=pl.String) for cells in columns], [*lines, reader.line_num]
+        columns = map(list, zip(*rows, strict=True)) if rows else ([] for _ in self._channels)
+        return list(columns), [*lines, reader.line_num]
 
     def _other_length(self, row: int, line: int, cells: int) -> InputError:
         fix = "write one cell for each column"
@@ -281,23 +287,22 @@ class _Rows:
             f"the header names {len(self._channels)} columns; {fix}."
         )
 
-    def _add_cells(self, channel: _Channel, cells: pl.Series, lines: Sequence[int]) -> None:
-        """Add cells to a column; truth values become 1 and 0."""
-        if cells.dtype == pl.Float64:
-            channel.number |= len(cells) > 0
-            channel.values.add(cells.to_numpy())
+    def _add_cells(self, channel: _Channel, cells: _Cells, lines: Sequence[int]) -> None:
+        """Add numbers or cells to a column; truth values become 1 and 0."""
+        if isinstance(cells, np.ndarray):
+            channel.number = True
+            channel.values.add(cells)
             return
-        cells = cells.fill_null("")
-        values = self._dialect.numbers(cells).to_numpy()
-        finite = np.isfinite(values)
-        channel.number |= bool(finite.any())
-        if not finite.all():
-            words = cells.str.strip_chars().str.to_lowercase()
-            truths = words.replace_strict(_TRUTHS, default=None, return_dtype=pl.Float64)
-            values = np.where(finite, values, truths.to_numpy())
+        distinct = list(set(cells))
+        numbers = dict(zip(distinct, self._dialect.numbers(distinct), strict=True))
+        values = np.array([numbers[cell] for cell in cells], dtype=np.float64)
+        other = np.flatnonzero(~np.isfinite(values)).tolist()
+        channel.number |= len(other) < len(cells)
+        if other:
+            values[other] = [_TRUTHS.get(cells[row].strip().lower(), np.nan) for row in other]
             channel.other |= bool(np.isnan(values).any())
             if channel.first is None:
-                row = int(np.argmin(finite))
+                row = other[0]
                 channel.first = (self._rows + row + 1, self._lines + lines[row], cells[row])
         channel.values.add(values)
 
@@ -324,6 +329,22 @@ class _Rows:
 
 
 _TRUTHS = {"true": 1.0, "false": 0.0}
+
+
+def _whole(column: NDArray[Any]) -> bool:
+    """Return whether all numbers are finite, or all cells were shorter than they are kept."""
+    if column.dtype == np.float64:
+        return bool(np.isfinite(column).all())
+    return bool(np.char.str_len(column).max() < _WORD)
+
+
+def _number(cell: str) -> float | None:
+    """Return the number that a cell holds; underscores and digits beyond ASCII are Python's."""
+    cell = cell.strip()
+    try:
+        return float(cell) if cell.isascii() and "_" not in cell else None
+    except ValueError:
+        return None
 
 
 def _place(row: int, line: int) -> str:
