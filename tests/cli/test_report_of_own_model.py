@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from penode.cli import pdf
 from penode.cli.fits import print_fit
 from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.report.quantities import number
@@ -82,6 +83,39 @@ def test_in_the_folder_of_the_module_the_report_is_written(folder, penode, monke
     assert "The mass of the cart is 1.50" in text
     assert "drag over speed: " in text
     assert "one-step rmse of speed in" in text
+
+
+def test_the_page_is_printed_by_a_browser(folder, penode, monkeypatch, tmp_path_factory):
+    """The browser is a script that takes Chromium's options and writes the page's name."""
+    place = tmp_path_factory.mktemp("bin")
+    script = place / "google-chrome"
+    script.write_text(
+        '#!/bin/sh\nfor one in "$@"; do case "$one" in --print-to-pdf=*) out="${one#*=}";; esac; '
+        'done\ncase "$(cat "$0.fails" 2>/dev/null)" in yes) exit 1;; esac\necho "$one" > "$out"\n'
+    )
+    script.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{place}:/usr/bin:/bin")
+    monkeypatch.setattr(pdf, "_BROWSERS", ("google-chrome",))
+    monkeypatch.chdir(folder)
+    done = penode("report", folder, "--trust-classes", "--pdf")
+    assert done.returncode == 0, done.stderr
+    printed = folder / "report.pdf"
+    assert printed.read_text().strip() == (folder / "report.html").resolve().as_uri()
+    assert str(printed) in done.stdout
+
+    (place / "google-chrome.fails").write_text("yes")
+    printed.unlink()
+    done = penode("report", folder, "--trust-classes", "--pdf")
+    assert done.returncode == 2
+    assert "did not print it (FileNotFoundError)" in done.stderr
+    assert not printed.exists()
+
+    (folder / "report.html").unlink()
+    monkeypatch.setattr(pdf, "_BROWSERS", ("no-such-browser",))
+    done = penode("report", folder, "--trust-classes", "--pdf")
+    assert done.returncode == 2
+    assert "--pdf needs Chromium or Chrome" in done.stderr
+    assert not (folder / "report.html").exists()
 
 
 def test_unasked_the_module_is_not_imported(folder, penode, monkeypatch):

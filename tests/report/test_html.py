@@ -119,6 +119,23 @@ def test_figures_and_tables_are_numbered_from_the_top_of_the_page():
     assert data == set(re.findall(r'data-plot="([^"]*)"', page))
 
 
+def test_wide_tables_that_are_short_or_end_in_a_sentence_are_records_on_a_phone():
+    heads = ("a", "b in <V>", "c", "d")
+    numbers = tuple(Cell(str(k), float(k), "number") for k in range(4))
+    words = (*numbers[:3], Cell("why"))
+    cases = {
+        (numbers, 9): "wide",
+        (numbers, 3): "wide records",
+        (words, 9): "wide records",
+        (numbers[:3], 2): "",
+    }
+    for (cells, count), shape in cases.items():
+        page = render(document(Table("T", heads[: len(cells)], (Row(cells),) * count)))
+        (found,) = re.findall(r'<table aria-labelledby="table-1-title"(?: class="([^"]*)")?>', page)
+        assert found == shape
+        assert page.count('<td data-head="b in &lt;V&gt;"') == count
+
+
 def test_room_is_kept_for_a_figure_before_it_is_drawn():
     tall, plain = panels.blank_figure().update_layout(height=777.4), panels.blank_figure()
     page = render(document(Figure("F", "C", tall), Figure("F", "C", plain)))

@@ -9,6 +9,7 @@ import typer
 from penode.cli.console import print_rows
 from penode.cli.fits import load_machine
 from penode.cli.options import TrustClasses
+from penode.cli.pdf import browser, print_page
 from penode.errors import InputError, require_extra
 from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
@@ -29,6 +30,9 @@ def report_command(
         Path | None,
         typer.Option(help="A second map to draw beside: a CSV such as flux_map.csv, or a folder."),
     ] = None,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Print it to report.pdf too, by Chromium or Chrome.")
+    ] = False,
     trust: TrustClasses = False,
 ) -> None:
     """Write report.html from a saved fit, of a machine or of any other model, or from a sweep.
@@ -44,7 +48,7 @@ def report_command(
 
     Example: penode report motor --trust-classes
     """
-    page = folder / REPORT
+    page, printer = folder / REPORT, browser() if pdf else None
     # Imported here: the plotting library takes a third of a second, and few commands draw.
     from penode.pmsm.report.machine_report import machine_report
     from penode.report.fit_report import fit_report
@@ -67,7 +71,11 @@ def report_command(
         else:
             text = fit_report(fit)
     write_atomically(page, text)
-    print_rows([("report", str(page))])
+    written = [page]
+    if printer is not None:
+        written.append(page.with_suffix(".pdf"))
+        print_page(page, written[-1], printer)
+    print_rows([("report", str(path)) for path in written])
 
 
 def _held_against(fit: Fit, path: Path, trust: bool = False) -> "Against":

@@ -19,6 +19,9 @@ class AdamsBashforth:
 
     table: AdamsBashforthTable
 
+    def __str__(self) -> str:
+        return self.table.name
+
     @property
     def order(self) -> int:
         """Order of convergence."""

@@ -19,6 +19,9 @@ class RungeKutta:
 
     table: ButcherTableau
 
+    def __str__(self) -> str:
+        return self.table.name
+
     @property
     def order(self) -> int:
         """Order of convergence."""
@@ -70,6 +73,9 @@ class Substeps:
             raise ValueError(f"{self.solver} uses past samples; sub-steps need a one-step solver.")
         if self.count < 1:
             raise ValueError(f"sub-steps must be >= 1, got {self.count}.")
+
+    def __str__(self) -> str:
+        return f"{self.solver}, {self.count} steps a sample"
 
     @property
     def order(self) -> int:

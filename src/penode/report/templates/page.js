@@ -2,7 +2,7 @@
 (() => {
   "use strict";
   const NARROW = 620; // px; below it, panels stand in a pile
-  const PAPER = 680; // px; a figure's width on paper
+  const PAPER = 770; // px; the width of a figure on paper, before it is printed at 0.44 of it
   const CONFIG = { displayModeBar: false, scrollZoom: false, doubleClick: "reset" };
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const touch = matchMedia("(pointer: coarse)");
