@@ -15,6 +15,7 @@ import numpy as np
 
 from benchmarks.problem import verdict
 from penode.pmsm.exports.c_header import encode
+from penode.pmsm.exports.control_tables import InverseMap
 from penode.pmsm.machine.flux_grid import FluxGrid, even_axis
 
 #: Goal for each look-up in ns.
@@ -90,9 +91,11 @@ def saturating_grid() -> FluxGrid:
 
 def nanoseconds() -> tuple[float, float]:
     """Return the time in ns of one look-up of psi and of one of L."""
+    grid = saturating_grid()
+    unused = InverseMap(*np.linspace(-0.1, 0.1, 82).reshape(2, -1), grid.mesh, grid.supported)
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
-        (folder / "machine.h").write_text(encode(saturating_grid(), "machine"))
+        (folder / "machine.h").write_text(encode(grid, "machine", unused, None))
         (folder / "main.c").write_text(PROGRAM)
         command = ["gcc", "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "main.c", "-o", "main"]
         subprocess.run(command, cwd=folder, check=True)

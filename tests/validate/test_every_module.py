@@ -8,6 +8,7 @@ import importlib.util
 import json
 import os
 import pkgutil
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -43,6 +44,7 @@ from penode.validation.free_run import compare
 from validate import (
     aliasing,
     conventions,
+    exports_read,
     flux_maps,
     full_disk,
     horizon_choice,
@@ -74,8 +76,8 @@ ELSEWHERE = {
     "other_simulators.record": "motulator",
 }
 HERE = {
-    "aliasing", "bad_files", "conventions", "drawn_recordings", "examples", "flux_maps",
-    "full_disk", "horizon_choice", "identified", "imperfect_drives", "imperfections",
+    "aliasing", "bad_files", "conventions", "drawn_recordings", "examples", "exports_read",
+    "flux_maps", "full_disk", "horizon_choice", "identified", "imperfect_drives", "imperfections",
     "imported_machine", "interruption", "learned_sets", "ledger", "map_errors",
     "operating_points", "other_simulators", "processes", "public_sets", "random_starts",
     "repetition", "simulated_sets", "sweep_interruption",
@@ -304,6 +306,16 @@ def test_flux_maps(done, campaign):
     assert len({machine.coenergy for machine in machines}) == 3
     assert flux_maps.staircase()(np.linspace(0, 0.9, 20)).shape == (20, 2)
     assert not flux_maps.only_d(np.linspace(0, 1, 9))[:, 0].any()
+
+
+def test_exports_are_read_back(done):
+    """Of what is installed; those that need other programs say so."""
+    lines = list(exports_read.rows(done.fit))
+    assert [line.split()[0] for line in lines] == ["mat", "m", "syre", "c", "npz", "onnx"]
+    read = [float(re.search(r"at points (\S+),", x)[1]) for x in lines if "at points" in x]
+    assert len(read) >= 1
+    assert max(read) < 1e-6
+    assert all("at points" in x or "not installed" in x for x in lines)
 
 
 def test_random_starts(done, capsys):

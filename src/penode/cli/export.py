@@ -30,8 +30,9 @@ def export_command(
     """Write the flux map of a saved fit for a controller or another program.
 
     csv: flux_map.csv; npz: motulator; syre: SyR-e's fdfq_idiq;
-    mat: look-up tables for Simulink and Simscape, with the inverse map;
-    c: a C99 header with its look-up; onnx: the map itself, as a graph.
+    mat, m: tables for Simulink and Simscape, as a file and as a script, with i(psi) and MTPA;
+    c, c_fixed: a C99 header with look-ups of psi, i(psi), torque and MTPA, in float or 16 bits;
+    onnx: the map itself, as a graph.
 
     Example: penode export result --to c --out machine.h
     """

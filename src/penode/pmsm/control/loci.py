@@ -20,6 +20,8 @@ from penode.pmsm.machine.frames import quarter_turned
 _DRAWN = np.linspace(-np.pi, np.pi, 481)
 #: Largest speed shown over the base speed.
 _REACH = 4.0
+#: Currents at which the support of MTPA is asked.
+_TRIED = 96
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +146,13 @@ def mtpa(machine: ControlledMachine, currents: FloatArray) -> Locus:
         Magnitudes in A.
     """
     return _locus(machine, most_torque(machine, Circles(currents)))
+
+
+def backed_current(machine: ControlledMachine, largest: float) -> float:
+    """Return the largest current, A, at which recordings support MTPA; the one given if none."""
+    tried = np.linspace(0, largest, _TRIED + 1)[1:]
+    backed = tried[mtpa(machine, tried).supported]
+    return float(backed[-1] if len(backed) else largest)
 
 
 def mtpv(machine: ControlledMachine, fluxes: FloatArray, current_limit: float) -> Locus:

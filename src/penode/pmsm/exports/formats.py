@@ -3,11 +3,19 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
-from penode.pmsm.exports import c_header, mat, npz, onnx, syre
+from penode.pmsm.exports import c_header, mat, matlab_script, npz, onnx, syre
+from penode.pmsm.exports.control_tables import (
+    InverseMap,
+    TorquePerAmpere,
+    inverse_map,
+    torque_per_ampere,
+)
+from penode.pmsm.exports.matlab_tables import variables
 from penode.pmsm.machine.flux_grid import FluxGrid, tabulate
 from penode.pmsm.result_files import flux_map_csv
 
@@ -24,13 +32,25 @@ class Format:
     points: int = 41
 
 
+def _control(fit: Fit, grid: FluxGrid) -> tuple[InverseMap, TorquePerAmpere | None]:
+    return inverse_map(fit, grid), torque_per_ampere(fit, grid)
+
+
+def _variables(fit: Fit, grid: FluxGrid) -> dict[str, Any]:
+    return variables(grid, *_control(fit, grid))
+
+
 #: To add a format, add one entry. CSV keeps the grid of ``flux_map.csv``.
 FORMATS: dict[str, Format] = {
     "csv": Format(".csv", lambda fit, grid, name: flux_map_csv(fit)),
     "npz": Format(".npz", lambda fit, grid, name: npz.encode(grid)),
-    "mat": Format(".mat", lambda fit, grid, name: mat.encode(fit, grid)),
+    "mat": Format(".mat", lambda fit, grid, name: mat.encode(_variables(fit, grid))),
+    "m": Format(".m", lambda fit, grid, name: matlab_script.encode(_variables(fit, grid))),
     "syre": Format(".mat", lambda fit, grid, name: syre.encode(grid), points=256),
-    "c": Format(".h", lambda fit, grid, name: c_header.encode(grid, name)),
+    "c": Format(".h", lambda fit, grid, name: c_header.encode(grid, name, *_control(fit, grid))),
+    "c_fixed": Format(
+        ".h", lambda fit, grid, name: c_header.encode(grid, name, *_control(fit, grid), fixed=True)
+    ),
     "onnx": Format(".onnx", lambda fit, grid, name: onnx.encode(fit, grid)),
 }
 

@@ -11,8 +11,8 @@ from penode.pmsm.control.controlled_machine import ControlledMachine, voltage_li
 from penode.pmsm.control.loci import (
     ControlLoci,
     Locus,
+    backed_current,
     control_loci,
-    mtpa,
     voltage_limit_curve,
 )
 from penode.pmsm.machine.standstill import STANDSTILL, excited_axes
@@ -47,9 +47,7 @@ class _Operation:
         """Return the machine up to the largest current at which recordings back MTPA."""
         pairs = fit.provenance.get("pole_pairs")
         machine = ControlledMachine.of(fit, pairs or 1)
-        tried = np.linspace(0, float(np.hypot(*fit.excited.T).max()), 4 * _POINTS + 1)[1:]
-        backed = tried[mtpa(machine, tried).supported]
-        limit = float(backed[-1] if len(backed) else tried[-1])
+        limit = backed_current(machine, float(np.hypot(*fit.excited.T).max()))
         return cls(machine, control_loci(machine, limit, voltage_limit_of(fit), _POINTS), pairs)
 
     @property
