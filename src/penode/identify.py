@@ -4,23 +4,20 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from penode.arrays import FloatArray, one_blas_thread
+from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment, require_recordings
 from penode.data.stretches import check_lengths
 from penode.fit.fit import Fit
-from penode.horizon.as_recorded import Climbed, climbed_as_recorded, examined
 from penode.horizon.assemble import Assembly
 from penode.horizon.declared_priors import with_declared_priors
 from penode.horizon.default_plan import default_plan
-from penode.horizon.free_runs import with_free_runs
 from penode.horizon.held_out import require_single_steps, selector_for
-from penode.horizon.hold_check import with_hold
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, Observer, ignore_events
-from penode.horizon.learned_prior import with_priors
+from penode.horizon.learned_part import restored, searched
 from penode.horizon.objections import CHECKS, guarded, objections, with_objections
-from penode.horizon.selection import Selector, believable, choose
-from penode.horizon.simulation import confirmed, parting
+from penode.horizon.search import Search
+from penode.horizon.selection import Selector
 from penode.models.base import Model
 from penode.models.checked import require_sound
 from penode.training.plan import Plan
@@ -91,9 +88,9 @@ def identify(
     require_sound(start.model)
     require_single_steps(purpose, start.model, validation or experiments)
     given = plan
-    plan = start.with_penalties(given or default_plan(start.model, experiments))
-    plan = plan if given else with_priors(with_hold(plan, start, experiments), start)
-    plan = with_declared_priors(plan, start, experiments)
+    plan = start.with_penalties(plan or default_plan(start.model, experiments))
+    if given:
+        plan = with_declared_priors(plan, start, experiments)
     problem = LadderProblem.of(start.model, experiments, plan, observer)
     check_lengths(
         experiments, max(s.horizon for s in plan.stages), problem.objective.predictor.past
@@ -101,32 +98,15 @@ def identify(
     for unseen in validation:
         require_predictable(problem.objective.predictor, start.model, unseen)
 
-    cold = problem.objective.layout.raw(start.model)
-
-    def climbed(plan: Plan, raw: FloatArray | None = None) -> Climbed:
-        problem = LadderProblem.of(start.model, experiments, plan, observer)
-        climb = problem.climb(plan, cold if raw is None else raw)
-        climb = believable(with_free_runs(problem, climb))
-        return Climbed(problem, plan, climb, choose(selector, climb, plan))
-
-    found = climbed(plan) if given else climbed_as_recorded(plan, climbed)
-    check = found.cross_checked(start)
-    if given is None and check.better is not None:
-        rung, raw = check.better
-        try:
-            again = climbed(found.plan, raw)
-            if again.loss_at(rung) < found.loss_at(rung):
-                found, check = examined(again), again.cross_checked(start)
-        except KeyboardInterrupt:
-            check = replace(check, interrupted=True)
-    problem, plan, climb, choice = found.problem, found.plan, found.climb, found.choice
-    if given is None:
-        choice = confirmed(choice, climb.fits)
-        check = check.beside(parting(choice, climb.fits))
+    search = Search(start, experiments, selector, observer)
+    found = search.as_given(plan) if given else searched(search, plan)
+    start, climbed, check = found.start, found.climbed, found.check
+    problem, plan, climb, choice = climbed.problem, climbed.plan, climbed.climb, climbed.choice
     fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)
+    fit = restored(fit)
     missed: list[str] = []
     checks = [guarded(one, missed) for one in (*start.checks, *CHECKS)]
-    raised = [*found.objections, *objections(fit, experiments, checks), *check.objections]
+    raised = [*climbed.objections, *objections(fit, experiments, checks), *check.objections]
     fit = with_objections(replace(fit, warnings=(*missed, *fit.warnings)), raised)
     if climb.interrupted or check.interrupted:
         raise Stopped(fit)

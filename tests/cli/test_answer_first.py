@@ -243,7 +243,7 @@ def test_a_check_that_fails_is_a_warning_and_the_verdict_stands(identified, monk
 
 
 def test_a_failure_of_the_training_is_a_failure_of_the_command(identified, monkeypatch):
-    monkeypatch.setattr(sys.modules["penode.identify"], "choose", failing)
+    monkeypatch.setattr(sys.modules["penode.horizon.search"], "choose", failing)
     done = identified()
     assert done.returncode == 70
     assert not (identified.out / "result.json").exists()

@@ -47,7 +47,7 @@ def test_a_check_that_fails_is_a_warning_and_the_fit_stands(recorded, checks, ca
 
 
 def test_a_failure_of_the_training_itself_is_not_hidden(recorded, monkeypatch):
-    monkeypatch.setattr(sys.modules["penode.identify"], "choose", lambda *_: 1 / 0)
+    monkeypatch.setattr(sys.modules["penode.horizon.search"], "choose", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         identify(recorded[0], recorded[1], plan=ladder_plan((1,)))
 

@@ -1,6 +1,5 @@
 """Which rung simulates best, and what that says of a plateau."""
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from tests.horizon.test_selection import rung
 from penode import Experiment, identify
 from penode.errors import InputError
 from penode.fit.fit import Fit
-from penode.horizon import as_recorded
+from penode.horizon import as_recorded, learned_part
 from penode.horizon.ladder import LadderProblem
 from penode.horizon.selection import Choice
 from penode.horizon.simulation import best_in_free_run, confirmed, parting
@@ -115,7 +114,7 @@ def test_the_better_of_two_minima_is_returned(monkeypatch):
         return replace(found, fits=tuple(map(_worse, found.fits)))
 
     monkeypatch.setattr(LadderProblem, "climb", astray)
-    monkeypatch.setattr(sys.modules["penode.identify"], "with_hold", lambda plan, *given: plan)
+    monkeypatch.setattr(learned_part, "with_hold", lambda plan, *given: plan)
     monkeypatch.setattr(as_recorded, "too_coarse", lambda *given: None)
     fit = identify(Lag(1.0), [lag()])
     assert len(calls) == 2

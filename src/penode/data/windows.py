@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from penode.arrays import FloatArray, IntArray
+from penode.arrays import BoolArray, FloatArray, IntArray
 from penode.data.experiment import Experiment
 from penode.data.stretches import check_lengths
 from penode.errors import InputError
@@ -147,7 +147,7 @@ class Windows:
         outputs = np.asarray(self.outputs)
         return outputs if outputs.shape[1] else self.states
 
-    def among(self, chosen: slice) -> "Windows":
+    def among(self, chosen: slice | BoolArray) -> "Windows":
         """Return some of the windows of the same recordings."""
         return replace(self, starts=self.starts[chosen], recording=self.recording[chosen])
 

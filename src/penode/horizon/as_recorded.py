@@ -51,6 +51,14 @@ def climbed_as_recorded(
             rung = found.climb.fits[found.choice.index]
             other = better_hold(found.problem, found.plan, rung)
             found = climbed(*other) if other else found
+    except KeyboardInterrupt:
+        return _stopped(found)
+    return fine_enough(found, climbed)
+
+
+def fine_enough(found: Climbed, climbed: Callable[[Plan, FloatArray | None], Climbed]) -> Climbed:
+    """Return a climb, made anew with more sub-steps as long as the recordings want them."""
+    try:
         found = examined(found)
         while found.coarse and found.coarse.finer:
             finer = replace(found.plan, solver=found.coarse.finer)

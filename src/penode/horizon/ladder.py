@@ -240,9 +240,8 @@ class LadderProblem:
     def _climb(self, plan: Plan, raw: FloatArray, rungs: list[HorizonFit]) -> None:
         """Append finished rungs until the plan ends or a stage diverges."""
         first = raw
-        self.objectives.clear()
-        self.guesses.clear()
         for number, stage in enumerate(plan.stages):
+            self.objectives.pop(stage.horizon, None)
             problem = self.problem(stage, plan)
             place = (number + 1, len(plan.stages))
             if rungs and (not rungs[-1].solution.converged or strayed(rungs)):

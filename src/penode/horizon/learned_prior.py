@@ -49,26 +49,29 @@ class LearnedPrior:
     orthogonal : bool
         Whether the map has nothing of what the physical terms beside it can do; these mean then
         what they do without the map. Otherwise the data share it out, as far as they can.
-    first : Optimiser
-        Trains without a prior first, where nothing was trained before.
+    first : Optimiser or None
+        Trains without a prior first, where nothing was trained before; None where training begins
+        near the minimum.
     """
 
     orthogonal: bool = True
-    first: Optimiser = _FIRST
+    first: Optimiser | None = _FIRST
 
     def joined(self, problem: Problem, raw: FloatArray, cold: bool) -> tuple[Problem, FloatArray]:
         """Return the problem with the prior, and where training begins (see `PriorRule`)."""
         objective = problem.objective
         if not (problem.moving & _members(objective.layout)).any():
             return problem, raw
-        believing = problem
-        for _ in range(self._rounds(objective.layout) if cold else 0):
-            solution = self.first.minimise(believing, raw)
+        first, believing = self.first if cold else None, problem
+        if first is None:
+            return self._believing(problem, raw), raw
+        for _ in range(self._rounds(objective.layout)):
+            solution = first.minimise(believing, raw)
             if solution.outcome == DIVERGED:
                 return problem, raw
             raw = solution.raw
             believing = self._believing(problem, raw)
-        return (believing if cold else self._believing(problem, raw)), raw
+        return believing, raw
 
     def _rounds(self, layout: Layout[Model]) -> int:
         """Return how often training begins anew: a map that is not linear moves its own prior."""

@@ -54,6 +54,18 @@ def confirmed(choice: Choice, rungs: Sequence[HorizonFit]) -> Choice:
     )
 
 
+def simulating(choice: Choice, rungs: Sequence[HorizonFit]) -> Choice:
+    """Return a choice, that of the best simulation where horizons do not agree.
+
+    What is learned can make up for a bias at one horizon that another then has in free run.
+    """
+    if choice.verdict != "no plateau":
+        return choice
+    best = best_in_free_run(rungs)
+    reason = f"{choice.reason} H = {rungs[best].horizon} has the least error in free run."
+    return replace(choice, index=best, reason=reason, agreeing=tuple(range(len(rungs))))
+
+
 def parting(choice: Choice, rungs: Sequence[HorizonFit]) -> tuple[str, ...]:
     """Return a sentence where the best simulation has other parameters than the plateau."""
     found = _better(choice, rungs)

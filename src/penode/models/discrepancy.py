@@ -1,23 +1,20 @@
 """A model beside which something is left over: a smooth function of states and inputs."""
 
-from collections.abc import Callable, Mapping
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import JaxArray, Leaf
-from penode.models.base import Model
 from penode.models.inputs import Inputs
 from penode.models.parameters import parameter
 from penode.models.splines import cubic_kernel
+from penode.models.wrapped import Wrapped
 
 #: Groups of the coefficients, and of what never moves.
 GROUP, HELD = "discrepancy", "held"
 
 
-class Discrepant(Model):
+class Discrepant(Wrapped):
     """A model whose derivative lacks a sum of cubic splines, each of one channel.
 
     Channels are the states, the inputs, and what the inputs changed by in a sample, as further
@@ -27,38 +24,12 @@ class Discrepant(Model):
     of the states at the places `rates`.
     """
 
-    model: Model
     rates: tuple[int, ...] = eqx.field(static=True)
     coefficients: Leaf = parameter(group=GROUP)
     # Numbers of a recording are arguments of compiled code: it serves the next recording too.
     scale: Leaf = parameter(group=HELD)
     low: Leaf = parameter(group=HELD)
     high: Leaf = parameter(group=HELD)
-
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Names of the model's states."""
-        return self.model.states
-
-    @property
-    def state_units(self) -> tuple[str, ...]:  # type: ignore[override]
-        """SI units of the model's states."""
-        return self.model.state_units
-
-    @property
-    def unmeasured(self) -> tuple[str, ...]:  # type: ignore[override]
-        """States of the model that no sensor measures."""
-        return self.model.unmeasured
-
-    @property
-    def outputs(self) -> Mapping[str, str]:  # type: ignore[override]
-        """What sensors measure of the model, and its units."""
-        return self.model.outputs
-
-    @property
-    def input_rates(self) -> Mapping[str, str]:  # type: ignore[override]
-        """Inputs of the model that go on between samples."""
-        return self.model.input_rates
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -85,22 +56,6 @@ class Discrepant(Model):
     def _own(self, u: Inputs) -> Inputs:
         """Return the model's inputs without their changes."""
         return Inputs(u.values[: len(self.model.inputs)], self.model.inputs, u.span, u.unit)
-
-    def learned(self, x: JaxArray) -> JaxArray:
-        """Return the model's learned part."""
-        return self.model.learned(x)
-
-    def corrected(self, measured: JaxArray) -> JaxArray:
-        """Return the states behind what the sensors read."""
-        return self.model.corrected(measured)
-
-    def stored(self, x: JaxArray) -> JaxArray:
-        """Return what the model's equation balances."""
-        return self.model.stored(x)
-
-    def maps(self) -> Mapping[str, Callable[..., Any]]:
-        """Return the model's learned maps."""
-        return self.model.maps()
 
 
 def spline_basis(channels: JaxArray, low: Leaf, high: Leaf, cells: int) -> JaxArray:

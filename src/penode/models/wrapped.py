@@ -1,0 +1,144 @@
+"""Models around a model: what it says of itself is the same, and its equation is another."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from penode.arrays import FloatArray, JaxArray
+from penode.models.base import Model
+from penode.models.inputs import Inputs
+from penode.models.parameters import setting_at
+
+
+class Wrapped(Model):
+    """A model around another one, whose channels, maps and outputs it has."""
+
+    model: Model
+
+    @property
+    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the model's states."""
+        return self.model.states
+
+    @property
+    def state_units(self) -> tuple[str, ...]:  # type: ignore[override]
+        """SI units of the model's states."""
+        return self.model.state_units
+
+    @property
+    def unmeasured(self) -> tuple[str, ...]:  # type: ignore[override]
+        """States of the model that no sensor measures."""
+        return self.model.unmeasured
+
+    @property
+    def outputs(self) -> Mapping[str, str]:  # type: ignore[override]
+        """What sensors measure of the model, and its units."""
+        return self.model.outputs
+
+    @property
+    def input_rates(self) -> Mapping[str, str]:  # type: ignore[override]
+        """Inputs of the model that go on between samples."""
+        return self.model.input_rates
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the model's inputs."""
+        return self.model.inputs
+
+    def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
+        """Return the model's derivative."""
+        return self.model.derivative(x, u)
+
+    def output(self, x: JaxArray, u: Inputs) -> JaxArray:
+        """Return what sensors read of the model."""
+        return self.model.output(x, u)
+
+    def learned(self, x: JaxArray) -> JaxArray:
+        """Return the model's learned part."""
+        return self.model.learned(x)
+
+    def corrected(self, measured: JaxArray) -> JaxArray:
+        """Return the states behind what the sensors read."""
+        return self.model.corrected(measured)
+
+    def stored(self, x: JaxArray) -> JaxArray:
+        """Return what the model's equation balances."""
+        return self.model.stored(x)
+
+    def maps(self) -> Mapping[str, Callable[..., Any]]:
+        """Return the model's learned maps."""
+        return self.model.maps()
+
+
+@jax.tree_util.register_static
+@dataclass(frozen=True)
+class _Constant:
+    """Numbers that are part of a model's structure, and no parameters of it."""
+
+    shape: tuple[int, ...]
+    numbers: bytes
+
+    @property
+    def array(self) -> FloatArray:
+        return np.frombuffer(self.numbers).reshape(self.shape)
+
+
+class WithoutPart(Wrapped):
+    """A model whose learned part stays as it is: no parameter, and so no cost."""
+
+    @classmethod
+    def of(cls, model: Model) -> "WithoutPart | None":
+        """Return a model without its learned part as parameters; None where one of both lacks."""
+
+        def held(path: Any, leaf: FloatArray) -> Any:
+            if setting_at(model, path).group != "learned":
+                return leaf
+            return _Constant(np.shape(leaf), np.asarray(leaf, dtype=float).tobytes())
+
+        fixed = jax.tree_util.tree_map_with_path(held, model)
+        count = len(jax.tree.leaves(fixed))
+        return cls(fixed) if 0 < count < len(jax.tree.leaves(model)) else None
+
+    @property
+    def whole(self) -> Model:
+        """The model with its learned part as parameters, neither with a batch axis."""
+        return self._with(lambda constant: constant.array)
+
+    @property
+    def _batched(self) -> Model:
+        return self._with(lambda constant: constant.array[..., None])
+
+    def _with(self, number: Callable[[_Constant], FloatArray]) -> Model:
+        whole: Model = jax.tree.map(
+            lambda leaf: number(leaf) if isinstance(leaf, _Constant) else leaf,
+            self.model,
+            is_leaf=lambda leaf: isinstance(leaf, _Constant),
+        )
+        return whole
+
+    def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
+        """Return the model's derivative."""
+        return self._batched.derivative(x, u)
+
+    def output(self, x: JaxArray, u: Inputs) -> JaxArray:
+        """Return what sensors read of the model."""
+        return self._batched.output(x, u)
+
+    def learned(self, x: JaxArray) -> JaxArray:
+        """Return nothing: nothing is learned."""
+        return x[:0]
+
+    def corrected(self, measured: JaxArray) -> JaxArray:
+        """Return the states behind what the sensors read."""
+        return self._batched.corrected(measured)
+
+    def stored(self, x: JaxArray) -> JaxArray:
+        """Return what the model's equation balances."""
+        return self._batched.stored(x)
+
+    def maps(self) -> Mapping[str, Callable[..., Any]]:
+        """Return the model's learned maps."""
+        return self.whole.maps()
