@@ -6,11 +6,13 @@ freed, at the horizon chosen. It stays, and is climbed with, where it predicts s
 left out of training better than the physics alone; elsewhere it stays as it was given.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from penode.arrays import BoolArray, FloatArray
+from penode.data.experiment import Experiment
 from penode.data.windows import Contiguous, Windows
 from penode.errors import InputError
 from penode.fit.fit import Fit

@@ -61,9 +61,9 @@ class Search:
 
     def with_hold_of(self, plan: Plan) -> Found:
         """Climb with a hold that was chosen already, and the sub-steps that recordings want."""
-        found = fine_enough(self._climbed(plan, None), self._climbed)
-        found = self._compared(found, found.cross_checked(self.start))
-        choice = simulating(found.climbed.choice, found.climbed.climb.fits)
+        climbed = fine_enough(self._climbed(plan, None), self._climbed)
+        found = self._compared(climbed, climbed.cross_checked(self.start))
+        choice = simulating(found.climbed.choice, climbed.climb.fits)
         return replace(found, climbed=replace(found.climbed, choice=choice))
 
     def _compared(self, found: Climbed, check: CrossCheck) -> Found:
