@@ -33,6 +33,8 @@ from penode.training.second_order import LevenbergMarquardt
 
 #: Parts of the recordings that are left out in turn, and training with each left out.
 _FOLDS, _AGAIN = 4, LevenbergMarquardt(evaluations=12)
+#: A mean square that is rounding; the inverse of one that diverged.
+_EXACT = 1e-24
 #: Trainings of the part before it is judged, each with the prior estimated after the one before.
 _ROUNDS = 2
 #: The prior where training begins near the minimum.
@@ -52,9 +54,16 @@ def searched(search: Search, plan: Plan) -> Found:
         return _as_recorded(search, plan)
     if alone.climbed.climb.interrupted or alone.check.interrupted:
         return alone
-    trial = _Trial.of(search, alone.climbed)
-    if trial.supported:
-        return trial.climbed_with(search, alone.climbed)
+    try:
+        trial = _Trial.of(search, alone.climbed)
+        if trial.supported:
+            return trial.climbed_with(search, alone.climbed)
+    except KeyboardInterrupt:
+        horizon = alone.climbed.climb.fits[alone.climbed.choice.index].horizon
+        search.observer({"event": "stop", "horizon": horizon})
+        return replace(alone, check=replace(alone.check, interrupted=True))
+    except InputError:  # freed, the part makes predictions diverge
+        trial = _Trial(0, alone.climbed, np.full(_FOLDS, np.nan))
     return replace(alone, start=trial.noted(alone.start))
 
 
@@ -102,8 +111,11 @@ class _Trial:
         most = _part_left_out(experiments)
         index = max(k for k in range(alone.choice.index + 1) if not k or fits[k].horizon <= most)
         part = _freed(search, alone, index)
-        gains = 0.5 * np.log(_left_out(alone, index) / _left_out(part, _ROUNDS - 1))
-        return cls(index, part, gains)
+        if part.climb.interrupted:
+            raise KeyboardInterrupt
+        errors = [_left_out(alone, index), _left_out(part, _ROUNDS - 1)]
+        logarithms = 0.5 * np.log(np.clip(errors, _EXACT, 1 / _EXACT))
+        return cls(index, part, logarithms[0] - logarithms[1])
 
     @property
     def supported(self) -> bool:
@@ -112,17 +124,23 @@ class _Trial:
 
     def noted(self, start: Start) -> Start:
         """Return a start that says what the trial has shown, as a warning where it is no more."""
-        error = 100 * (np.exp(-self.gains) - 1)
-        mean, chance = error.mean(), error.std(ddof=1) / np.sqrt(_FOLDS)
         verdict = "stays in the model" if self.supported else "is left as it was given"
-        sentence = (
-            f"The learned part {verdict}: on quarters of the recordings that training left out, "
-            f"simulations err by {abs(mean):.2g} ± {chance:.2g} % {'more' if mean > 0 else 'less'} "
-            "with it than without."
-        )
+        sentence = f"The learned part {verdict}: {self._reason}."
         facts = {**start.facts, "learned_part": sentence}
         warnings = start.warnings if self.supported else (*start.warnings, sentence)
         return replace(start, facts=facts, warnings=warnings)
+
+    @property
+    def _reason(self) -> str:
+        """What the errors of what is left out say, or why they say nothing."""
+        error = 100 * (np.exp(-self.gains) - 1)
+        if not np.isfinite(error).all():
+            return "no part of the recordings can be left out of training and predicted"
+        mean, chance = error.mean(), error.std(ddof=1) / np.sqrt(_FOLDS)
+        return (
+            "on quarters of the recordings that training left out, simulations err by "
+            f"{abs(mean):.2g} ± {chance:.2g} % {'more' if mean > 0 else 'less'} with it than without"
+        )
 
     def climbed_with(self, search: Search, alone: Climbed) -> Found:
         """Return what is found with the part."""
@@ -179,8 +197,11 @@ def _left_out(climbed: Climbed, index: int) -> FloatArray:
     for k in range(_FOLDS):
         unseen = seen.among(fold == k)
         rest = trained.windows.among(~_overlapping(trained.windows, unseen))
+        if not len(rest):
+            return np.full(_FOLDS, np.nan)
         again = _AGAIN.minimise(replace(trained, windows=rest), raw)
-        errors.append(apart.gauss_newton(again.raw, unseen).loss)
+        error = apart.gauss_newton(again.raw, unseen).loss
+        errors.append(np.nan_to_num(error, nan=np.inf))
     return np.array(errors)
 
 
