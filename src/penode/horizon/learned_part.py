@@ -137,9 +137,10 @@ class _Trial:
         if not np.isfinite(error).all():
             return "no part of the recordings can be left out of training and predicted"
         mean, chance = error.mean(), error.std(ddof=1) / np.sqrt(_FOLDS)
+        way = "more" if mean > 0 else "less"
         return (
             "on quarters of the recordings that training left out, simulations err by "
-            f"{abs(mean):.2g} ± {chance:.2g} % {'more' if mean > 0 else 'less'} with it than without"
+            f"{abs(mean):.2g} ± {chance:.2g} % {way} with it than without"
         )
 
     def climbed_with(self, search: Search, alone: Climbed) -> Found:
