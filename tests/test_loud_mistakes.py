@@ -172,8 +172,15 @@ CASES: dict[str, tuple[Callable, tuple[str, ...]]] = {
     "input spelled": (fails(lambda s, x, u: -u["f"] * x), ("no input 'f'", "(did you mean F?)")),
     "input beyond": (fails(lambda s, x, u: u[1] * x), ("no input 1", "inputs are F")),
     "whole u": (fails(lambda s, x, u: x + u), ("x + u", 'u["F"]')),
+    "t first": (
+        fails(lambda self, t, x, u: -x),
+        ("derivative(self, t, x, u) has its arguments exchanged", "derivative(self, x, u)"),
+    ),
+    "another argument": (
+        fails(lambda self, x, u, theta: -x),
+        ("takes x, u, theta beside self", "derivative(self, x, u, t)"),
+    ),
     "no u": (fails(lambda self, x: -x), ("takes x beside self", "derivative(self, x, u)")),
-    "time": (fails(lambda self, t, x, u: -x), ("takes t, x, u", "derivative(self, x, u)", "time")),
     # names and units
     "no states": (given(lambda: bare(inputs=())), ("Mine has no states", "states = (")),
     "no units": (

@@ -23,6 +23,9 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 #: The value of a parameter: a NumPy array in a model at rest, a JAX array inside compiled code.
 Leaf: TypeAlias = Any
 
+#: Channel that every recording has: time in s.
+CLOCK = "time in s"
+
 #: An array inside compiled code. Its axes are named in the docstring that carries it.
 JaxArray: TypeAlias = jax.Array
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from penode.arrays import FloatArray
+from penode.arrays import CLOCK, FloatArray
 from penode.data.gathered import mapping_of, released
 from penode.errors import InputError, did_you_mean
 
@@ -106,6 +106,11 @@ class Experiment:
         duration = max(len(self) - 1, 0) * self.time_step
         return self.stretch or Stretch(self.name, 0, 0.0, duration)
 
+    @property
+    def times(self) -> FloatArray:
+        """Times of the samples in s, shape (time,), from the first one of the recording on."""
+        return np.asarray(self.place.start + self.time_step * np.arange(len(self)))
+
     def part(self, first: int, last: int) -> "Experiment":
         """Return the samples ``first .. last - 1`` as a stretch, in memory."""
         channels = {}
@@ -132,7 +137,7 @@ class Experiment:
 
     def require(self, names: Sequence[str]) -> None:
         """Refuse a recording that lacks a channel, with an `InputError` that names it."""
-        missing = [name for name in names if name not in self.channels]
+        missing = [name for name in names if name not in (*self.channels, CLOCK)]
         if missing:
             raise InputError(
                 f"{self.name}: no channel {', '.join(missing)}"
@@ -159,7 +164,7 @@ class Experiment:
             If a channel is missing; the message names the file, the missing and the present ones.
         """
         self.require(names)
-        columns = [self.channels[name] for name in names]
+        columns = [self.times if name == CLOCK else self.channels[name] for name in names]
         return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))
 
 

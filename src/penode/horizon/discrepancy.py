@@ -18,6 +18,7 @@ from penode.arrays import BoolArray, FloatArray, float64, on_device
 from penode.data.windows import Windows
 from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.models.discrepancy import GROUP, Discrepant, spline_basis
+from penode.models.explicit_time import driving_channels
 from penode.training.covariance import ScoreSeries
 from penode.training.evidence import Information, Rows, process_rows
 from penode.training.gauss_newton_terms import inverse_normal
@@ -110,7 +111,7 @@ class _Beside:
         rates = np.flatnonzero(np.abs(effect.by_values(visits)).max(axis=(1, 2)) > 0)
         if not (len(rates) and np.isfinite(effect.scale).all()):
             return None
-        count = len(rung.model.inputs)
+        count = len(driving_channels(rung.model))
         windows = _with_changes(rung.windows, count)
         inputs = windows.inputs[:, : 2 * count]
         low = np.concatenate([visits.states.min(axis=0), inputs.min(axis=0)])

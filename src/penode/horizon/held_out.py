@@ -11,6 +11,7 @@ from penode.errors import InputError
 from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import Choice, Plateau, Selector
 from penode.models.base import Model
+from penode.models.explicit_time import driving_channels
 from penode.models.measured import free_states, hidden_states
 from penode.models.parameters import with_batch_axis
 from penode.validation.free_run import compare, look_ahead
@@ -84,7 +85,8 @@ class HeldOut:
             with float64():
                 batched = with_batch_axis(model)
                 states, inputs = (
-                    on_device(experiment.stack(names).T) for names in (model.states, model.inputs)
+                    on_device(experiment.stack(names).T)
+                    for names in (model.states, driving_channels(model))
                 )
                 states = batched.corrected(states)
                 predicted = look_ahead(predictor, batched, states, inputs, steps)

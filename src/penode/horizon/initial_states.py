@@ -13,6 +13,7 @@ from penode.data.windows import Contiguous, cut
 from penode.fit.fit import unused
 from penode.fit.outcome import Estimate
 from penode.horizon.ladder import LadderProblem
+from penode.models.explicit_time import driving_channels
 from penode.models.measured import free_states
 from penode.training.gauss_newton_terms import flat_directions, inverse_normal
 from penode.training.loss import Loss
@@ -102,7 +103,7 @@ def _slopes(
     windows = cut(
         [experiment],
         model.states,
-        model.inputs,
+        driving_channels(model),
         len(experiment) - 1,
         output_names=tuple(model.outputs),
         placement=Contiguous(),

@@ -14,6 +14,7 @@ from penode.data.stretches import by_recording, fewest_windows
 from penode.data.windows import Jittered, Windows, cut
 from penode.errors import InputError
 from penode.models.base import Model
+from penode.models.explicit_time import driving_channels
 from penode.models.measured import hidden_states, measured_units
 from penode.predictors.base import Predictor
 from penode.training.coarse_to_fine import CoarseToFine
@@ -271,7 +272,7 @@ class LadderProblem:
         windows = cut(
             [with_unmeasured(e, self.model) for e in guessed],
             self.model.states,
-            self.model.inputs,
+            driving_channels(self.model),
             stage.horizon,
             output_names=tuple(self.model.outputs),
             past=predictor.past,

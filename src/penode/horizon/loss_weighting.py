@@ -19,6 +19,7 @@ import numpy as np
 from penode.arrays import BoolArray, ComplexArray, FloatArray, JaxArray, float64
 from penode.data.experiment import Experiment
 from penode.models.base import Model
+from penode.models.explicit_time import driving_channels
 from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
 from penode.validation.comparison import Comparison
@@ -120,8 +121,9 @@ def linearised(
     # Only what a step from these samples reads: one program for recordings of any length.
     read = (at[:, None] + np.arange(1 - past, 2)).ravel()
     at = np.arange(len(at)) * (past + 1) + past - 1
+    driving = driving_channels(model)
     with float64():
-        states, inputs = experiment.stack(model.states), experiment.stack(model.inputs)
+        states, inputs = experiment.stack(model.states), experiment.stack(driving)
         states, inputs = states[read].T, predictor.prepared(inputs)[read].T
         columns = np.asarray(_pushed(predictor, with_batch_axis(model), states, inputs, at))
     return np.asarray(columns.transpose(2, 1, 0) / sizes[:, None] * sizes)

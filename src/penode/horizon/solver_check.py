@@ -16,6 +16,7 @@ from penode.horizon.consensus import Consensus
 from penode.horizon.ladder import Climb, HorizonFit, LadderProblem
 from penode.horizon.selection import Choice
 from penode.models.base import Model
+from penode.models.explicit_time import driving_channels, evaluated
 from penode.models.inputs import Inputs
 from penode.models.parameters import with_batch_axis
 from penode.predictors.implicit import jacobian_of
@@ -199,7 +200,7 @@ def _fastest(rung: HorizonFit, model: Model) -> float:
     """Return the fastest rate of a model along the recordings times a sub-step of the solver."""
     windows = rung.windows
     at = np.unique(np.linspace(0, len(windows.states) - 1, _SAMPLES).astype(int))
-    inputs = windows.inputs[at, : len(model.inputs)].T
+    inputs = windows.inputs[at, : len(driving_channels(model))].T
     with float64():
         given = on_device(inputs), on_device(windows.states[at].T)
         slopes = np.asarray(_slopes(with_batch_axis(model), *given))
@@ -212,5 +213,5 @@ def _fastest(rung: HorizonFit, model: Model) -> float:
 @eqx.filter_jit
 def _slopes(model: Model, inputs: JaxArray, states: JaxArray) -> JaxArray:
     """Return d(derivative)/d(state), (batch, state, state), of batched values."""
-    u = Inputs(inputs, model.inputs)
-    return jacobian_of(lambda x: model.derivative(x, u), model.corrected(states))
+    u = Inputs(inputs, driving_channels(model))
+    return jacobian_of(lambda x: evaluated(model, "derivative", x, u), model.corrected(states))

@@ -22,10 +22,10 @@ class Model(eqx.Module):
     """An ordinary differential equation x' = f(x, u, theta) with learned and physical parameters.
 
     Write a subclass with its parameters as fields (see `penode.models.parameters.parameter`) and
-    one method, `derivative`. Inside compiled code every parameter carries one trailing batch
-    axis, of length 1 or batch, so that plain arithmetic with ``x[0]`` broadcasts:
-    ``-self.R * x[0]`` is right as written. A field of the model annotated ``float``, ``int``,
-    ``bool`` or ``str`` is a constant and is not trained.
+    one method, `derivative`, which may take time as its third argument. Inside compiled code every
+    parameter carries one trailing batch axis, of length 1 or batch, so that plain arithmetic with
+    ``x[0]`` broadcasts: ``-self.R * x[0]`` is right as written. A field of the model annotated
+    ``float``, ``int``, ``bool`` or ``str`` is a constant and is not trained.
 
     Class attributes
     ----------------
@@ -74,7 +74,9 @@ class Model(eqx.Module):
 
     @abstractmethod
     def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
-        """Return dx/dt.
+        """Return dx/dt; write ``derivative(self, x, u, t)`` where time acts by itself.
+
+        Time t, shape (batch,), is in s since the first sample of the recording, `Experiment.times`.
 
         Parameters
         ----------
@@ -91,6 +93,8 @@ class Model(eqx.Module):
 
     def output(self, x: JaxArray, u: Inputs) -> JaxArray:
         """Return what the sensors read, y = h(x, u, theta), where `outputs` are declared.
+
+        It may take t as `derivative` does.
 
         Parameters
         ----------

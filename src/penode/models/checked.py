@@ -14,14 +14,13 @@ from jax.extend.core import Literal
 from penode.arrays import float64
 from penode.errors import InputError, did_you_mean
 from penode.models.base import Model
+from penode.models.explicit_time import OF_INPUTS, driving_channels, evaluated, takes_time
 from penode.models.inputs import Inputs
 from penode.models.layout import Layout
 from penode.models.measured import measured_units, nothing_measured
 from penode.models.parameters import with_batch_axis
 from penode.models.users_code import failing_line
 
-#: Methods that are given the inputs too.
-_OF_INPUTS = ("derivative", "output")
 #: Length of the batch axis: no model has as many rows of anything.
 _BATCH = 9973
 
@@ -85,13 +84,15 @@ def _traced(model: Model, name: str) -> set[int]:
     """Return which leaves a method's result depends on; refuse one that is no array of its rows."""
     leaves, structure = jax.tree.flatten(with_batch_axis(model))
     states = jax.ShapeDtypeStruct((len(model.states), _BATCH), jnp.float64)
-    inputs = jax.ShapeDtypeStruct((len(model.inputs), _BATCH), jnp.float64)
+    inputs = jax.ShapeDtypeStruct((len(driving_channels(model)), _BATCH), jnp.float64)
     returned: list[Any] = []
 
     def method(leaves: Any, x: Any, u: Any) -> Any:
         one = jax.tree.unflatten(structure, leaves)
-        given = (x, Inputs(u, model.inputs)) if name in _OF_INPUTS else (x,)
-        returned.append(getattr(one, name)(*given))
+        if name in OF_INPUTS:
+            returned.append(evaluated(one, name, x, Inputs(u, driving_channels(model))))
+        else:
+            returned.append(getattr(one, name)(x))
         return returned[0] if isinstance(returned[0], (jax.Array, np.ndarray)) else ()
 
     place = f"{type(model).__name__}.{name}"
@@ -206,7 +207,7 @@ def _declared(model: Any) -> Layout[Any]:
         _require_names(model, name)
     _require_outputs(model)
     _require_agreement(model)
-    for name in _OF_INPUTS:
+    for name in OF_INPUTS:
         _require_arguments(model, name)
     layout = Layout(model)
     for name, setting, leaf in zip(
@@ -295,7 +296,7 @@ def _require_outputs(model: Model) -> None:
 
 
 def _require_arguments(model: Model, method: str) -> None:
-    """Refuse a method whose arguments are not a state and an input, in this order."""
+    """Refuse a method whose arguments are not state, inputs and, where it acts, t in this order."""
     kind = type(model)
     try:
         given = list(inspect.signature(getattr(model, method)).parameters.values())
@@ -305,13 +306,13 @@ def _require_arguments(model: Model, method: str) -> None:
     names = [p.name for p in places]
     needed = [p for p in places if p.default is p.empty]
     every = any(p.kind is p.VAR_POSITIONAL for p in given)
-    if len(needed) > 2 or (len(places) < 2 and not every):
+    if names[:1] == ["t"] or names[:2] == ["u", "x"]:
+        raise InputError(
+            f"{kind.__name__}.{method}(self, {', '.join(names)}) has its arguments exchanged; "
+            f"write {method}(self, x, u): states first, then inputs, then t where time acts."
+        )
+    if len(needed) > 2 + takes_time(model, method) or (len(places) < 2 and not every):
         raise InputError(
             f"{kind.__name__}.{method} takes {', '.join(names) or 'nothing'} beside self; write "
-            f"{method}(self, x, u), and make time, where it acts, one of the inputs."
-        )
-    if names[:2] == ["u", "x"]:
-        raise InputError(
-            f"{kind.__name__}.{method}(self, u, x) has its arguments exchanged; write "
-            f"{method}(self, x, u): states first, then inputs."
+            f"{method}(self, x, u), or {method}(self, x, u, t) where time acts."
         )

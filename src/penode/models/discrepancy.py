@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import JaxArray, Leaf
+from penode.models.explicit_time import driving_channels, evaluated
 from penode.models.inputs import Inputs
 from penode.models.parameters import parameter
 from penode.models.splines import cubic_kernel
@@ -33,12 +34,13 @@ class Discrepant(Wrapped):
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the model's inputs, and of their changes."""
-        return (*self.model.inputs, *(f"change of {name}" for name in self.model.inputs))
+        """Names of what drives the model, and of its changes."""
+        own = driving_channels(self.model)
+        return (*own, *(f"change of {name}" for name in own))
 
     def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
         """Return the model's derivative and what it lacks, (state, batch)."""
-        rate = self.model.derivative(x, self._own(u))
+        rate = evaluated(self.model, "derivative", x, self._own(u))
         width = max(x.shape[-1], u.values.shape[-1])
         channels = jnp.concatenate(
             [jnp.broadcast_to(part, (len(part), width)) for part in (x, u.values)]
@@ -51,11 +53,11 @@ class Discrepant(Wrapped):
 
     def output(self, x: JaxArray, u: Inputs) -> JaxArray:
         """Return what sensors read of the model."""
-        return self.model.output(x, self._own(u))
+        return evaluated(self.model, "output", x, self._own(u))
 
     def _own(self, u: Inputs) -> Inputs:
-        """Return the model's inputs without their changes."""
-        return Inputs(u.values[: len(self.model.inputs)], self.model.inputs, u.span, u.unit)
+        """Return what drives the model, without its changes."""
+        return u.leading(driving_channels(self.model))
 
 
 def spline_basis(channels: JaxArray, low: Leaf, high: Leaf, cells: int) -> JaxArray:

@@ -49,6 +49,10 @@ class Inputs(eqx.Module):
         kept = [rows.get(name, self.values[k]) for k, name in enumerate(self.names)]
         return Inputs(jnp.stack(kept), self.names, self.span, self.unit)
 
+    def leading(self, names: tuple[str, ...]) -> "Inputs":
+        """Return the first rows, which are those of these names."""
+        return Inputs(self.values[: len(names)], names, self.span, self.unit)
+
     def over(self, span: tuple[float, float] | None, unit: float | JaxArray = 1.0) -> "Inputs":
         """Return the same values for another part of the sample; see `span`."""
         return Inputs(self.values, self.names, span, unit)

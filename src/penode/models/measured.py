@@ -5,6 +5,7 @@ import numpy as np
 
 from penode.arrays import JaxArray
 from penode.models.base import Model
+from penode.models.explicit_time import evaluated
 from penode.models.inputs import Inputs
 
 
@@ -41,5 +42,5 @@ def predicted_outputs(model: Model, x: JaxArray, u: Inputs) -> JaxArray:
     if not model.outputs:
         measured = measured_units(model)
         return x[np.array([k for k, name in enumerate(model.states) if name in measured])]
-    read = jnp.asarray(model.output(x, u))
+    read = jnp.asarray(evaluated(model, "output", x, u))
     return jnp.broadcast_to(read, (len(read), x.shape[-1]))

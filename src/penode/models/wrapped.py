@@ -9,6 +9,7 @@ import numpy as np
 
 from penode.arrays import FloatArray, JaxArray
 from penode.models.base import Model
+from penode.models.explicit_time import driving_channels, evaluated, rates_of
 from penode.models.inputs import Inputs
 from penode.models.parameters import setting_at
 
@@ -39,22 +40,22 @@ class Wrapped(Model):
         return self.model.outputs
 
     @property
-    def input_rates(self) -> Mapping[str, str]:  # type: ignore[override]
-        """Inputs of the model that go on between samples."""
-        return self.model.input_rates
+    def input_rates(self) -> Mapping[str, str | float]:  # type: ignore[override]
+        """Inputs of the model that go on between samples, time among them where it acts."""
+        return rates_of(self.model)
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the model's inputs."""
-        return self.model.inputs
+        """Names of what drives the model: its inputs, and time where it acts."""
+        return driving_channels(self.model)
 
     def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
         """Return the model's derivative."""
-        return self.model.derivative(x, u)
+        return evaluated(self.model, "derivative", x, u)
 
     def output(self, x: JaxArray, u: Inputs) -> JaxArray:
         """Return what sensors read of the model."""
-        return self.model.output(x, u)
+        return evaluated(self.model, "output", x, u)
 
     def learned(self, x: JaxArray) -> JaxArray:
         """Return the model's learned part."""
@@ -121,11 +122,11 @@ class WithoutPart(Wrapped):
 
     def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
         """Return the model's derivative."""
-        return self._batched.derivative(x, u)
+        return evaluated(self._batched, "derivative", x, u)
 
     def output(self, x: JaxArray, u: Inputs) -> JaxArray:
         """Return what sensors read of the model."""
-        return self._batched.output(x, u)
+        return evaluated(self._batched, "output", x, u)
 
     def learned(self, x: JaxArray) -> JaxArray:
         """Return nothing: nothing is learned."""

@@ -5,6 +5,7 @@ from typing import Any
 
 from penode.arrays import JaxArray
 from penode.models.base import Model
+from penode.models.explicit_time import driving_channels, evaluated, rates_of
 from penode.models.inputs import Inputs
 from penode.predictors.holds import Drive, Hold
 
@@ -41,7 +42,7 @@ class Field:
         that asks for the part is refused (`Inputs.part_for`).
         """
         u = self.input(sample, fraction)
-        return self.model.derivative(x, self._over(u, part, fraction))
+        return evaluated(self.model, "derivative", x, self._over(u, part, fraction))
 
     def input(self, sample: int, fraction: float) -> Inputs:
         """Return the input at a place within the solver's step, 0 to 1, `sample` intervals on."""
@@ -55,11 +56,11 @@ class Field:
         return replace(self, first=self.first + number * length, length=length)
 
     def _inputs(self, offset: int) -> Inputs:
-        return Inputs(self.drive(offset), self.model.inputs)
+        return Inputs(self.drive(offset), driving_channels(self.model))
 
     def _moved_on(self, u: Inputs, sample: int, place: float) -> Inputs:
         """Return the inputs with those that have a rate moved on from the interval's start."""
-        if place == 0.0 or not self.model.input_rates:
+        if place == 0.0 or not rates_of(self.model):
             return u
         return moved_on(u, self._inputs(sample), place * self.time_step, self.model)
 
@@ -73,6 +74,9 @@ class Field:
 
 def moved_on(u: Inputs, start: Inputs, elapsed: Any, model: Model) -> Inputs:
     """Return inputs, those with a rate as they are some time, in s, after a sample's start."""
-    moving = {n: r for n, r in model.input_rates.items() if n in u.names}
-    rows = {name: start[name] + start[rate] * elapsed for name, rate in moving.items()}
+    rows = {
+        name: start[name] + (start[rate] if isinstance(rate, str) else rate) * elapsed
+        for name, rate in rates_of(model).items()
+        if name in u.names
+    }
     return u.replaced(**rows) if rows else u

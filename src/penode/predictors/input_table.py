@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from penode.arrays import FloatArray, JaxArray
 from penode.models.base import Model
+from penode.models.explicit_time import driving_channels
 from penode.models.inputs import Inputs
 from penode.predictors.field import Field, Part, moved_on
 from penode.predictors.holds import RecordedHold, ZeroOrderHold
@@ -50,7 +51,7 @@ class InputTable:
     def step(self, model: Model, history: JaxArray, rows: JaxArray, time_step: float) -> JaxArray:
         """Return the next sample in front: (1, state, batch), from its rows (row, batch)."""
         rows = rows.reshape(self.count, -1, rows.shape[-1])
-        start = rows[0, : len(model.inputs)]
+        start = rows[0, : len(driving_channels(model))]
 
         def one(history: JaxArray, step: tuple[JaxArray, JaxArray]) -> tuple[JaxArray, None]:
             number, own = step
@@ -64,7 +65,7 @@ class InputTable:
         """Return the state (1, state, batch) after a sub-step from its rows (row, batch)."""
         blocks = rows.reshape(len(self.places), -1, rows.shape[-1])
         read = {
-            place: part.moved_on(Inputs(block, model.inputs), model, place)
+            place: part.moved_on(Inputs(block, driving_channels(model)), model, place)
             for place, block in zip(self.places, blocks, strict=True)
         }
         return self.solver.advance(_Tabulated.of(model, read, part.width), history)[None]

@@ -10,6 +10,7 @@ import numpy as np
 from penode.arrays import BoolArray, FloatArray, JaxArray, float64, on_device, with_shared_length
 from penode.data.windows import Windows
 from penode.models.base import Model
+from penode.models.explicit_time import driving_channels, evaluated
 from penode.models.inputs import Inputs
 from penode.models.layout import Layout
 from penode.training.prediction_error import PredictionError
@@ -35,7 +36,7 @@ class Visits:
         """Return some hundred visits evenly over the recordings, free starts estimated at `raw`."""
         few = _evenly(windows, min(windows.horizon, _STEPS * windows.states.shape[1]))
         states = start_states(error, raw, few)
-        return cls(states, few.inputs[few.starts, : len(error.model.inputs)])
+        return cls(states, few.inputs[few.starts, : len(driving_channels(error.model))])
 
     @property
     def channels(self) -> FloatArray:
@@ -131,7 +132,7 @@ def _columns(visits: Visits) -> tuple[JaxArray, JaxArray]:
 
 def _rate(layout: Layout[Model], values: JaxArray, x: JaxArray, u: JaxArray) -> JaxArray:
     model = layout.model(values[:, None])
-    return model.derivative(x, Inputs(u, model.inputs))
+    return evaluated(model, "derivative", x, Inputs(u, driving_channels(model)))
 
 
 _derivative = jax.jit(_rate, static_argnums=0)

@@ -24,6 +24,7 @@ from penode.arrays import (
 from penode.data.windows import Windows
 from penode.errors import InputError
 from penode.models.base import Model
+from penode.models.explicit_time import driving_channels
 from penode.models.inputs import Inputs
 from penode.models.layout import Layout, Parts
 from penode.models.measured import free_states, predicted_outputs
@@ -266,7 +267,7 @@ class PredictionError:
         if predictor.table is None:
             return predictor.step(model, history, batch.drive(step))
         rows = batch.tabulated(step, number)
-        start = batch.tabulated(step, 0)[: len(model.inputs)]
+        start = batch.tabulated(step, 0)[: len(driving_channels(model))]
         part = Substep(number, batch.substeps, start, predictor.time_step)
         return predictor.table.substep(model, history, rows, part)
 
@@ -290,7 +291,7 @@ class PredictionError:
         """Return the input at sample `step` of each window."""
         tabulated = self.predictor.table is not None
         rows = batch.tabulated(step, 0) if tabulated else batch.drive(step)(0)
-        names = self.model.inputs
+        names = driving_channels(self.model)
         return Inputs(rows[: len(names)], names)
 
     def _model(self, parts: Parts, batch: Batch) -> Model:

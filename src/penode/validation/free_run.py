@@ -14,6 +14,7 @@ from penode.arrays import FloatArray, JaxArray, float64, on_device, with_shared_
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.models.base import Model
+from penode.models.explicit_time import driving_channels
 from penode.models.inputs import Inputs
 from penode.models.measured import (
     free_states,
@@ -92,8 +93,9 @@ def compare(
     guessed = all(name in experiment.channels for name in hidden_states(model))
     experiment, units = with_unmeasured(experiment, model), measured_units(model)
     freed = [model.states.index(name) for name in (free_states(model) if free is None else free)]
+    driving = driving_channels(model)
     with float64():
-        read, inputs = (experiment.stack(names).T for names in (model.states, model.inputs))
+        read, inputs = (experiment.stack(names).T for names in (model.states, driving))
         batched = with_batch_axis(model)
         corrected = batched.corrected(with_shared_length(read))
         states = np.asarray(corrected)[:, : len(experiment)]
@@ -155,7 +157,7 @@ def _predicted(model: Model, states: FloatArray, inputs: FloatArray) -> FloatArr
 
 @jax.jit
 def _outputs(model: Model, states: JaxArray, inputs: JaxArray) -> JaxArray:
-    return predicted_outputs(model, states, Inputs(inputs, model.inputs))
+    return predicted_outputs(model, states, Inputs(inputs, driving_channels(model)))
 
 
 def _free_run_squares(
@@ -168,7 +170,7 @@ def _free_run_squares(
         with np.errstate(over="ignore"):
             return np.asarray(np.sum(gaps**2, axis=1))
     with float64():
-        names = (models[0].states, models[0].inputs)
+        names = (models[0].states, driving_channels(models[0]))
         states, inputs = (experiment.stack(channels) for channels in names)
         recorded = [with_shared_length(a.T) for a in (states, predictor.prepared(inputs))]
         together: Model = jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *models)
@@ -335,7 +337,8 @@ def _from_free(
     start = first.at[np.array(freed)].set(free)[None]
     run = run_freely(predictor, model, start, *drive)
     path = jnp.concatenate([start.T, run[:, :-1]], axis=1)
-    return predicted_outputs(model, path, Inputs(drive[0][: len(model.inputs)], model.inputs))
+    names = driving_channels(model)
+    return predicted_outputs(model, path, Inputs(drive[0][: len(names)], names))
 
 
 # Compiled once for all recordings of about a length, all values of parameters and all starts.

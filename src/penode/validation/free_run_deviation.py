@@ -10,6 +10,7 @@ import numpy as np
 from penode.arrays import FloatArray, JaxArray, float64, on_device, with_shared_length
 from penode.data.experiment import Experiment
 from penode.models.base import Model
+from penode.models.explicit_time import driving_channels
 from penode.models.inputs import Inputs
 from penode.models.layout import Layout
 from penode.models.measured import free_states, measured_units, predicted_outputs
@@ -71,7 +72,7 @@ class _Run:
         layout: Layout[Model] = Layout(model)
         freed = tuple(model.states.index(name) for name in free_states(model))
         with float64():
-            inputs = predictor.prepared(whole.stack(model.inputs))
+            inputs = predictor.prepared(whole.stack(driving_channels(model)))
             given = (
                 on_device(layout.raw(model)),
                 on_device(np.asarray(said.start)[list(freed)]),
@@ -153,7 +154,8 @@ def _run(
     start = corrected.at[np.array(freed, dtype=int), -1].set(free)
     after = run_freely(predictor, model, start.T[::-1], inputs, samples)
     path = jnp.concatenate([start, after[:, : after.shape[1] - start.shape[1]]], axis=1)
-    return predicted_outputs(model, path, Inputs(inputs[: len(model.inputs)], model.inputs))
+    names = driving_channels(model)
+    return predicted_outputs(model, path, Inputs(inputs[: len(names)], names))
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
