@@ -10,7 +10,8 @@ from penode.data.load import read
 from penode.data.table import TIME
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
-from penode.pmsm.recording.guess import StudyGuess, guess_study
+from penode.pmsm.machine.terms import SPEED
+from penode.pmsm.recording.guess import StudyGuess, at_standstill, guess_study
 from penode.pmsm.recording.study_text import study_text
 
 
@@ -21,6 +22,9 @@ def init_command(
     out: Annotated[Path, typer.Option(help="Study file to write; never overwritten.")] = Path(
         "study.toml"
     ),
+    standstill: Annotated[
+        bool, typer.Option("--standstill", help="The rotor stood still: no column has a speed.")
+    ] = False,
 ) -> None:
     """Write a study file with the best guesses from a recording, each with its reason.
 
@@ -32,11 +36,14 @@ def init_command(
         raise InputError(f"{out}: this file exists; remove it, or give another name with --out.")
     table, _ = read(recording)
     guess = guess_study(table)
+    if standstill:
+        guess = at_standstill(guess, table, str(recording))
     write_atomically(out, study_text(guess, str(recording), str(out)))
     rows: list[Row] = [("study", str(out))]
     for name, channel in guess.channels.items():
         signed = f"{'-' if channel.sign < 0 else ''}{channel.column} in {channel.unit}"
         rows.append((name, signed + (", mechanical" if channel.mechanical else "")))
+    rows += [(name, f"{value:g}, a number") for name, value in guess.numbers.items()]
     print_rows([*rows, ("note", _open_questions(guess))])
 
 
@@ -51,5 +58,10 @@ def _open_questions(guess: StudyGuess) -> str:
             f"recording fill in the column of {TIME}."
         )
     if missing:
-        return f"Fill in before you use it: {', '.join(missing)}."
+        still = (
+            " Did the rotor stand still? Then add --standstill."
+            if SPEED.name in guess.missing
+            else ""
+        )
+        return f"Fill in before you use it: {', '.join(missing)}.{still}"
     return "All of this is guessed; the file says from what. Look at it before you trust a result."

@@ -16,8 +16,15 @@ from penode.data.toml_file import COUNT, FINITE, NATURAL, POSITIVE, held_against
 from penode.errors import InputError
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.term_registry import terms_of
+from penode.pmsm.machine.terms import SPEED
 from penode.pmsm.points.operating_points import load_runs
-from penode.pmsm.recording.drive_mapping import BASES, RECORDED, DriveMapping, DriveOrigin
+from penode.pmsm.recording.drive_mapping import (
+    AS_NUMBERS,
+    BASES,
+    RECORDED,
+    DriveMapping,
+    DriveOrigin,
+)
 from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY, Accuracy
 from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.recording.stationary_frame import LINK
@@ -67,6 +74,7 @@ _FILE: Any = _table(
         "purpose": str,
         "train_anyway": bool,
         **dict.fromkeys((*BASES.values(), LINK), POSITIVE),
+        SPEED.name: FINITE,
         "resample": Literal["linear"],
         "name_plate": _table("NamePlate", {one.name: POSITIVE for one in fields(NamePlate)}),
         "accuracy": _table("Accuracy", dict.fromkeys(DEFAULT_ACCURACY.declared, float)),
@@ -153,7 +161,7 @@ def load_study(
             {name: _origin(name, one) for name, one in channels.items() if one is not None},
             asked.pole_pairs,
             asked.resample is not None,
-            {name: entries[name] for name in (*BASES.values(), LINK) if name in entries},
+            {name: entries[name] for name in (*BASES.values(), *AS_NUMBERS) if name in entries},
         )
         read = StudyFile(_study(entries), mapping, asked.sweep or {})
     except InputError as error:

@@ -18,7 +18,7 @@ from penode.pmsm.machine.coenergy_map import CoenergySplines, columns
 from penode.pmsm.machine.terms import SPEED
 
 #: Electrical radians that the rotor has to turn in one recording.
-_TURN = 1.0
+TURN = 1.0
 #: Range of one current over that of the other below which its axis is not excited.
 _AT_REST = 0.01
 #: Entry of the provenance, and what it means.
@@ -35,7 +35,7 @@ def stands_still(experiments: Sequence[Experiment]) -> bool:
         sum(float(np.sum(e.channels[SPEED.name])) * e.time_step for e in stretches)
         for stretches in by_recording(experiments)
     )
-    return max(map(abs, turned)) < _TURN
+    return max(map(abs, turned)) < TURN
 
 
 def excited_axes(fit: Fit) -> BoolArray:

@@ -1,7 +1,7 @@
 """Which columns of a user's file are the channels of a drive, and in what convention."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,6 +15,8 @@ from penode.data.mapping import Origin
 from penode.data.table import TIME, Table, list_names
 from penode.data.units import unit_name
 from penode.errors import InputError
+from penode.pmsm.machine.standstill import TURN, stands_still
+from penode.pmsm.machine.terms import ANGLE, SPEED
 from penode.pmsm.recording.channels import CANONICAL, missing_channels
 from penode.pmsm.recording.stationary_frame import LINK, STATIONARY
 
@@ -30,6 +32,14 @@ BASES = {"V": "u_base", "A": "i_base", "rad/s": "omega_base"}
 #: Channels that may be given as rms values, and those that may be given of the shaft.
 IN_RMS = ("u_d", "u_q", "i_d", "i_q")
 OF_SHAFT = ("omega_el", "theta_el")
+
+#: Channels that a study file may give as a number where no column holds them.
+AS_NUMBERS = (LINK, SPEED.name)
+#: What is to be done about a speed that no column holds.
+_STOOD_STILL = (
+    f"; for a rotor that stood still, give {SPEED.name} = 0 in the study file "
+    "(penode init --standstill)"
+)
 
 #: Units of a column that is a fraction of something.
 FRACTIONS = ("1", "%")
@@ -68,14 +78,14 @@ class DriveMapping:
         Put channels of different sampling times onto one clock; see
         `penode.data.mapping.map_channels`.
     constants : mapping of str to float
-        ``u_dc`` in V where no channel holds it, and what 1 is in V, A and rad/s of channels that
-        were recorded per unit: values of `BASES`.
+        ``u_dc`` in V where no channel holds it, ``omega_el`` of 0 for a rotor that stood still,
+        and what 1 is in V, A and rad/s of channels that were recorded per unit: values of `BASES`.
 
     Raises
     ------
     InputError
-        If a channel cannot be rms or mechanical, pole_pairs is needed and missing, or u_dc is both
-        a constant and a channel.
+        If a channel cannot be rms or mechanical, pole_pairs is needed and missing, u_dc or omega_el
+        is both a constant and a channel, or omega_el is a constant other than 0.
     """
 
     channels: Mapping[str, DriveOrigin] = field(default_factory=dict)
@@ -99,9 +109,16 @@ class DriveMapping:
                     "machine, as a whole number."
                 )
 
-        if LINK in self.constants and LINK in self.channels:
+        for name in AS_NUMBERS:
+            if name in self.constants and name in self.channels:
+                raise InputError(
+                    f"{name} is both a number ({self.constants[name]:g}) and a channel; remove one."
+                )
+        speed = self.constants.get(SPEED.name, 0.0)
+        if speed:
             raise InputError(
-                f"{LINK} is both a number ({self.constants[LINK]:g}) and a channel; remove one."
+                f"{SPEED.name} must be 0, of a rotor that stood still, or a channel, got "
+                f"{speed:g}; map the column of the speed in [channels]."
             )
 
     def load(self, path: str | Path) -> Experiment:
@@ -159,11 +176,15 @@ class DriveMapping:
             for name in RECORDED:
                 table.require_numbers(str(path), name)
             origins = {n: Origin(n, si) for n, si in RECORDED.items() if n in table.columns}
-        constant = {n: v for n, v in self.constants.items() if n == LINK and n not in origins}
+        constant = {n: self.constants[n] for n in AS_NUMBERS if n in self.constants}
+        constant = {name: value for name, value in constant.items() if name not in origins}
         self._require(path, table, {*origins, *constant})
         origins = {n: self._in_base(str(path), table, n, o) for n, o in origins.items()}
         found = experiments_of(table, source, origins, self.resample)
-        return tuple(self._completed(run, constant) for run in found)
+        runs = tuple(self._completed(run, constant) for run in found)
+        if SPEED.name in self.constants:
+            _require_standstill(path, runs)
+        return runs
 
     def _completed(self, run: Experiment, constant: Mapping[str, float]) -> Experiment:
         """Return a recording with its channels scaled, and those that no column holds."""
@@ -174,6 +195,7 @@ class DriveMapping:
     def _require(self, path: str | Path, table: Table, present: Collection[str]) -> None:
         """Refuse a file from which no drive recording can be made."""
         missing = missing_channels(present)
+        still = _STOOD_STILL if SPEED.name in missing else ""
         if missing and not table.columns:
             raise InputError(
                 f"{path}: no column of numbers, where {', '.join(missing)} were wanted; export the "
@@ -183,12 +205,12 @@ class DriveMapping:
             raise InputError(
                 f"{path}: no column {', '.join(missing)}; the columns are "
                 f"{list_names(table.columns)}; rename them, or map them by a study file, which "
-                "penode init begins."
+                f"penode init begins{still}."
             )
         if missing:
             raise InputError(
                 f"{path}: the study file maps no channel {', '.join(missing)}; name its column "
-                "in [channels]."
+                f"in [channels]{still}."
             )
 
     def _in_base(self, file: str, table: Table, name: str, origin: Origin) -> Origin:
@@ -224,3 +246,15 @@ class DriveMapping:
         if channel.mechanical and self.pole_pairs is not None:
             factor *= self.pole_pairs
         return factor * math.sqrt(2.0) if channel.rms else factor
+
+
+def _require_standstill(path: str | Path, runs: Sequence[Experiment]) -> None:
+    """Refuse a recording whose speed or angle turns though the study file says it does not."""
+    angles = [run.channels[ANGLE.name] for run in runs if ANGLE.name in run.channels]
+    turned = max((float(np.ptp(np.unwrap(angle))) for angle in angles), default=0.0)
+    if not stands_still(runs) or turned > TURN:
+        moving = SPEED if not stands_still(runs) else ANGLE
+        raise InputError(
+            f"{path}: {SPEED.name} = 0 in the study file, and channel {moving.name} turns by more "
+            f"than {TURN:g} electrical rad; map the column of the speed in place of the number."
+        )

@@ -1,13 +1,15 @@
 """Which columns of a recording are probably the channels of a drive, and in what convention."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.table import TIME, Table
 from penode.data.units import UNITS, unit_name
+from penode.errors import InputError
+from penode.pmsm.machine.standstill import TURN
 from penode.pmsm.recording.channel_guess import ChannelGuess
 from penode.pmsm.recording.channels import missing_channels, stationary_kinds
 from penode.pmsm.recording.drive_mapping import OF_SHAFT, RECORDED
@@ -45,6 +47,8 @@ class StudyGuess:
         The channels have different sampling times.
     bases : tuple of str
         Entries that are needed for what is recorded per unit.
+    numbers : mapping of str to float
+        Channels that are a number, SI, as no column holds them.
     """
 
     channels: Mapping[str, ChannelGuess]
@@ -53,6 +57,7 @@ class StudyGuess:
     pole_pairs: int | None
     resample: bool
     bases: tuple[str, ...] = ()
+    numbers: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def lacks_pole_pairs(self) -> bool:
@@ -91,6 +96,28 @@ def guess_study(table: Table) -> StudyGuess:
         len(clocks) > 1 and len({_times_key(table, clock) for clock in clocks}) > 1,
         bases,
     )
+
+
+def at_standstill(guess: StudyGuess, table: Table, file: str) -> StudyGuess:
+    """Return a guess of a recording whose rotor stood still: its speed is 0, or a column that is.
+
+    Raises
+    ------
+    InputError
+        If a column of the file is a speed that turns by more than a radian.
+    """
+    if _SPEED not in guess.channels:
+        missing = tuple(name for name in guess.missing if name != _SPEED)
+        return replace(guess, missing=missing, numbers={**guess.numbers, _SPEED: 0.0})
+    speed = guess.channels[_SPEED]
+    values = UNITS[speed.unit].to_si(table.columns[speed.column])
+    times = _times(table, speed.column, guess.channels)
+    if len(times) == len(values) and abs(float(np.trapezoid(values, times))) > TURN:
+        raise InputError(
+            f"{file}: the rotor must stand still for --standstill, and column {speed.column} is a "
+            f"speed from {values.min():.4g} to {values.max():.4g} rad/s; leave the option out."
+        )
+    return guess
 
 
 def _times_key(table: Table, clock: str | None) -> bytes:

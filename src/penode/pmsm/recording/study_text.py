@@ -2,6 +2,7 @@
 
 import json
 
+from penode.pmsm.machine.terms import SPEED
 from penode.pmsm.recording.channel_guess import ChannelGuess
 from penode.pmsm.recording.drive_mapping import BASES, IN_RMS, RECORDED
 from penode.pmsm.recording.guess import StudyGuess
@@ -53,6 +54,9 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
             'resample = "linear"\n'
         )
     parts += [_base(name, unit) for unit, name in BASES.items() if name in guess.bases]
+    parts += [
+        f"{name} = {value:g}  # the rotor stood still\n" for name, value in guess.numbers.items()
+    ]
     if LINK in guess.missing:
         parts.append(
             f"# not found, and needed, as a column or as a number: {LINK} in V.\n# {LINK} =\n"
@@ -61,6 +65,8 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
     parts += [_channel(name, channel) for name, channel in guess.channels.items()]
     for name in guess.missing:
         parts.append(f'# not found, and needed: {name} in {RECORDED[name]}.\n# {name} = "..."\n')
+        if name == SPEED.name:
+            parts.append(f"# Of a rotor that stood still: {name} = 0, above [channels].\n")
     parts.append(_accuracy())
     if guess.unused:
         parts.append(f"\n# Columns that are not used: {', '.join(map(_quoted, guess.unused))}\n")
