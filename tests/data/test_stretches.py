@@ -225,3 +225,42 @@ def test_a_long_recording_with_gaps_is_drawn_from_as_a_whole():
     assert rows == sorted(rows)
     assert {row // 20_000 for row in rows} == set(range(5))
     assert all(e in stretches for e in used.experiments)
+
+
+def test_times_with_gaps_give_stretches_that_keep_them():
+    t = 5.0 + 0.01 * np.arange(300)
+    kept = np.r_[0:100, 130:134, 150:300]
+    found = Experiment.from_times("run", t[kept], {"x": np.arange(300.0)[kept]})
+    assert [len(one) for one in found] == [100, 150]
+    assert found[0].time_step == pytest.approx(0.01, rel=1e-9)
+    for one, first in zip(found, (0, 150), strict=True):
+        assert np.allclose(one.times, t[first : first + len(one)], atol=1e-12)
+        assert one.channels["x"][0] == first
+        assert one.place.recording == "run"
+    (reason,) = found[1].place.reasons
+    assert "2 gaps of 0.16 to 0.3 s" in reason
+    assert "4 samples that are fewer than 8 in a row are left out" in reason
+
+
+def test_times_without_gaps_give_the_recording():
+    t = 0.01 * np.arange(50)
+    (whole,) = Experiment.from_times("run", t, {"x": t})
+    assert whole.stretch is None
+    (later,) = Experiment.from_times("run", t + 2.0, {"x": t})
+    assert np.allclose(later.times, t + 2.0, atol=1e-12)
+    assert np.allclose(later.part(10, 20).times, t[10:20] + 2.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        (np.r_[0:20, 19:40] * 0.1, "repeats at data row 21"),
+        (np.arange(40) * 0.1 + 0.03 * (np.arange(40) % 2), "jitters"),
+        (np.r_[np.arange(20) * 0.1, 5 + np.arange(20) * 0.12], "time step is 0.1 s"),
+        (np.arange(39) * 0.1, "got 39 times"),
+        (np.full(40, np.nan), "must be numbers"),
+    ],
+)
+def test_times_of_no_uniform_stretches_are_refused(times, words):
+    with pytest.raises(InputError, match=words):
+        Experiment.from_times("run", times, {"x": np.zeros(len(times) // 2 * 2 or 2)})

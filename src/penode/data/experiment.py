@@ -12,6 +12,7 @@ import numpy as np
 
 from penode.arrays import CLOCK, FloatArray
 from penode.data.gathered import mapping_of, released
+from penode.data.time_axis import MINIMUM_SAMPLES, uniform_stretches
 from penode.errors import InputError, did_you_mean
 
 #: Kind of numbers -> what is wrong with them, and the fix.
@@ -106,9 +107,55 @@ class Experiment:
         duration = max(len(self) - 1, 0) * self.time_step
         return self.stretch or Stretch(self.name, 0, 0.0, duration)
 
+    @classmethod
+    def from_times(
+        cls, name: str, times: FloatArray, channels: Mapping[str, FloatArray]
+    ) -> tuple["Experiment", ...]:
+        """Return a recording by the times of its samples: the stretches between gaps in them.
+
+        Nothing is predicted across a gap, and each stretch keeps its times.
+
+        Parameters
+        ----------
+        name : str
+        times : ndarray, shape (time,)
+            In s, uniform to 1 % between the gaps; these are steps above 1.5 of the median step.
+        channels : mapping of str to ndarray, each of shape (time,)
+            Channel values in SI units.
+
+        Returns
+        -------
+        tuple of Experiment
+            In order of time; stretches of fewer than 8 samples are left out.
+
+        Raises
+        ------
+        InputError
+            If times repeat, decrease, jitter, or differ in step between the stretches; if they are
+            not as many as samples; and as the class itself.
+        """
+        from penode.data.stretches import between_gaps  # which is built on this module
+
+        t = np.asarray(times)
+        if t.ndim != 1 or t.dtype.kind not in "iuf" or not np.isfinite(t).all():
+            raise InputError(f"{name}: times must be numbers, one a sample; give them in s.")
+        t = t.astype(np.float64)
+        step, spans = uniform_stretches(name, t, MINIMUM_SAMPLES)
+        whole = cls(name, step, channels)
+        if len(whole) != len(t):
+            raise InputError(
+                f"{name}: times must be as many as samples, got {len(t)} times and {len(whole)} "
+                "samples; give one time a sample."
+            )
+        begun = Stretch(name, 0, float(t[0]), float(np.ptp(t))) if t[0] != 0.0 else None
+        return between_gaps(replace(whole, stretch=begun), t, spans, MINIMUM_SAMPLES)
+
     @property
     def times(self) -> FloatArray:
-        """Times of the samples in s, shape (time,), from the first one of the recording on."""
+        """Times of the samples in s, shape (time,).
+
+        Counted from the first sample of the recording, or as `from_times` was given them.
+        """
         return np.asarray(self.place.start + self.time_step * np.arange(len(self)))
 
     def part(self, first: int, last: int) -> "Experiment":
@@ -207,7 +254,7 @@ def _require_form(name: Any, time_step: Any, channels: Any) -> None:
         got = repr(time_step) if np.ndim(time_step) == 0 else f"shape {np.shape(time_step)}"
         raise InputError(
             f"{name}: time_step must be one number above 0, got {got}; give the seconds from a "
-            "sample to the next."
+            "sample to the next, or the time of every sample to penode.Experiment.from_times."
         )
     if not isinstance(channels, Mapping):
         raise InputError(

@@ -6,16 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-import numpy as np
-
 from penode.data.content import Content
 from penode.data.experiment import Experiment, Source
 from penode.data.isolation import isolated
-from penode.data.mapping import Mapped, Origin, map_channels, own_names
+from penode.data.mapping import Origin, map_channels, own_names
 from penode.data.readers import csv
-from penode.data.stretches import SHORTEST, listed
+from penode.data.stretches import SHORTEST, between_gaps
 from penode.data.table import TIME, Table, list_names
-from penode.data.time_axis import gaps_in
 from penode.errors import InputError, require_extra
 
 
@@ -157,40 +154,9 @@ def experiments_of(
             f"{file}: column {empty[0]} has no values where another has some; record or export the "
             "data again, or remove it."
         )
-    return _stretches(Path(file).name, source, map_channels(file, table, origins, resample))
-
-
-def _stretches(name: str, source: Source, mapped: Mapped) -> tuple[Experiment, ...]:
-    """Return what lies between the gaps, each a recording of its own."""
-    whole = Experiment(name, mapped.time_step, mapped.channels, source)
-    if len(mapped.spans) == 1 and mapped.spans[0] == (0, len(whole)):
-        return (whole,)
-    begin, duration, sentence = mapped.times[0], np.ptp(mapped.times), _sentence(name, mapped)
-    found = []
-    for first, last in mapped.spans:
-        one = whole.between(first, last, sentence)
-        start = float(mapped.times[first] - begin)
-        place = replace(one.place, start=start, duration=float(duration))
-        found.append(replace(one, stretch=place))
-    return tuple(found)
-
-
-def _sentence(name: str, mapped: Mapped) -> str:
-    """Say where the gaps are, how long, and what is left out between them."""
-    times = mapped.times
-    gaps = gaps_in(times)
-    lengths = times[gaps + 1] - times[gaps] - mapped.time_step
-    ends = (f"{lengths.min():.3g}", f"{lengths.max():.3g}")
-    long = " to ".join(dict.fromkeys(ends)) + " s"
-    count = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-    read = "one stretch" if len(mapped.spans) == 1 else f"{len(mapped.spans)} stretches"
-    sentence = (
-        f"{name}: {count} of {long} in time, after {listed((gaps + 1).tolist())}: read as "
-        f"{read}, and nothing is predicted across a gap."
-    )
-    left = len(times) - sum(b - a for a, b in mapped.spans)
-    few = f" {left} samples that are fewer than {SHORTEST} in a row are left out."
-    return sentence + few * (left > 0)
+    mapped = map_channels(file, table, origins, resample)
+    whole = Experiment(Path(file).name, mapped.time_step, mapped.channels, source)
+    return between_gaps(whole, mapped.times - mapped.times[0], mapped.spans, SHORTEST)
 
 
 def _reader_for(location: Path, file: str) -> Callable[[Content], Table]:

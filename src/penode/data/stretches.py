@@ -14,6 +14,7 @@ import numpy as np
 from penode.arrays import BoolArray, FloatArray, IntArray
 from penode.data.experiment import Experiment
 from penode.data.gathered import released
+from penode.data.time_axis import gaps_in
 from penode.errors import InputError
 
 #: Fewest samples that are worth a stretch.
@@ -88,6 +89,44 @@ def spans_of(
         runs = edges.reshape(-1, 2).tolist()
         spans += [(stretch, a, b) for a, b in runs if b - a >= SHORTEST]
     return spans
+
+
+def between_gaps(
+    whole: Experiment, times: FloatArray, spans: Sequence[tuple[int, int]], shortest: int
+) -> tuple[Experiment, ...]:
+    """Return what lies between the gaps of times (time,) in s, each a recording of its own.
+
+    Spans are as `penode.data.time_axis.uniform_stretches` gives them of a shortest one; without
+    gaps the whole comes back.
+    """
+    if len(spans) == 1 and spans[0] == (0, len(whole)):
+        return (whole,)
+    sentence, duration = _of_gaps(whole, times, spans, shortest), float(np.ptp(times))
+    found = []
+    for first, last in spans:
+        one = whole.between(first, last, sentence)
+        place = replace(one.place, start=float(times[first]), duration=duration)
+        found.append(replace(one, stretch=place))
+    return tuple(found)
+
+
+def _of_gaps(
+    whole: Experiment, times: FloatArray, spans: Sequence[tuple[int, int]], shortest: int
+) -> str:
+    """Say where the gaps are, how long, and what is left out between them."""
+    gaps = gaps_in(times)
+    lengths = times[gaps + 1] - times[gaps] - whole.time_step
+    ends = (f"{lengths.min():.3g}", f"{lengths.max():.3g}")
+    long = " to ".join(dict.fromkeys(ends)) + " s"
+    count = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+    read = "one stretch" if len(spans) == 1 else f"{len(spans)} stretches"
+    sentence = (
+        f"{whole.name}: {count} of {long} in time, after {listed((gaps + 1).tolist())}: read as "
+        f"{read}, and nothing is predicted across a gap."
+    )
+    left = len(times) - sum(b - a for a, b in spans)
+    few = f" {left} samples that are fewer than {shortest} in a row are left out."
+    return sentence + few * (left > 0)
 
 
 def listed(places: Sequence[int], word: str = "data row") -> str:
