@@ -21,8 +21,8 @@ from penode.pmsm.balance.doubt import CLEAR, NOTICED, share
 from penode.pmsm.balance.drift import drift_columns
 from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
 from penode.pmsm.balance.trial_balance import imitated_lag, mean_lag
-from penode.pmsm.balance.voltage_balance import harmonic_window, joint_equations
-from penode.pmsm.machine.coenergy_map import MEAN, CoenergyPart, columns, roughness
+from penode.pmsm.balance.voltage_balance import Window, harmonic_window, joint_equations
+from penode.pmsm.machine.coenergy_map import MEAN, ODD, CoenergyPart, columns, roughness
 from penode.pmsm.machine.dead_time import PhaseDeadTime
 from penode.pmsm.machine.linkage import Linkage
 from penode.pmsm.machine.space_vectors import CURRENTS, in_frame_ahead
@@ -36,6 +36,11 @@ from penode.training.weak_form import HannWindow, WeakRegression, join
 _SIGNIFICANT = CLEAR**0.5
 #: Radians a sample below which the rotor stands still.
 _STANDSTILL = 1e-4
+#: Windows at standstill: samples of the shortest and most of these in all, lengths in the shortest,
+#: fewest in a recording; most rounds in which the delay is found, the
+#: change in deviations that ends them, and samples below which it is believed.
+_SHORTEST, _WINDOWS, _LENGTHS, _FEWEST = 6, 4000, (1, 2, 4, 8, 16), 16
+_ROUNDS, _SETTLED, _LATEST = 6, 0.1, 4.0
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,8 @@ _TIMING = _Candidate(("delay", "turn"))
 _KINDS = ("iron", "iron_of_rotation")
 _IRON = tuple(_Candidate((name,), _KINDS) for name in _KINDS)
 _SAMPLING = _Candidate(("sampling", "delay"), ("turn", "angle"), enters=False, price=0.0)
-_PLACES = (_TIMING, _Candidate(("angle",)), *_IRON, _SAMPLING)
+_ANGLE = _Candidate(("angle",))
+_PLACES = (_TIMING, _ANGLE, *_IRON, _SAMPLING)
 #: Once voltages are in place, nothing turns them by hundredths of a sample: a turn is iron's rival.
 _TURN = _Candidate(("turn",), _KINDS, enters=False)
 _LOSSES = (*_IRON, _TURN)
@@ -95,6 +101,9 @@ class _Balance:
     terms: tuple[Term, ...]
     part: CoenergyPart
     reach: float
+    window: Window | int = harmonic_window
+    # Of the map beside: what of it is not mirror symmetric.
+    beside_part: CoenergyPart | None = None
 
     @classmethod
     def of(cls, experiments: Sequence[Experiment], terms: Sequence[Term]) -> "_Balance":
@@ -124,14 +133,17 @@ class _Balance:
         axes = [(name, axis) for name in names for axis in IMPERFECTIONS[name].axes]
         own_first = len(axes) + len(self._drifts[0])
         first = own_first + len(physical)
+        size = self.part.coefficients.size
         penalty = [Roughness.of(first, roughness(self.part))]
+        if self.beside_part is not None:
+            penalty.append(Roughness.of(first + size, roughness(self.beside_part, (1, 2, 3))))
         free = smoothed(whole, penalty)
         own = deviations(whole, penalty, free)
         sizes, deviation = dict.fromkeys(names, 0.0 + 0.0j), dict.fromkeys(names, 0.0)
-        for (name, axis), size, std in zip(axes, free.solution, own, strict=False):
-            sizes[name] += axis * float(size)
+        for (name, axis), one, std in zip(axes, free.solution, own, strict=False):
+            sizes[name] += axis * float(one)
             deviation[name] = max(deviation[name], float(std))
-        table = free.solution[first:].reshape(self.part.coefficients.shape)
+        table = free.solution[first : first + size].reshape(self.part.coefficients.shape)
         drive = KnownDrive(
             float(free.solution[own_first + physical.index("R")]) if "R" in physical else 0.0,
             Linkage(replace(self.part, coefficients=table), self.reach),
@@ -162,7 +174,8 @@ class _Balance:
         if name not in made:
             made[name] = []
             for e in self.experiments:
-                window = HannWindow(e.time_step, harmonic_window(e))
+                length = self.window if isinstance(self.window, int) else self.window(e)
+                window = HannWindow(e.time_step, length)
                 each = IMPERFECTIONS[name].columns(e, drive)
                 parts = [(window.of_supply(r) + window.of_store(s)).ravel() for s, r in each]
                 made[name].append(np.stack(parts, axis=1))
@@ -171,12 +184,14 @@ class _Balance:
     @cached_property
     def _without(self) -> tuple[WeakRegression, ...]:
         """The equations of each recording with the columns of drift, terms and map alone."""
+        parts = [part for part in (self.part, self.beside_part) if part is not None]
 
         def basis(experiment: Experiment) -> FloatArray:
-            return columns(self.part, experiment.stack(CURRENTS) / self.reach)
+            x = experiment.stack(CURRENTS) / self.reach
+            return np.concatenate([columns(part, x) for part in parts], axis=2)
 
         return tuple(
-            joint_equations([e], self.terms, basis, harmonic_window, [drifts])
+            joint_equations([e], self.terms, basis, self.window, [drifts])
             for e, drifts in zip(self.experiments, self._drifts, strict=True)
         )
 
@@ -191,6 +206,7 @@ class _Search:
 
     balance: _Balance
     always: tuple[str, ...] = ()
+    first: tuple[str, ...] = _TIMING.names
     tried: dict[_Set, _Estimate] = field(default_factory=dict)
 
     def of(self, chosen: _Set) -> _Estimate:
@@ -216,7 +232,7 @@ class _Search:
 
     @cached_property
     def _first(self) -> _Estimate:
-        return self.balance.solved(_TIMING.names)
+        return self.balance.solved(self.first)
 
     def _possible(self, chosen: _Set) -> bool:
         apart = all(one.beside(other) for one in chosen for other in chosen if one != other)
@@ -234,7 +250,7 @@ def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
     """
     turning = max(float(np.abs(e.channels[SPEED.name]).max()) * e.time_step for e in experiments)
     if turning <= _STANDSTILL:
-        return _timing_at_rest(experiments)
+        return _at_rest(experiments, terms)
     recorded = _Balance.of(experiments, terms)
     balance = _of_slope(recorded)
     found, free = _placed(balance)
@@ -369,20 +385,68 @@ def _timing_sentences(
         )
 
 
-def _timing_at_rest(experiments: Sequence[Experiment]) -> Calibration:
-    """Return the delay at standstill, from windows short enough for what moves there to show it."""
-    one, (lag, own) = IMPERFECTIONS["delay"], mean_lag(experiments, in_phases=False)
-    matters, most = one.credible
-    if not (own < one.near and max(matters, _SIGNIFICANT * own) < abs(lag) < most):
-        return AS_RECORDED
-    delay = one.nearest(-lag, one.near)
-    reason = (
-        f"The voltage acts {-lag:.3f} ± {own:.3f} samples after it is recorded: taken into "
-        f"account as a delay of {delay:.3g}."
-    )
-    return Calibration(
-        {"delay": delay}, deviation={"delay": own} if delay % 1.0 else {}, reasons=(reason,)
-    )
+def _at_rest(experiments: Sequence[Experiment], terms: Sequence[Term]) -> Calibration:
+    """Return delay, angle and iron loss at standstill, all recordings in one regression."""
+    one, delay = IMPERFECTIONS["delay"], 0.0
+    for _ in range(_ROUNDS):  # a delay is known to first order only
+        placed = [one.corrected(e, delay, UNKNOWN_DRIVE) for e in experiments]
+        more, own, window = _delay_at_rest(placed, terms)
+        delay += more
+        if abs(more) < _SETTLED * own:
+            break
+    if not max(one.credible[0], _SIGNIFICANT * own) < abs(delay) < _LATEST:
+        delay, placed = 0.0, list(experiments)
+    balance = replace(_Balance.of(placed, terms), window=window)
+    chosen, whole = _angle_and_iron(balance)
+    size = one.nearest(delay, one.near) if delay else 0.0
+    sizes = {"delay": size, **{name: whole[name] for name in chosen}}
+    deviation = {name: whole.deviation[name] for name in chosen}
+    reasons = [IMPERFECTIONS[n].sentence(sizes[n], deviation[n], whole.drive) for n in chosen]
+    if size:
+        deviation |= {"delay": own} if size % 1.0 else {}
+        reasons.insert(
+            0,
+            f"The voltage acts {delay:.3f} ± {own:.3f} samples after it is recorded: taken into "
+            f"account as a delay of {size:.3g}.",
+        )
+    found = replace(_with(AS_RECORDED, **sizes), deviation=deviation, reasons=tuple(reasons))
+    return replace(found, drive=whole.drive) if chosen else found
+
+
+def _delay_at_rest(
+    experiments: Sequence[Experiment], terms: Sequence[Term]
+) -> tuple[float, float, int]:
+    """Return delay, deviation and window, all in samples: that of the windows that show it best.
+
+    What a controller's answer to noise can imitate counts in the deviation.
+    """
+    balance = _Balance.of(experiments, terms)
+    shortest = max(_SHORTEST, sum(map(len, experiments)) // _WINDOWS)
+    longest = max(min(map(len, experiments)) // _FEWEST, 1)
+    tried = []
+    for length in sorted({min(n * shortest, longest) for n in _LENGTHS}):
+        found = replace(balance, window=length).solved(("delay",))
+        imitated = imitated_lag(experiments, lambda _, length=length: length)
+        own = float(np.hypot(found.deviation["delay"], imitated))
+        tried.append((own, found["delay"], length))
+    own, delay, length = min(tried)
+    return delay, own, length
+
+
+def _angle_and_iron(balance: _Balance) -> tuple[tuple[str, ...], _Estimate]:
+    """Return which of angle and iron loss enter beside the delay, and the estimate with them.
+
+    At one angle of the rotor its slots bend the map too, so that it need not be mirror symmetric:
+    an angle has to explain more than that.
+    """
+    search = _Search(balance, ("delay",), ("delay",))
+    chosen = search.best((_ANGLE, _IRON[0]))
+    if _ANGLE in chosen:
+        rest = tuple(one for one in chosen if one != _ANGLE)
+        skewed = replace(balance, beside_part=CoenergyPart.zero(ODD, False))
+        if _Search(skewed, ("delay",), ("delay",)).of(rest).evidence < search.of(chosen).evidence:
+            chosen = search.best((_IRON[0],))
+    return tuple(name for one in chosen for name in one.names), search.of(chosen)
 
 
 def _acts_late(delay: float, experiments: Sequence[Experiment]) -> bool:
