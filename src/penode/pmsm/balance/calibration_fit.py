@@ -22,7 +22,7 @@ from penode.pmsm.balance.drift import drift_columns
 from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
 from penode.pmsm.balance.trial_balance import imitated_lag, mean_lag
 from penode.pmsm.balance.voltage_balance import Window, harmonic_window, joint_equations
-from penode.pmsm.machine.coenergy_map import MEAN, ODD, CoenergyPart, columns, roughness
+from penode.pmsm.machine.coenergy_map import MEAN, CoenergyPart, columns, roughness
 from penode.pmsm.machine.dead_time import PhaseDeadTime
 from penode.pmsm.machine.linkage import Linkage
 from penode.pmsm.machine.space_vectors import CURRENTS, in_frame_ahead
@@ -36,11 +36,9 @@ from penode.training.weak_form import HannWindow, WeakRegression, join
 _SIGNIFICANT = CLEAR**0.5
 #: Radians a sample below which the rotor stands still.
 _STANDSTILL = 1e-4
-#: Windows at standstill: samples of the shortest and most of these in all, lengths in the shortest,
-#: fewest in a recording; most rounds in which the delay is found, the
-#: change in deviations that ends them, and samples below which it is believed.
-_SHORTEST, _WINDOWS, _LENGTHS, _FEWEST = 6, 4000, (1, 2, 4, 8, 16), 16
-_ROUNDS, _SETTLED, _LATEST = 6, 0.1, 4.0
+#: Windows at standstill in samples, each twice the one before: the shortest, most windows of it in
+#: all and fewest of the longest in a recording; rounds in which a delay is found.
+_SHORTEST, _WINDOWS, _FEWEST, _ROUNDS = 6, 4000, 16, 3
 
 
 @dataclass(frozen=True)
@@ -102,8 +100,6 @@ class _Balance:
     part: CoenergyPart
     reach: float
     window: Window | int = harmonic_window
-    # Of the map beside: what of it is not mirror symmetric.
-    beside_part: CoenergyPart | None = None
 
     @classmethod
     def of(cls, experiments: Sequence[Experiment], terms: Sequence[Term]) -> "_Balance":
@@ -133,17 +129,14 @@ class _Balance:
         axes = [(name, axis) for name in names for axis in IMPERFECTIONS[name].axes]
         own_first = len(axes) + len(self._drifts[0])
         first = own_first + len(physical)
-        size = self.part.coefficients.size
         penalty = [Roughness.of(first, roughness(self.part))]
-        if self.beside_part is not None:
-            penalty.append(Roughness.of(first + size, roughness(self.beside_part, (1, 2, 3))))
         free = smoothed(whole, penalty)
         own = deviations(whole, penalty, free)
         sizes, deviation = dict.fromkeys(names, 0.0 + 0.0j), dict.fromkeys(names, 0.0)
-        for (name, axis), one, std in zip(axes, free.solution, own, strict=False):
-            sizes[name] += axis * float(one)
+        for (name, axis), size, std in zip(axes, free.solution, own, strict=False):
+            sizes[name] += axis * float(size)
             deviation[name] = max(deviation[name], float(std))
-        table = free.solution[first : first + size].reshape(self.part.coefficients.shape)
+        table = free.solution[first:].reshape(self.part.coefficients.shape)
         drive = KnownDrive(
             float(free.solution[own_first + physical.index("R")]) if "R" in physical else 0.0,
             Linkage(replace(self.part, coefficients=table), self.reach),
@@ -184,11 +177,9 @@ class _Balance:
     @cached_property
     def _without(self) -> tuple[WeakRegression, ...]:
         """The equations of each recording with the columns of drift, terms and map alone."""
-        parts = [part for part in (self.part, self.beside_part) if part is not None]
 
         def basis(experiment: Experiment) -> FloatArray:
-            x = experiment.stack(CURRENTS) / self.reach
-            return np.concatenate([columns(part, x) for part in parts], axis=2)
+            return columns(self.part, experiment.stack(CURRENTS) / self.reach)
 
         return tuple(
             joint_equations([e], self.terms, basis, self.window, [drifts])
@@ -387,66 +378,62 @@ def _timing_sentences(
 
 def _at_rest(experiments: Sequence[Experiment], terms: Sequence[Term]) -> Calibration:
     """Return delay, angle and iron loss at standstill, all recordings in one regression."""
-    one, delay = IMPERFECTIONS["delay"], 0.0
-    for _ in range(_ROUNDS):  # a delay is known to first order only
-        placed = [one.corrected(e, delay, UNKNOWN_DRIVE) for e in experiments]
-        more, own, window = _delay_at_rest(placed, terms)
-        delay += more
-        if abs(more) < _SETTLED * own:
-            break
-    if not max(one.credible[0], _SIGNIFICANT * own) < abs(delay) < _LATEST:
-        delay, placed = 0.0, list(experiments)
-    balance = replace(_Balance.of(placed, terms), window=window)
-    chosen, whole = _angle_and_iron(balance)
-    size = one.nearest(delay, one.near) if delay else 0.0
-    sizes = {"delay": size, **{name: whole[name] for name in chosen}}
-    deviation = {name: whole.deviation[name] for name in chosen}
-    reasons = [IMPERFECTIONS[n].sentence(sizes[n], deviation[n], whole.drive) for n in chosen]
-    if size:
-        deviation |= {"delay": own} if size % 1.0 else {}
-        reasons.insert(
-            0,
+    delay, own, balance = _delay_at_rest(experiments, terms)
+    search = _Search(balance, ("delay",), ("delay",))
+    chosen = search.best((_ANGLE, _IRON[0]))
+    names, whole = [name for one in chosen for name in one.names], search.of(chosen)
+    sizes = {name: whole.sizes[name] for name in names}
+    deviation = {name: whole.deviation[name] for name in names}
+    reasons = [IMPERFECTIONS[n].sentence(sizes[n], deviation[n], whole.drive) for n in names]
+    if delay:
+        one = IMPERFECTIONS["delay"]
+        size = one.nearest(delay, one.near) if own < one.near else delay
+        sizes["delay"], exact = size, not size % one.exact
+        deviation |= {} if exact else {"delay": own}
+        timing = (
             f"The voltage acts {delay:.3f} ± {own:.3f} samples after it is recorded: taken into "
-            f"account as a delay of {size:.3g}.",
+            f"account as a delay of {size:.3g}."
         )
-    found = replace(_with(AS_RECORDED, **sizes), deviation=deviation, reasons=tuple(reasons))
-    return replace(found, drive=whole.drive) if chosen else found
+        reasons.insert(0, timing)
+    drive = whole.drive if names else UNKNOWN_DRIVE
+    return Calibration(sizes, drive, deviation=deviation, reasons=tuple(reasons))
 
 
 def _delay_at_rest(
     experiments: Sequence[Experiment], terms: Sequence[Term]
-) -> tuple[float, float, int]:
-    """Return delay, deviation and window, all in samples: that of the windows that show it best.
+) -> tuple[float, float, _Balance]:
+    """Return delay and deviation in samples, and the balance without it, in windows that show it.
+
+    The delay is 0 where it is not credible.
+    """
+    one, delay, own, balance = IMPERFECTIONS["delay"], 0.0, 0.0, _Balance.of(experiments, terms)
+    matters, most = one.credible
+    for _ in range(_ROUNDS):  # a delay is known to first order only
+        more, own, length = _delay_left(balance)
+        placed, delay = replace(balance, window=length), delay + more
+        if abs(delay) < most:
+            every = [one.corrected(e, delay, UNKNOWN_DRIVE) for e in experiments]
+            balance = replace(placed, experiments=every)
+    if max(matters, _SIGNIFICANT * own) < abs(delay) < most:
+        return delay, own, balance
+    return 0.0, own, replace(balance, experiments=experiments)
+
+
+def _delay_left(balance: _Balance) -> tuple[float, float, int]:
+    """Return delay, deviation and window in samples, of the windows that show the delay best.
 
     What a controller's answer to noise can imitate counts in the deviation.
     """
-    balance = _Balance.of(experiments, terms)
-    shortest = max(_SHORTEST, sum(map(len, experiments)) // _WINDOWS)
-    longest = max(min(map(len, experiments)) // _FEWEST, 1)
-    tried = []
-    for length in sorted({min(n * shortest, longest) for n in _LENGTHS}):
+    lengths = [len(e) for e in balance.experiments]
+    length, tried = max(_SHORTEST, sum(lengths) // _WINDOWS), []
+    while not tried or length <= min(lengths) // _FEWEST:
         found = replace(balance, window=length).solved(("delay",))
-        imitated = imitated_lag(experiments, lambda _, length=length: length)
+        imitated = imitated_lag(balance.experiments, lambda _, length=length: length)
         own = float(np.hypot(found.deviation["delay"], imitated))
         tried.append((own, found["delay"], length))
+        length *= 2
     own, delay, length = min(tried)
     return delay, own, length
-
-
-def _angle_and_iron(balance: _Balance) -> tuple[tuple[str, ...], _Estimate]:
-    """Return which of angle and iron loss enter beside the delay, and the estimate with them.
-
-    At one angle of the rotor its slots bend the map too, so that it need not be mirror symmetric:
-    an angle has to explain more than that.
-    """
-    search = _Search(balance, ("delay",), ("delay",))
-    chosen = search.best((_ANGLE, _IRON[0]))
-    if _ANGLE in chosen:
-        rest = tuple(one for one in chosen if one != _ANGLE)
-        skewed = replace(balance, beside_part=CoenergyPart.zero(ODD, False))
-        if _Search(skewed, ("delay",), ("delay",)).of(rest).evidence < search.of(chosen).evidence:
-            chosen = search.best((_IRON[0],))
-    return tuple(name for one in chosen for name in one.names), search.of(chosen)
 
 
 def _acts_late(delay: float, experiments: Sequence[Experiment]) -> bool:

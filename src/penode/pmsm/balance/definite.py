@@ -2,7 +2,8 @@
 
 Smoothing continues a map towards the linear machine, but a strongly saturated one may bend so much
 at the edge of the recordings that the differential inductance leaves the physical range beyond. In
-the rectangle that holds the recorded currents, where tables are made, it is held.
+the rectangle that holds the recorded currents, where tables are made, it is held, and so far beyond
+as a free run may overshoot them.
 """
 
 from collections.abc import Sequence
@@ -22,6 +23,8 @@ from penode.training.weak_form import WeakRegression
 
 #: Points a side of the rectangle, and recorded ones that say how small an inductance may be.
 _GRID, _POINTS = 31, 200
+#: By which the rectangle is larger than the recorded currents' range, as a share of it.
+_BEYOND = 0.1
 #: Least inductance beyond the recordings over the least within; what is below half of it is raised.
 _LEAST = 0.2
 #: That least inductance over the deviation with which it is known: surer than a misfit of training.
@@ -148,9 +151,10 @@ def held_in_training(
 
 
 def _rectangle(currents: FloatArray, count: int) -> FloatArray:
-    """Return points (point, 2) on an even grid over the rectangle that holds currents."""
+    """Return points (point, 2) on an even grid over a rectangle that holds currents."""
     low, high = currents.min(axis=0), currents.max(axis=0)
-    axes = [np.linspace(a, b, count) for a, b in zip(low, high, strict=True)]
+    beyond = _BEYOND / 2 * (high - low)
+    axes = [np.linspace(*ends, count) for ends in zip(low - beyond, high + beyond, strict=True)]
     return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
 
 

@@ -30,9 +30,9 @@ _DETERMINED = 1.05
 #: Fraction of the voltages that no cure explains in a recording that is of no such machine: of
 #: right ones at most 0.05 is left, at 60 rpm behind a dead time.
 _UNEXPLAINED = 0.12
-#: At standstill windows are short, and the knee of a reluctance machine is too sharp for a
-#: polynomial: of right recordings up to 0.40 is left.
-_UNEXPLAINED_AT_REST = 0.6
+#: The same at standstill, where windows are short and the knee of a reluctance machine is too sharp
+#: for a polynomial: of right ones up to 0.54 is left.
+_UNEXPLAINED_AT_REST = 0.8
 #: Fraction of the voltages that is left at least where currents or voltages spin.
 _SPINS = 0.05
 #: Fraction of the currents below which no inductance is positive in a recording of no machine.

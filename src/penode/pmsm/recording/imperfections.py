@@ -256,7 +256,7 @@ class _Delay(DriveImperfection):
     name, source = "delay", "delay of the voltage"
     remedy = "Measure when the recorded voltage acts, and give it in the study file."
     unit, declared, exact, near = (1.0, "samples"), 0.02, 1.0, 0.1
-    credible = (0.1, 3.0)
+    credible = (0.1, 4.0)
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
         voltage = vector_of(experiment, VOLTAGES)
