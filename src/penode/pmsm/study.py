@@ -189,6 +189,8 @@ class _Beginning:
         decided, reasons, doubts = held.decided(steady)
         decided.check(corrected)
         start = _start(steady, decided, (*calibration.reasons, *drift.reasons, *reasons))
+        odd = tuple(f.sentence for f in quality_of(recordings))
+        start = replace(start, warnings=odd)
         return cls(found, calibration, decided, start, doubts, drift)
 
     @property
@@ -224,7 +226,7 @@ class _Beginning:
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:
-    """Return the start by the weak form, the settings and what is odd in the recordings."""
+    """Return the start by the weak form, and the settings."""
     orders, terms = study.angle_orders or (), study.terms
     machine, balance, penalties = weak_start(
         recordings, study.flux_map, study.seed, angle_orders=orders, terms=terms
@@ -232,7 +234,6 @@ def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str
     repair = "Add a recording at another speed, or reverse the speed."
     if not FLUX_MAPS[study.flux_map].reciprocal:
         repair = f"Use the reciprocal map (--flux-map coenergy). Or: a{repair[1:]}"
-    odd = tuple(f.sentence for f in quality_of(recordings))
     facts = study.facts(recordings, reasons)
     anchor = anchor_of(recordings, balance)
-    return Start(machine, balance.independence, anchor, repair, facts, odd, penalties)
+    return Start(machine, balance.independence, anchor, repair, facts, penalties=penalties)
