@@ -378,18 +378,27 @@ def _timing_sentences(
 
 def _at_rest(experiments: Sequence[Experiment], terms: Sequence[Term]) -> Calibration:
     """Return delay, angle and iron loss at standstill, all recordings in one regression."""
-    delay, own, balance = _delay_at_rest(experiments, terms)
-    search = _Search(balance, ("delay",), ("delay",))
-    chosen = search.best((_ANGLE, _IRON[0]))
-    names, whole = [name for one in chosen for name in one.names], search.of(chosen)
+    one, delay, balance = IMPERFECTIONS["delay"], 0.0, _Balance.of(experiments, terms)
+    matters, most = one.credible
+    for _ in range(_ROUNDS):  # a delay is known to first order only
+        imitated, window = _window_at_rest(balance)
+        search = _Search(replace(balance, window=window), ("delay",), ("delay",))
+        chosen = search.best((_ANGLE, _IRON[0]))
+        whole = search.of(chosen)
+        delay += whole["delay"]
+        if abs(delay) >= most:
+            return AS_RECORDED
+        placed = [one.corrected(e, delay, UNKNOWN_DRIVE) for e in experiments]
+        balance = replace(balance, experiments=placed)
+    names = [name for one in chosen for name in one.names]
     sizes = {name: whole.sizes[name] for name in names}
     deviation = {name: whole.deviation[name] for name in names}
     reasons = [IMPERFECTIONS[n].sentence(sizes[n], deviation[n], whole.drive) for n in names]
-    if delay:
-        one = IMPERFECTIONS["delay"]
+    own = float(np.hypot(whole.deviation["delay"], imitated))
+    if abs(delay) > max(matters, _SIGNIFICANT * own):
         size = one.nearest(delay, one.near) if own < one.near else delay
-        sizes["delay"], exact = size, not size % one.exact
-        deviation |= {} if exact else {"delay": own}
+        sizes["delay"] = size
+        deviation |= {"delay": own} if size % one.exact else {}
         timing = (
             f"The voltage acts {delay:.3f} ± {own:.3f} samples after it is recorded: taken into "
             f"account as a delay of {size:.3g}."
@@ -399,41 +408,20 @@ def _at_rest(experiments: Sequence[Experiment], terms: Sequence[Term]) -> Calibr
     return Calibration(sizes, drive, deviation=deviation, reasons=tuple(reasons))
 
 
-def _delay_at_rest(
-    experiments: Sequence[Experiment], terms: Sequence[Term]
-) -> tuple[float, float, _Balance]:
-    """Return delay and deviation in samples, and the balance without it, in windows that show it.
+def _window_at_rest(balance: _Balance) -> tuple[float, int]:
+    """Return the window, in samples, that shows a delay best, and the delay that it may imitate.
 
-    The delay is 0 where it is not credible.
-    """
-    one, delay, own, balance = IMPERFECTIONS["delay"], 0.0, 0.0, _Balance.of(experiments, terms)
-    matters, most = one.credible
-    for _ in range(_ROUNDS):  # a delay is known to first order only
-        more, own, length = _delay_left(balance)
-        placed, delay = replace(balance, window=length), delay + more
-        if abs(delay) < most:
-            every = [one.corrected(e, delay, UNKNOWN_DRIVE) for e in experiments]
-            balance = replace(placed, experiments=every)
-    if max(matters, _SIGNIFICANT * own) < abs(delay) < most:
-        return delay, own, balance
-    return 0.0, own, replace(balance, experiments=experiments)
-
-
-def _delay_left(balance: _Balance) -> tuple[float, float, int]:
-    """Return delay, deviation and window in samples, of the windows that show the delay best.
-
-    What a controller's answer to noise can imitate counts in the deviation.
+    That is what a controller's answer to noise looks like; it counts beside the deviation.
     """
     lengths = [len(e) for e in balance.experiments]
     length, tried = max(_SHORTEST, sum(lengths) // _WINDOWS), []
     while not tried or length <= min(lengths) // _FEWEST:
         found = replace(balance, window=length).solved(("delay",))
         imitated = imitated_lag(balance.experiments, lambda _, length=length: length)
-        own = float(np.hypot(found.deviation["delay"], imitated))
-        tried.append((own, found["delay"], length))
+        tried.append((float(np.hypot(found.deviation["delay"], imitated)), imitated, length))
         length *= 2
-    own, delay, length = min(tried)
-    return delay, own, length
+    _, imitated, length = min(tried)
+    return imitated, length
 
 
 def _acts_late(delay: float, experiments: Sequence[Experiment]) -> bool:

@@ -88,7 +88,8 @@ def held_definite(
         solution = penalised(equations, penalties, smoothed, (rows, left)) + unseen
     # A little below, so that rounding lets no penalty begin where training does.
     reached = (1 - 1e-5) * float(_principal(everywhere, solution[first:])[0].min())
-    return Held(solution, everywhere, rows, target, min(floor / 2, reached) if reached > 0 else floor / 2)
+    least = min(floor / 2, reached) if reached > 0 else floor / 2
+    return Held(solution, everywhere, rows, target, least)
 
 
 @partial(
