@@ -67,7 +67,7 @@ from validate import (
 #: Modules with tests of their own, and those that run in an environment of other simulators.
 TESTED = {
     "command", "golden", "drawn_logs", "drawn_physics", "physics", "through_command",
-    "sampled_drive",
+    "sampled_drive", "standstill",
 }  # fmt: skip
 ELSEWHERE = {
     "other_simulators.control_loci": "motulator",
