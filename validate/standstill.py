@@ -5,11 +5,11 @@ data/processed/ExDataset1): hysteresis injection at 10 kHz along both axes, d an
 linkage that its authors integrated from the same voltages and currents, no second measurement.
 
 ``penode init --standstill`` writes the study file, ``penode identify`` gets the files of each line
-and nothing beside. Printed are exit status and verdict, R with its interval, delay and angle that were
-found, the free run's root mean square error over all currents, and the mean absolute difference of
-the map to the authors' flux linkage, less its mean, in d and q of each file. The last line is plain
-least squares: the integrated balance of all files with a polynomial coenergy of degree 10 that is
-even in both currents, at the delay that leaves least.
+and nothing beside. Printed are exit status and verdict, R with its interval, delay and angle that
+were found, the free run's root mean square error over all currents, and the mean absolute
+difference of the map to the authors' flux linkage, less its mean, in d and q of each file. The last
+line is plain least squares: the integrated balance of all files with a polynomial coenergy of
+degree 10 that is even in both currents, at the delay that leaves least.
 """
 
 import sys

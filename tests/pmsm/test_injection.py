@@ -1,14 +1,14 @@
-"""Voltages injected at standstill, one axis a file: what drives record when they are commissioned."""
+"""Voltages injected at standstill, one axis a file: what a drive records when commissioned."""
 
 import numpy as np
 import pytest
+from tests.pmsm.injection import Reluctance, injected, one_axis_a_file
 
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.recording.imperfections import Accuracy
 from penode.pmsm.recording_check import check_recordings
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
-from tests.pmsm.injection import Reluctance, injected, one_axis_a_file
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")
 

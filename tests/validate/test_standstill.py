@@ -1,10 +1,10 @@
 """The table of a machine at standstill, from recordings that are simulated here."""
 
 import numpy as np
-from validate import standstill
+from tests.pmsm.injection import TIME_STEP, Reluctance, injected, one_axis_a_file
 from validate.command import Ended
 
-from tests.pmsm.injection import TIME_STEP, Reluctance, injected, one_axis_a_file
+from validate import standstill
 
 MACHINE = Reluctance()
 
