@@ -6,6 +6,7 @@ too, so that it is not taken for that. A mirror symmetric map of splines cannot 
 them, as a free one would.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -99,7 +100,7 @@ class _Balance:
     terms: tuple[Term, ...]
     part: CoenergyPart
     reach: float
-    window: Window | int = harmonic_window
+    window: Window = harmonic_window
 
     @classmethod
     def of(cls, experiments: Sequence[Experiment], terms: Sequence[Term]) -> "_Balance":
@@ -167,8 +168,7 @@ class _Balance:
         if name not in made:
             made[name] = []
             for e in self.experiments:
-                length = self.window if isinstance(self.window, int) else self.window(e)
-                window = HannWindow(e.time_step, length)
+                window = HannWindow(e.time_step, self.window(e))
                 each = IMPERFECTIONS[name].columns(e, drive)
                 parts = [(window.of_supply(r) + window.of_store(s)).ravel() for s, r in each]
                 made[name].append(np.stack(parts, axis=1))
@@ -394,7 +394,7 @@ def _at_rest(experiments: Sequence[Experiment], terms: Sequence[Term]) -> Calibr
     sizes = {name: whole.sizes[name] for name in names}
     deviation = {name: whole.deviation[name] for name in names}
     reasons = [IMPERFECTIONS[n].sentence(sizes[n], deviation[n], whole.drive) for n in names]
-    own = float(np.hypot(whole.deviation["delay"], imitated))
+    own = math.hypot(whole.deviation["delay"], imitated)
     if abs(delay) > max(matters, _SIGNIFICANT * own):
         size = one.nearest(delay, one.near) if own < one.near else delay
         sizes["delay"] = size
@@ -408,20 +408,25 @@ def _at_rest(experiments: Sequence[Experiment], terms: Sequence[Term]) -> Calibr
     return Calibration(sizes, drive, deviation=deviation, reasons=tuple(reasons))
 
 
-def _window_at_rest(balance: _Balance) -> tuple[float, int]:
-    """Return the window, in samples, that shows a delay best, and the delay that it may imitate.
+def _window_at_rest(balance: _Balance) -> tuple[float, Window]:
+    """Return the window that shows a delay best, behind the delay that noise may imitate in it.
 
-    That is what a controller's answer to noise looks like; it counts beside the deviation.
+    That is in samples what a controller's answer to noise looks like, beside the deviation.
     """
     lengths = [len(e) for e in balance.experiments]
-    length, tried = max(_SHORTEST, sum(lengths) // _WINDOWS), []
+    length, tried = max(_SHORTEST, sum(lengths) // _WINDOWS), list[tuple[float, float, int]]()
     while not tried or length <= min(lengths) // _FEWEST:
-        found = replace(balance, window=length).solved(("delay",))
-        imitated = imitated_lag(balance.experiments, lambda _, length=length: length)
-        tried.append((float(np.hypot(found.deviation["delay"], imitated)), imitated, length))
+        window = _of_length(length)
+        own = replace(balance, window=window).solved(("delay",)).deviation["delay"]
+        imitated = imitated_lag(balance.experiments, window)
+        tried.append((math.hypot(own, imitated), imitated, length))
         length *= 2
     _, imitated, length = min(tried)
-    return imitated, length
+    return imitated, _of_length(length)
+
+
+def _of_length(samples: int) -> Window:
+    return lambda _: samples
 
 
 def _acts_late(delay: float, experiments: Sequence[Experiment]) -> bool:
