@@ -1,5 +1,7 @@
 """Voltages injected at standstill, one axis a file: what a drive records when commissioned."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.pmsm.injection import Reluctance, injected, one_axis_a_file
@@ -55,6 +57,15 @@ def test_a_check_names_an_axis_that_no_recording_excites_and_no_other_fault():
     assert together.quality == ()
     (finding,) = alone.quality
     assert "nothing is learned of the q axis" in finding.sentence
+
+
+@pytest.mark.parametrize("of", ["u", "i"])
+def test_channels_that_have_nothing_to_do_with_each_other_are_refused(of):
+    both = injected("both.csv", BOTH, samples=1000)
+    order = np.random.default_rng(0).permutation(len(both))
+    mixed = {name: both.channels[name][order] for name in (f"{of}_d", f"{of}_q")}
+    found = check_recordings([replace(both, channels={**both.channels, **mixed})], Study(**OPEN))
+    assert [broken.name for broken in found.broken] == ["no synchronous machine"]
 
 
 def test_resistance_and_map_follow_from_one_axis_a_file():

@@ -32,7 +32,7 @@ _DETERMINED = 1.05
 _UNEXPLAINED = 0.12
 #: The same at standstill, where windows are short and the knee of a reluctance machine is too sharp
 #: for a polynomial: of right ones up to 0.54 is left.
-_UNEXPLAINED_AT_REST = 0.8
+_UNEXPLAINED_AT_REST = 0.7
 #: Fraction of the voltages that is left at least where currents or voltages spin.
 _SPINS = 0.05
 #: Fraction of the currents below which no inductance is positive in a recording of no machine.
