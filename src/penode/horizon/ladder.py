@@ -10,6 +10,7 @@ import numpy as np
 from penode.arrays import BoolArray, FloatArray, float64
 from penode.data.excitation import check_any_excitation
 from penode.data.experiment import Experiment
+from penode.data.rates import time_steps
 from penode.data.stretches import by_recording, fewest_windows
 from penode.data.windows import Jittered, Windows, cut
 from penode.errors import InputError
@@ -97,7 +98,7 @@ class HorizonFit:
     Attributes
     ----------
     horizon : int
-        Steps.
+        Steps, of the shortest length where recordings differ in it.
     solution : Solution
         Raw parameters, terms and outcome.
     values, deviation : ndarray, shape (reported,)
@@ -190,7 +191,7 @@ class LadderProblem:
     def of(
         cls, model: Model, experiments: Sequence[Experiment], plan: Plan, observer: Observer
     ) -> "LadderProblem":
-        """Return what a plan's climb needs on recordings of one time step.
+        """Return what a plan's climb needs.
 
         Raises
         ------
@@ -207,7 +208,7 @@ class LadderProblem:
         measured = visited
         if model.outputs:
             measured = np.concatenate([e.stack(tuple(model.outputs)) for e in experiments])
-        predictor = Predictor(experiments[0].time_step, plan.solver, plan.hold)
+        predictor = Predictor(float(time_steps(experiments).min()), plan.solver, plan.hold)
         scale = residual_scale(model, measured, plan.loss)
         objective = Objective(predictor, model, scale, plan.loss, len(experiments))
         reported = Reported(objective.layout, thin(visited, most=100))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment, require_recordings
 from penode.data.gathered import require_memory
+from penode.data.rates import require_one_time_step
 from penode.data.stretches import Excerpt, reasons_of
 from penode.errors import InputError
 from penode.fit.fit import Fit
@@ -120,6 +121,7 @@ class _Read:
         cls, experiments: Sequence[Experiment], validation: Sequence[Experiment], study: Study
     ) -> "_Read":
         require_recordings(experiments, validation)
+        require_one_time_step(experiments)
         require_samples(experiments)
         usable = usable_stretches(experiments)
         unseen = study.excerpt(usable_stretches(validation)).experiments

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from penode.data.experiment import Experiment
-from penode.data.stretches import STRETCH, Excerpt, excerpt
+from penode.data.stretches import STRETCH, Excerpt, by_recording, excerpt
 from penode.data.windows import Jittered
 from penode.errors import InputError, did_you_mean
 from penode.horizon.held_out import selector_for
@@ -201,7 +201,8 @@ def _reaching(plan: Plan, experiments: Sequence[Experiment]) -> Plan:
     """Return a plan with those horizons that recordings are long enough for."""
     if not stands_still(experiments):
         return fitting_plan(plan, experiments)
-    longest = max(_SHARE * min(map(len, experiments)), 1)
+    samples = min(max(map(len, stretches)) for stretches in by_recording(experiments))
+    longest = max(_SHARE * samples, 1)
     return replace(plan, stages=tuple(s for s in plan.stages if s.horizon <= longest))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache, lru_cache, partial
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -36,9 +36,27 @@ def summed(
     """Return sums over windows: r'r, S'S (value, value), and S'r of each window, (value, window).
 
     Behind them are the corrections of the windows' starts (free, window), SI units. One program
-    serves every horizon and number of windows cut from the same recordings. Where `normal` is not
-    wanted, what is returned in its place means nothing.
+    serves every horizon and number of windows cut from the same recordings of one time step. Where
+    `normal` is not wanted, what is returned in its place means nothing.
     """
+    parts = [
+        (places, _summed(own, raw, alike, normal))
+        for places, own, alike in error.by_time_step(windows)
+    ]
+    if len(parts) == 1:
+        return parts[0][1]
+    squares, products = (np.sum([sums[k] for _, sums in parts], axis=0) for k in (0, 1))
+    back = np.argsort(np.concatenate([places for places, _ in parts]))
+    scores, corrections = (
+        np.concatenate([sums[k] for _, sums in parts], axis=1)[:, back] for k in (2, 3)
+    )
+    return squares, products, scores, corrections
+
+
+def _summed(
+    error: PredictionError, raw: FloatArray, windows: Windows, normal: bool
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the sums over windows of one time step."""
     order, batch, length = _laid_out(error, error.predictor, windows)
     with float64():
         shared = on_device(raw), on_device(error.scale), batch
@@ -98,19 +116,30 @@ def _width(error: PredictionError) -> int:
     return next((n for n in (CHUNK, CHUNK // 2) if n * each <= _NEAR), CHUNK // 4)
 
 
-def blocks(
-    error: PredictionError, windows: Windows, corrections: FloatArray
-) -> Iterator[tuple[Windows, FloatArray, Batch]]:
-    """Yield windows, corrections of their starts (free, batch) and their batch, block by block.
+class Block(NamedTuple):
+    """A few windows of one time step; the batch is longer, and so are the corrections."""
+
+    # Of each window among all, (window,).
+    places: IntArray
+    error: PredictionError
+    horizon: int
+    # Of the windows' starts, (free, batch), SI units.
+    corrections: FloatArray
+    batch: Batch
+
+
+def blocks(error: PredictionError, windows: Windows, corrections: FloatArray) -> Iterator[Block]:
+    """Yield windows, block by block, with the corrections of their starts (free, window).
 
     Blocks are of one size: one program serves any number of windows.
     """
-    for first in range(0, len(windows), _BLOCK):
-        few, own = windows.among(slice(first, first + _BLOCK)), corrections[:, first:][:, :_BLOCK]
-        own = np.pad(own, ((0, 0), (0, _BLOCK - own.shape[1])), mode="edge")
-        with float64():
-            batch = compiled_windows(error, few, _BLOCK)
-        yield few, own, batch
+    for places, of_step, alike in error.by_time_step(windows):
+        for first in range(0, len(alike), _BLOCK):
+            few, at = alike.among(slice(first, first + _BLOCK)), places[first : first + _BLOCK]
+            own = np.pad(corrections[:, at], ((0, 0), (0, _BLOCK - len(at))), mode="edge")
+            with float64():
+                batch = compiled_windows(of_step, few, _BLOCK)
+            yield Block(at, of_step, few.horizon, own, batch)
 
 
 _Totals: TypeAlias = tuple[JaxArray, NormalMatrix, JaxArray, JaxArray]

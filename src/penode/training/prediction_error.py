@@ -3,6 +3,7 @@
 Loss, gradient, Gauss-Newton terms, scores and estimated starts all call these functions.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -183,6 +184,15 @@ class PredictionError:
 
     def __hash__(self) -> int:
         return hash(self._form)
+
+    def by_time_step(
+        self, windows: Windows
+    ) -> Iterator[tuple[IntArray, "PredictionError", Windows]]:
+        """Yield the windows of each time step, their places among all, and the error of these."""
+        for places, alike in windows.by_time_step:
+            predictor = self.predictor.at(alike.time_step)
+            same = predictor is self.predictor
+            yield places, self if same else replace(self, predictor=predictor), alike
 
     @cached_property
     def free(self) -> IntArray:

@@ -79,12 +79,17 @@ class Objective:
         raw : ndarray, shape (parameter,)
             Raw parameters.
         windows : Windows
-            One program is compiled for each horizon and number of windows.
+            One program is compiled for each time step, horizon and number of windows.
         """
-        with float64():
-            batch = compiled_windows(self.error, windows, len(windows.starts))
-            loss, gradient = self._value_and_grad(on_device(raw), batch, windows.horizon)
-            return float(loss), np.asarray(gradient)
+        loss, gradient, predicted = 0.0, np.zeros(len(raw)), windows.steps.sum()
+        for places, error, alike in self.error.by_time_step(windows):
+            share = len(places) * alike.horizon / predicted
+            with float64():
+                batch = compiled_windows(error, alike, len(places))
+                own = self._gradients_at(error.predictor)(on_device(raw), batch, alike.horizon)
+                loss += share * float(own[0])
+                gradient += share * np.asarray(own[1])
+        return loss, gradient
 
     def gauss_newton(self, raw: FloatArray, windows: Windows) -> GaussNewtonTerms:
         """Return the loss and the Gauss-Newton terms by forward sensitivities, J never stored.
@@ -96,7 +101,7 @@ class Objective:
         windows : Windows
             One program serves every horizon and number of windows cut from the same recordings.
         """
-        residuals = len(windows.starts) * windows.horizon * len(self.error.compared)
+        residuals = int(windows.steps.sum()) * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
         with float64():
             prior = self._prior(on_device(raw), residuals)
@@ -120,7 +125,7 @@ class Objective:
         windows : Windows
             Served by the same program as those of `gauss_newton`.
         """
-        residuals = len(windows.starts) * windows.horizon * len(self.error.compared)
+        residuals = int(windows.steps.sum()) * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
         scores = self._sums(raw, windows, normal=False)[2]
         return np.asarray(_summed(scores) - residuals * slopes.T @ penalties)
@@ -179,8 +184,18 @@ class Objective:
             return csr_array(np.asarray(_transform(self.layout, on_device(raw))).T)
 
     @cached_property
-    def _value_and_grad(self) -> Any:
-        return jax.jit(self.loss_and_gradient_of, static_argnums=2)
+    def _gradients_at(self) -> Callable[[Predictor], Any]:
+        """The compiled loss and gradient of a predictor, this one's at a time step."""
+
+        @lru_cache
+        def compiled(predictor: Predictor) -> Any:
+            one, error = self, self.error
+            if predictor is not self.predictor:
+                count = self.layout.experiments
+                one = Objective(predictor, error.model, self.scale, self.loss, count)
+            return jax.jit(one.loss_and_gradient_of, static_argnums=2)
+
+        return compiled
 
     @cached_property
     def _arguments(self) -> tuple[Penalty, ...]:

@@ -26,10 +26,10 @@ def sample_scores(error: PredictionError, raw: FloatArray, windows: Windows) -> 
     Their sum over samples is that of the windows' scores.
     """
     corrections, total = summed(error, raw, windows, normal=False)[3], np.zeros(())
-    for few, own, batch in blocks(error, windows, corrections):
+    for one in blocks(error, windows, corrections):
         with float64():
-            given = on_device(raw), on_device(error.scale), on_device(own), batch
-            total = total + np.asarray(_by_sample(error, *given, few.horizon))
+            given = on_device(raw), on_device(error.scale), on_device(one.corrections), one.batch
+            total = total + np.asarray(_by_sample(one.error, *given, one.horizon))
     return np.asarray(total)[:, : len(windows.states)]
 
 

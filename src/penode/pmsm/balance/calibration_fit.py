@@ -426,7 +426,7 @@ def _window_at_rest(balance: _Balance) -> tuple[float, Window]:
 
 
 def _of_length(samples: int) -> Window:
-    return lambda _: samples
+    return lambda experiment: min(samples, max(len(experiment) - 1, 1))
 
 
 def _acts_late(delay: float, experiments: Sequence[Experiment]) -> bool:
