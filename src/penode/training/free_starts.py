@@ -184,11 +184,11 @@ def _with_stiffness(
     error: PredictionError, sums: Sums, correction: JaxArray, used: JaxArray
 ) -> tuple[JaxArray, JaxArray, JaxArray]:
     """Return squares, slope and curvature by the corrections, their own squares included."""
-    stiffness = jnp.asarray(error.stiffness)[:, None]
+    held, steepness = error.held(correction)
     unit = np.eye(len(error.free))[..., None]
-    squares = sums.squares + used * jnp.sum(stiffness * correction**2, axis=0)
-    slope = sums.scores.own - used * stiffness * correction
-    return squares, slope, jnp.where(used > 0, sums.mixed.own + unit * stiffness, unit)
+    squares = sums.squares + used * jnp.sum(held**2, axis=0)
+    slope = sums.scores.own - used * steepness * held
+    return squares, slope, jnp.where(used > 0, sums.mixed.own + unit * steepness**2, unit)
 
 
 def _shrinking(gain: JaxArray, before: JaxArray, squares: JaxArray) -> JaxArray:

@@ -101,7 +101,7 @@ class Recursion:
             at_start = first.each(lambda part: part[0])
             residual, slopes = self.residual(jnp.zeros((), int), start[0], at_start)
             used = slopes.each(lambda part: part * batch.used)
-            carry = add(jnp.asarray(-1), residual * batch.used, used, carry)
+            carry = add(jnp.asarray(-1), *self.tempered(residual * batch.used, used), carry)
         shape = (prefilter.order, len(self.error.compared))
 
         def zeros(*axes: int) -> JaxArray:
@@ -115,10 +115,17 @@ class Recursion:
             shared, shared_before = prefilter.advance(shared_before, slopes.shared * batch.used)
             own, own_before = prefilter.advance(own_before, slopes.own * batch.used)
             memory = before, shared_before, own_before
-            return memory, add(k, filtered, Columns(shared, own), carry)
+            return memory, add(k, *self.tempered(filtered, Columns(shared, own)), carry)
 
         memory = zeros(), zeros(self.shared), zeros(len(self.error.free))
         return rollout(self.step, (start, first), self.horizon, visit, (memory, carry))[1]
+
+    def tempered(self, residual: JaxArray, slopes: Columns) -> tuple[JaxArray, Columns]:
+        """Return what is squared of residuals (output, batch), and slopes (output, ..., batch)."""
+        tempered, slope = self.error.tempered(residual)
+        if slope is None:
+            return residual, slopes
+        return tempered, slopes.each(lambda part: part * slope[:, None])
 
     def start(self, correction: JaxArray) -> tuple[JaxArray, Columns]:
         """Return x_0 (past, state, batch) and S_0 of shape (past, state, column, batch).
