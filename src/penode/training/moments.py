@@ -18,11 +18,11 @@ from penode.training.sensitivities import Columns, Recursion
 def moments(
     error: PredictionError, raw: FloatArray, windows: Windows, corrections: FloatArray
 ) -> FloatArray:
-    """Return `penode.training.noise.StudentT.moments` summed over windows and steps, (4, quantity).
+    """Return `penode.training.noise.StudentT.moments` summed over windows and steps, (3, quantity).
 
     The windows' starts are corrected, (free, window), SI units.
     """
-    total = np.zeros((4, len(error.compared)))
+    total = np.zeros((3, len(error.compared)))
     for one in blocks(error, windows, corrections):
         with float64():
             given = on_device(raw), on_device(error.scale), on_device(one.corrections), one.batch
@@ -39,14 +39,15 @@ def _moments(
     batch: Batch,
     horizon: JaxArray,
 ) -> JaxArray:
-    """Return the sums (4, quantity) over a batch of windows."""
+    """Return the sums (3, quantity) over a batch of windows."""
     error = replace(error, scale=scale)
     noise = error.loss.noise or StudentT()
     values = error.layout.values(raw)[:, None]
 
     def add(k: JaxArray, residual: JaxArray, slopes: Columns, sums: JaxArray) -> JaxArray:
-        return sums + jnp.sum(noise.moments(residual) * batch.used, axis=-1)
+        z = noise.unweighted(residual)
+        return sums + jnp.sum(noise.moments(z) * batch.used, axis=-1)
 
-    nothing = jnp.zeros((4, len(error.compared)), values.dtype)
+    nothing = jnp.zeros((3, len(error.compared)), values.dtype)
     recursion = Recursion(error, error.layout.split(values), horizon, batch, 0)
     return recursion.over_steps(correction, add, nothing)

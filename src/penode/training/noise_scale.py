@@ -46,7 +46,7 @@ def _scaled(problem: Problem, raw: FloatArray) -> Problem:
     objective, windows = problem.objective, problem.windows
     corrections = summed(objective.error, raw, windows, normal=False)[3]
     for _ in range(_PASSES):
-        w, squares, *_ = moments(objective.error, raw, windows, corrections)
+        w, squares, _ = moments(objective.error, raw, windows, corrections)
         # J. T. Kent et al., Commun. Stat. Simul. 23 (1994) 441, doi:10.1080/03610919408813180.
         factor = np.sqrt(squares / np.maximum(w, 1e-300))
         if not np.isfinite(factor).all():

@@ -214,18 +214,21 @@ class PredictionError:
         backend = np if isinstance(self.scale, np.ndarray) else jnp
         return backend.where(as_measured, self.scale[self.free], deviation) ** -2.0
 
-    def tempered(self, residual: JaxArray) -> tuple[JaxArray, JaxArray | None]:
-        """Return what is squared in place of scaled residuals, of any shape, and its slope.
+    def squares(self, residual: JaxArray) -> JaxArray:
+        """Return what of scaled residuals, of any shape, is summed."""
+        return residual**2 if self.loss.noise is None else self.loss.noise.squares(residual)
 
-        None where it is the residual itself.
-        """
-        return (residual, None) if self.loss.noise is None else self.loss.noise.root(residual)
+    def squares_of_weighted(self, residual: JaxArray) -> JaxArray:
+        """Return what is summed of residuals that were multiplied by the roots of their weights."""
+        noise = self.loss.noise
+        return residual**2 if noise is None else noise.squares(noise.unweighted(residual))
 
     def held(self, correction: JaxArray) -> tuple[JaxArray, JaxArray]:
-        """Return the residuals that corrections (free, batch) of starts cost, and their slopes."""
-        size = jnp.sqrt(jnp.asarray(self.stiffness))[:, None]
-        cost, slope = self.tempered(size * correction)
-        return cost, jnp.broadcast_to(size, cost.shape) if slope is None else size * slope
+        """Return what corrections (free, batch) of starts are as weighted residuals, and slopes."""
+        slope, noise = jnp.sqrt(jnp.asarray(self.stiffness))[:, None], self.loss.noise
+        if noise is not None:
+            slope = slope * jnp.sqrt(noise.weight(slope * correction))
+        return slope * correction, slope
 
     @cached_property
     def compared(self) -> IntArray:

@@ -27,8 +27,8 @@ from penode.training.penalties import GaussianPrior, Penalty
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
 from penode.training.sample_scores import sample_scores
 
-#: Least curvature of a loss under noise with outliers over that of Gauss and Newton: far from a
-#: minimum the mean of what is bent may have any sign.
+#: Least curvature of noise with outliers over that of its weighted squares: far from a minimum the
+#: mean curvature may have any sign.
 _LEAST_BEND = 0.25
 #: Windows that one pass of reverse mode takes: their rollouts stay in the second-level cache.
 GRADIENT_CHUNK = 256
@@ -203,13 +203,13 @@ class Objective:
         return unit * squares, bent * products, unit * (transposed @ scores)
 
     def _bend(self, raw: FloatArray, windows: Windows, corrections: FloatArray) -> float:
-        """Return the loss's mean curvature over that of Gauss and Newton, which leave out r''.
+        """Return the mean curvature of noise with outliers over that of its weighted squares.
 
-        Under noise with outliers residuals are bent, and a covariance has to see it (P. J. Huber,
+        By weighted squares steps are safe; a covariance wants the curvature itself (P. J. Huber,
         Ann. Stat. 1 (1973) 799, doi:10.1214/aos/1176342503).
         """
-        *_, curvature, gauss = moments(self.error, raw, windows, corrections).sum(axis=1)
-        return float(np.clip(curvature / max(gauss, 1e-300), _LEAST_BEND, 1.0))
+        weight, _, curvature = moments(self.error, raw, windows, corrections).sum(axis=1)
+        return float(np.clip(curvature / max(weight, 1e-300), _LEAST_BEND, 1.0))
 
     def _transposed(self, raw: FloatArray) -> csr_array:
         """Return d(values)/d(raw), transposed."""
@@ -288,16 +288,15 @@ class Objective:
             memory, total = carry
             residual = error.residual(parts, history[0], k + 1, jnp.asarray(horizon), batch)
             filtered, memory = prefilter.advance(memory, residual)
-            tempered = error.tempered(filtered * batch.used)[0]
-            return memory, total + jnp.sum(tempered**2)
+            return memory, total + jnp.sum(error.squares(filtered * batch.used))
 
         memory = jnp.zeros((prefilter.order, outputs, len(batch.starts)), values.dtype)
         start = error.start(parts, correction, batch)
-        held = jnp.sum(error.held(correction * batch.used)[0] ** 2)
+        held = jnp.sum(error.squares_of_weighted(error.held(correction * batch.used)[0]))
         if error.model.outputs:
             here = jnp.zeros((), int)
             first = error.residual(parts, start[0], here, jnp.asarray(horizon), batch)
-            held += jnp.sum(error.tempered(first * batch.used)[0] ** 2)
+            held += jnp.sum(error.squares(first * batch.used))
         total: JaxArray = rollout(step, start, horizon, visit, (memory, held))[1]
         return total
 
