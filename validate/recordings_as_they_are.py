@@ -1,8 +1,8 @@
 """Recordings as they are: ``python -m validate.recordings_as_they_are [DRAWS] [PART]``.
 
 A pendulum is recorded with noise of 0.01 rad. Where 2 % of the samples are outliers of 20 noise
-deviations, it is fitted by least squares and with noise of Student's t distribution (part
-``outliers``); and it is recorded at 10 ms and at 50 ms (part ``time_steps``). Printed are the median
+deviations (part ``outliers``), it is fitted by least squares and with noise of Student's t
+distribution; it is recorded at 10 ms and at 50 ms too (part ``time_steps``). Printed are the median
 deviation of each parameter over that of the first line, and how many of the 95 % intervals contain
 the truth.
 """
