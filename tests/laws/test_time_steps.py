@@ -177,7 +177,7 @@ def test_two_steps_that_are_equal_give_what_one_gives(runs):
     windows = windows_of(two, one, 40)
     apart = replace(windows, time_steps=np.array([FAST, FAST * (1 + 1e-13)]))
     assert windows.time_steps is None
-    assert len(apart.by_time_step()) == 2
+    assert len(apart.by_time_step) == 2
     together, split = (one.gauss_newton(raw, each) for each in (windows, apart))
     assert split.loss == pytest.approx(together.loss, rel=1e-10)
     for field in ("normal", "descent", "scores"):

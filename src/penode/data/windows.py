@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -157,8 +158,9 @@ class Windows:
         own = [steps_in(self.horizon, self.time_step, step) for step in self.time_steps]
         return np.array(own)[self.recording]
 
+    @cached_property
     def by_time_step(self) -> "list[tuple[IntArray, Windows]]":
-        """Return the windows of each time step, and their places among all, (window,).
+        """The windows of each time step, and their places among all, (window,).
 
         The horizon of each is in its own steps.
         """

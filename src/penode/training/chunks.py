@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from typing import NamedTuple, TypeAlias
 
 import jax
@@ -15,6 +15,7 @@ import numpy as np
 from penode.arrays import FloatArray, IntArray, JaxArray, float64, on_device, shared_length
 from penode.data.windows import Windows
 from penode.native.normal_matrix import NormalMatrix
+from penode.predictors.base import Predictor
 from penode.training.free_starts import sums_without_starts
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
 
@@ -56,11 +57,8 @@ def _summed(
     error: PredictionError, raw: FloatArray, windows: Windows, normal: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the sums over windows of one time step."""
-    width, order = _width(error), _neighbours(windows)
-    least = STRANDS * width
-    capacity = least * math.ceil(shared_length(len(windows.states)) / least)
+    order, batch, length = _laid_out(error, error.predictor, windows)
     with float64():
-        batch = compiled_windows(error, windows, capacity, order)
         shared = on_device(raw), on_device(error.scale), batch
 
     def add_up(first: int, count: int) -> Sequence[FloatArray]:
@@ -69,7 +67,6 @@ def _summed(
             sums = _sum_over_chunks(error, *shared, span, windows.horizon)
             return [np.asarray(part) for part in sums]
 
-    length = width * -(-len(order) // least)
     firsts = range(0, len(order), length)
     counts = [min(length, len(order) - first) for first in firsts]
     add_up(0, 0)  # compiles, where that is still to be done, once
@@ -81,6 +78,23 @@ def _summed(
         back = np.argsort(order)
         scores, corrections = scores[:, back], corrections[:, back]
     return squares, products, scores, corrections
+
+
+@lru_cache(maxsize=2)
+def _laid_out(
+    error: PredictionError, predictor: Predictor, windows: Windows
+) -> tuple[IntArray, Batch, int]:
+    """Return windows in the order of their sums, as a batch, and how many a strand has.
+
+    An optimiser asks for sums of the same windows many times. Errors are equal whatever the
+    sub-steps, which are those of the predictor.
+    """
+    width, order = _width(error), _neighbours(windows)
+    least = STRANDS * width
+    capacity = least * math.ceil(shared_length(len(windows.states)) / least)
+    with float64():
+        batch = compiled_windows(replace(error, predictor=predictor), windows, capacity, order)
+    return order, batch, width * -(-len(order) // least)
 
 
 def _neighbours(windows: Windows) -> IntArray:

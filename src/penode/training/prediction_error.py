@@ -191,7 +191,7 @@ class PredictionError:
         self, windows: Windows
     ) -> Iterator[tuple[IntArray, "PredictionError", Windows]]:
         """Yield the windows of each time step, their places among all, and the error of these."""
-        for places, alike in windows.by_time_step():
+        for places, alike in windows.by_time_step:
             predictor = self.predictor.at(alike.time_step)
             same = predictor is self.predictor
             yield places, self if same else replace(self, predictor=predictor), alike
