@@ -16,7 +16,7 @@ from penode.horizon.held_out import require_single_steps, selector_for
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, Observer, ignore_events
 from penode.horizon.learned_part import restored, searched
-from penode.horizon.objections import CHECKS, guarded, objections, with_objections
+from penode.horizon.objections import checks_of, guarded, objections, with_objections
 from penode.horizon.search import Search
 from penode.horizon.selection import Selector
 from penode.models.base import Model
@@ -109,7 +109,7 @@ def identify(
     fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)
     fit = restored(fit)
     missed: list[str] = []
-    checks = [guarded(one, missed) for one in (*start.checks, *CHECKS)]
+    checks = [guarded(one, missed) for one in (*start.checks, *checks_of(plan))]
     raised = [*climbed.objections, *objections(fit, experiments, checks), *check.objections]
     fit = with_objections(replace(fit, warnings=(*missed, *fit.warnings)), raised)
     if climb.interrupted or check.interrupted:

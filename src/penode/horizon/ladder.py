@@ -29,6 +29,7 @@ from penode.training.covariance import (
     undetermined,
 )
 from penode.training.gauss_newton_terms import residual_scale
+from penode.training.noise_scale import with_scale
 from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Solution, Stage
 from penode.training.residuals import Objective
 from penode.training.second_order import LevenbergMarquardt
@@ -173,7 +174,8 @@ class LadderProblem:
     observer : callable
         Receives an event for each evaluation and horizon.
     objectives : dict of int to Objective
-        Those of rungs whose learned part has a prior of their own, by horizon; the climb fills it.
+        Those of rungs, whose noise or learned part has what was estimated there, by horizon; the
+        climb fills it.
     guesses : dict of int to sequence of mapping
         Unmeasured states of each recording, by horizon: where the search for the windows' starts
         begins; the climb fills it, and where it has none the recordings have zeros or channels.
@@ -248,9 +250,10 @@ class LadderProblem:
             place = (number + 1, len(plan.stages))
             if rungs and (not rungs[-1].solution.converged or strayed(rungs)):
                 raw = problem.better(raw, first)
+            problem, raw = with_scale(problem, raw, cold=not rungs)
             if plan.learned_prior:
                 problem, raw = plan.learned_prior.joined(problem, raw, cold=not rungs)
-                self.objectives[stage.horizon] = problem.objective
+            self.objectives[stage.horizon] = problem.objective
             solution = stage.optimiser.minimise(problem, raw, self._progress(stage.horizon, place))
             if solution.outcome == DIVERGED or (rungs and _explodes(solution, rungs[0])):
                 break
@@ -384,7 +387,7 @@ class LadderProblem:
         series = ScoreSeries.of_windows(problem.windows)
         if series.ample:
             return solution, series
-        scores = self.objective.sample_scores(solution.raw, problem.windows)[problem.moving]
+        scores = problem.objective.sample_scores(solution.raw, problem.windows)[problem.moving]
         terms = replace(solution.terms, scores=scores)
         series = ScoreSeries.of_samples(influence(terms, jacobian))
         return replace(solution, terms=terms), series

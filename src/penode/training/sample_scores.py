@@ -59,6 +59,6 @@ def _by_sample(
     recursion = Recursion(error, error.layout.split(each), horizon, batch, size)
     sums = recursion.over_steps(correction, add, sums)
     if len(error.free):
-        held = jnp.asarray(error.stiffness)[:, None] * correction * batch.used
-        sums = sums.at[:, batch.starts].add(along(held, follow))
+        held, slopes = error.held(correction)
+        sums = sums.at[:, batch.starts].add(along(slopes * held * batch.used, follow))
     return sums
