@@ -120,7 +120,9 @@ def test_everything_written_reads_back(fit, slow_run, tmp_path):
 def test_an_interrupted_writing_leaves_the_result_of_before_whole(
     fit, tmp_path, monkeypatch, place
 ):
-    monkeypatch.setattr("penode.pmsm.report.machine_report.machine_report", lambda fit: "<html>")
+    monkeypatch.setattr(
+        "penode.pmsm.report.machine_report.machine_report", lambda fit, against: "<html>"
+    )
     write(fit, tmp_path)
     before = {p: p.read_bytes() for p in tmp_path.rglob("*.*")}
     write_file = Path.write_bytes
