@@ -150,6 +150,11 @@ def test_what_is_no_distribution_is_refused(given):
         StudentT(**given)
 
 
+def test_a_scale_for_each_quantity_is_wanted():
+    with pytest.raises(InputError, match="one number for each of 2 quantities, got 1"):
+        objective(StudentT(NU, (0.1,)))
+
+
 # --- its scale ----------------------------------------------------------------------------------
 
 

@@ -64,4 +64,11 @@ class StudentT:
 
     def scales(self, quantities: int) -> FloatArray:
         """Return s of each quantity, (quantity,), 1 as long as it is not estimated."""
-        return np.ones(quantities) if self.scale is None else np.array(self.scale)
+        if self.scale is None:
+            return np.ones(quantities)
+        if len(self.scale) != quantities:
+            raise InputError(
+                f"scale must have one number for each of {quantities} quantities, got "
+                f"{len(self.scale)}; leave it out to estimate them."
+            )
+        return np.array(self.scale)
