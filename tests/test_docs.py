@@ -6,10 +6,12 @@ import subprocess
 import sys
 import tomllib
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pmsm.injection import one_axis_a_file
 from validate.operating_points import drawn
 
 from penode.bench.config import load_config
@@ -71,6 +73,9 @@ def page_files(tmp_path_factory, machine_fit):
     bench = drawn(3).columns
     rows = np.column_stack(list(bench.values()))
     np.savetxt(folder / "bench.csv", rows, "%.9g", ",", header=",".join(bench), comments="")
+    for run in one_axis_a_file(delay=2):  # their rotor stands still, as the log says
+        still = {**run.channels, "theta_el": np.zeros(len(run))}
+        save(replace(run, channels=still), folder / run.name)
     guess = guess_study(read(folder / "run.csv")[0])
     (folder / "study.toml").write_text(study_text(guess, "run.csv", "study.toml"))
     (folder / "drive.toml").write_text(blocks(DRIVE_PAGE, "toml")[0])
@@ -132,6 +137,7 @@ def test_the_identified_machine_and_its_dead_time_are_a_configuration(recordings
         "long-recordings",
         "map-your-channels",
         "record-a-good-experiment",
+        "standstill",
         "sweep-a-fleet",
         "terms-and-temperature",
         "uncertainty-budget",

@@ -47,6 +47,7 @@ from penode.predictors.tableaus import ADAMS_BASHFORTH, RUNGE_KUTTA
 from penode.training.first_order import FirstOrder
 from penode.training.loss import Loss, Prefilter, equation, increment_deviation, last_step
 from penode.training.multi_start import BestOf
+from penode.training.noise import StudentT
 from penode.training.penalties import (
     Orthogonality,
     Priors,
@@ -93,6 +94,7 @@ __all__ = [
     "Smoothness",
     "SoftReciprocity",
     "Spline",
+    "StudentT",
     "Substeps",
     "TanhLayers",
     "Trapezoidal",

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment, require_recordings
+from penode.data.rates import nearest, time_steps
 from penode.data.stretches import check_lengths
 from penode.fit.fit import Fit
 from penode.horizon.assemble import Assembly
@@ -15,7 +16,7 @@ from penode.horizon.held_out import require_single_steps, selector_for
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, Observer, ignore_events
 from penode.horizon.learned_part import restored, searched
-from penode.horizon.objections import CHECKS, guarded, objections, with_objections
+from penode.horizon.objections import checks_of, guarded, objections, with_objections
 from penode.horizon.search import Search
 from penode.horizon.selection import Selector
 from penode.models.base import Model
@@ -55,7 +56,8 @@ def identify(
     start : Model or Start
         Where training begins.
     experiments : sequence of Experiment
-        Recordings to train on, of one time step.
+        Recordings to train on. Where they differ in their time step, a horizon is in steps of the
+        shortest one, and predictions of all recordings are as long in time.
     plan : Plan, optional
         Stages of training; by default `penode.engine.default_plan`, made from model and recordings,
         with a zero-order, first-order or band-limited hold of the inputs, whichever predicts best,
@@ -65,7 +67,7 @@ def identify(
         ``"one_step"`` (the horizon that predicts best, `penode.engine.HeldOut`), or a
         rule of your own.
     validation : sequence of Experiment
-        Recordings that are predicted but not trained on.
+        Recordings that are predicted but not trained on, of time steps that are trained on.
     observer : callable
         Receives an event for each evaluation and horizon.
 
@@ -76,8 +78,9 @@ def identify(
     Raises
     ------
     InputError
-        If a channel is missing, a state never moves, the recordings differ in time step or are
-        too short, or the predictions diverge at the first horizon.
+        If a channel is missing, a state never moves, a recording is too short or one of the
+        validation has a time step that none trained on has, or the predictions diverge at the
+        first horizon.
     Stopped
         On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """
@@ -96,7 +99,8 @@ def identify(
         experiments, max(s.horizon for s in plan.stages), problem.objective.predictor.past
     )
     for unseen in validation:
-        require_predictable(problem.objective.predictor, start.model, unseen)
+        near = nearest(time_steps(experiments), unseen)
+        require_predictable(problem.objective.predictor.at(near), start.model, unseen)
 
     search = Search(start, experiments, selector, observer)
     found = search.as_given(plan) if given else searched(search, plan)
@@ -105,7 +109,7 @@ def identify(
     fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)
     fit = restored(fit)
     missed: list[str] = []
-    checks = [guarded(one, missed) for one in (*start.checks, *CHECKS)]
+    checks = [guarded(one, missed) for one in (*start.checks, *checks_of(plan))]
     raised = [*climbed.objections, *objections(fit, experiments, checks), *check.objections]
     fit = with_objections(replace(fit, warnings=(*missed, *fit.warnings)), raised)
     if climb.interrupted or check.interrupted:

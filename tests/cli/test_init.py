@@ -8,11 +8,13 @@ import pytest
 from asammdf import MDF
 from asammdf import Signal as MdfSignal
 from scipy.io import savemat
+from tests.pmsm.injection import injected
 
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
 from penode.pmsm.machine.frames import abc_from_dq
+from penode.pmsm.study_file import load_study
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")
 
@@ -219,3 +221,31 @@ def test_identify_refuses_a_bad_study_file_in_one_sentence(recording, penode, tm
     assert "did you mean horizon?" in done.stderr
     assert done.stderr.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def injection(folder):
+    """A standstill test as a drive logs it: no column of speed."""
+    run = injected("d", (130.0, 0.0), samples=200)
+    columns = [run.channels[name] for name in ("u_d", "u_q", "i_d", "i_q")]
+    table = np.column_stack([1e-4 * np.arange(200), *columns])
+    path = folder / "d.csv"
+    np.savetxt(path, table, delimiter=",", header="t,Ud,Uq,Id,Iq", comments="")
+    return path
+
+
+def test_a_rotor_that_stood_still_needs_no_column_of_speed(penode, tmp_path):
+    recording, study = injection(tmp_path), tmp_path / "study.toml"
+    done = penode("init", recording, "--out", study)
+    assert "column of omega_el. Did the rotor stand still? Then add --standstill." in done.stdout
+    study.unlink()
+    done = penode("init", recording, "--standstill", "--out", study)
+    assert done.returncode == 0, done.stderr
+    assert "Fill in" not in done.stdout
+    assert not load_study(study).load(recording).channels["omega_el"].any()
+
+
+def test_a_speed_that_turns_contradicts_standstill(recording, penode, tmp_path):
+    done = penode("init", recording, "--standstill", "--out", tmp_path / "study.toml")
+    assert done.returncode == 2
+    assert "the rotor must stand still for --standstill" in done.stderr
+    assert not (tmp_path / "study.toml").exists()

@@ -94,7 +94,12 @@ def test_report_is_written_again_from_the_saved_fit(demo, penode):
     page.unlink()
     done = penode("report", demo[0])
     assert done.returncode == 0, done.stderr
-    assert page.read_text() == before
+    again = page.read_text()
+    # The demo alone knows the truth, and has a section more.
+    assert "The machine as it is" in before
+    assert "The machine as it is" not in again
+    answer = slice(again.index("<h2"), again.index("Flux-linkage map"))
+    assert again[answer] in before
 
 
 def test_saved_demo_loads_in_python(demo):

@@ -236,12 +236,6 @@ def test_short_recording_is_named() -> None:
         cut(runs, ["x"], ["u"], 10, past=2)
 
 
-def test_time_steps_must_agree() -> None:
-    runs = [recording(50, "a.csv", 1e-4), recording(50, "b.csv", 1.001e-4)]
-    with pytest.raises(InputError, match=r"b\.csv: the time step is 0\.0001001 s where a\.csv"):
-        cut(runs, ["x"], ["u"], 5)
-
-
 def test_time_steps_equal_but_for_rounding_agree() -> None:
     runs = [recording(50, "a.csv", 1e-4), recording(50, "b.csv", 1e-4 * (1 + 5e-7))]
     assert cut(runs, ["x"], ["u"], 5).time_step == 1e-4

@@ -4,6 +4,7 @@ Each format has a reader here that shares nothing with its writer. A format with
 """
 
 import json
+import re
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -41,6 +42,8 @@ class Read:
     torque: np.ndarray | None = None
     facts: dict[str, float] = field(default_factory=dict)
     text: str = ""
+    rounding: float = 3e-6  # of psi, over its largest
+    reach: float = 200.0  # A, within which what is supported is compared
 
 
 def from_csv(path):
@@ -68,7 +71,22 @@ def from_npz(path):
 
 
 def from_mat(path):
-    found = loadmat(path, squeeze_me=True)
+    return from_tables(loadmat(path, squeeze_me=True))
+
+
+def from_m(path):
+    """The script's statements, each of one name, in brackets, quotes or by itself."""
+    text = re.sub(r"^%.*$|\.\.\.\n", "", path.read_text(), flags=re.MULTILINE)
+    found = {}
+    for name, table, word, number in re.findall(
+        r"^(\w+) = (?:\[([^]]*)\]|'((?:[^']|'')*)'|([^;]*));$", text, flags=re.MULTILINE
+    ):
+        rows = [row.split() for row in (table or number).split(";")]
+        found[name] = word if word else np.array(rows, float).squeeze()
+    return from_tables(found)
+
+
+def from_tables(found):
     i_d, i_q = (one.ravel() for one in np.meshgrid(found["idVec"], found["iqVec"], indexing="ij"))
     names = {"R": "Rs", "T": "RsTemperature", "alpha": "RsCoefficient", "p": "polePairs"}
     return Read(
@@ -110,6 +128,15 @@ int main(void)
     printf("\\"alpha\\": %.9g, ", (double)MAP_RESISTANCE_COEFFICIENT);
 #endif
     printf("\\"p\\": %u}\\n", MAP_POLE_PAIRS);
+#ifdef MAP_AMPERE_PER_COUNT
+    int at[2];
+    while (scanf("%d %d", &at[0], &at[1]) == 2)
+    {
+        const map_flux_t psi = map_flux((int16_t)at[0], (int16_t)at[1]);
+        printf("%d %d %u\\n", psi.psi_d, psi.psi_q,
+               (unsigned)map_is_supported((int16_t)at[0], (int16_t)at[1]));
+    }
+#else
     float at[2];
     while (scanf("%f %f", &at[0], &at[1]) == 2)
     {
@@ -118,34 +145,53 @@ int main(void)
         printf("%.9g %.9g %.9g %.9g %.9g %.9g %u\\n", psi.psi_d, psi.psi_q, l.l_dd, l.l_dq, l.l_qd,
                l.l_qq, (unsigned)map_is_supported(at[0], at[1]));
     }
+#endif
     return 0;
 }
 """
 
 
 def from_c(path):
-    """Points of the table as its own comment states their range; the look-up is compiled."""
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
-    text = path.read_text()
-    (stated,) = [line for line in text.splitlines() if "Even grid" in line]
+    i_d, i_q = c_points(path)
+    rows, facts, comment = c_answers(
+        path, [f"{d:.9g} {q:.9g}" for d, q in zip(i_d, i_q, strict=True)]
+    )
+    return Read(i_d, i_q, rows[:2], rows[6], rows[2:6], None, facts, comment)
+
+
+def from_c_fixed(path):
+    """Whole counts beside the points of the table: within cells, that all corners must support."""
+    units = dict(re.findall(r"MAP_(\w+)_PER_COUNT \(([-.e\d]+)F\)", path.read_text()))
+    ampere, flux = float(units["AMPERE"]), float(units["VOLT_SECOND"])
+    counts = np.rint(np.stack(c_points(path)) / ampere).astype(int)
+    rows, facts, comment = c_answers(path, [f"{d} {q}" for d, q in counts.T])
+    i_d, i_q = counts * ampere
+    stated = float(re.search(r"flux linkage by less than (\S+) Vs", comment)[1])
+    rounding = stated / np.abs(rows[:2] * flux).max()
+    return Read(i_d, i_q, rows[:2] * flux, rows[2], None, None, facts, comment, rounding, 110.0)
+
+
+def c_points(path):
+    """Points of the table as its own comment states their range."""
+    (stated,) = [line for line in path.read_text().splitlines() if "Even grid" in line]
     low_d, high_d, low_q, high_q = (
         float(word) for word in stated.replace(",", " ").split() if word[-1].isdigit()
     )
-    i_d, i_q = (
-        one.ravel()
-        for one in np.meshgrid(
-            np.linspace(low_d, high_d, POINTS), np.linspace(low_q, high_q, POINTS), indexing="ij"
-        )
-    )
-    (path.parent / "main.c").write_text(PROGRAM)
-    subprocess.run(["gcc", "main.c", "-o", "main"], cwd=path.parent, check=True)
-    given = "\n".join(f"{d:.9g} {q:.9g}" for d, q in zip(i_d, i_q, strict=True))
-    done = subprocess.run([path.parent / "main"], input=given, capture_output=True, text=True)
-    facts, *lines = done.stdout.splitlines()
-    rows = np.array([line.split() for line in lines], float).T
-    comment = " ".join(text.split("*/")[0].replace("\n *", " ").split())
-    return Read(i_d, i_q, rows[:2], rows[6], rows[2:6], None, json.loads(facts), comment)
+    axes = np.linspace(low_d, high_d, POINTS), np.linspace(low_q, high_q, POINTS)
+    return [one.ravel() for one in np.meshgrid(*axes, indexing="ij")]
+
+
+def c_answers(path, lines):
+    """What the compiled look-up answers, its macros, and the comment at the head."""
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    folder = path.parent
+    (folder / "main.c").write_text(PROGRAM)
+    subprocess.run(["gcc", "main.c", "-o", "main"], cwd=folder, check=True)
+    done = subprocess.run([folder / "main"], input="\n".join(lines), capture_output=True, text=True)
+    facts, *rows = done.stdout.splitlines()
+    comment = " ".join(path.read_text().split("*/")[0].replace("\n *", " ").split())
+    return np.array([row.split() for row in rows], float).T, json.loads(facts), comment
 
 
 def from_onnx(path):
@@ -165,7 +211,9 @@ READERS: dict[str, Callable[[Path], Read]] = {
     "npz": from_npz,
     "mat": from_mat,
     "syre": from_syre,
+    "m": from_m,
     "c": from_c,
+    "c_fixed": from_c_fixed,
     "onnx": from_onnx,
 }
 
@@ -182,8 +230,8 @@ def check_map(found: Read, fit: Any) -> None:
     wanted, at = fit.flux_map(found.i_d, found.i_q), np.stack([found.i_d, found.i_q], axis=-1)
     assert np.ptp(found.i_d) > 250
     assert np.ptp(found.i_q) > 400
-    assert np.abs(found.psi - wanted).max() < 3e-6 * np.abs(wanted).max()
-    inside = np.hypot(found.i_d, found.i_q) < 200
+    assert np.abs(found.psi - wanted).max() < found.rounding * np.abs(wanted).max()
+    inside = np.hypot(found.i_d, found.i_q) < found.reach
     assert inside.sum() > 0
     np.testing.assert_array_equal(found.supported[inside] > 0, fit.supported(at[inside]))
     if found.inductance is not None:

@@ -111,7 +111,9 @@ def test_a_model_that_misfits_is_trained_to_its_minimum_too():
 
     class Misfit(Hinged):
         objective = SimpleNamespace(layout=SimpleNamespace(physical=("R",)))
-        windows = SimpleNamespace(states=np.zeros(ROWS), starts=np.arange(ROWS), horizon=1)
+        windows = SimpleNamespace(
+            states=np.zeros(ROWS), starts=np.arange(ROWS), horizon=1, steps=np.ones(ROWS, dtype=int)
+        )
 
         def reported_jacobian(self, raw):
             return np.eye(1, VALUES)

@@ -59,6 +59,7 @@ from validate import (
     processes,
     public_sets,
     random_starts,
+    recordings_as_they_are,
     repetition,
     simulated_sets,
     sweep_interruption,
@@ -67,7 +68,7 @@ from validate import (
 #: Modules with tests of their own, and those that run in an environment of other simulators.
 TESTED = {
     "command", "golden", "drawn_logs", "drawn_physics", "physics", "through_command",
-    "sampled_drive",
+    "sampled_drive", "standstill",
 }  # fmt: skip
 ELSEWHERE = {
     "other_simulators.control_loci": "motulator",
@@ -80,7 +81,7 @@ HERE = {
     "flux_maps", "full_disk", "horizon_choice", "identified", "imperfect_drives", "imperfections",
     "imported_machine", "interruption", "learned_sets", "ledger", "map_errors",
     "operating_points", "other_simulators", "processes", "public_sets", "random_starts",
-    "repetition", "simulated_sets", "sweep_interruption",
+    "recordings_as_they_are", "repetition", "simulated_sets", "sweep_interruption",
 }  # fmt: skip
 
 
@@ -507,3 +508,18 @@ def test_drawn_operating_points_balance_and_are_identified(capsys):
 def test_an_error_of_public_sets_counts_the_channels_that_have_a_unit():
     gap = np.stack([np.full(4, 3e-3), np.full(4, 7.0)], axis=1)
     assert public_sets.scaled_errors((1e-3, 0.0), gap) == pytest.approx([3.0])
+
+
+def test_recordings_as_they_are_have_outliers_and_a_table(capsys):
+    run = recordings_as_they_are.recorded("run", 0.02, 400, 1)
+    model, free = recordings_as_they_are.Pendulum(**recordings_as_they_are.TRUTH), ("angle", "rate")
+    predictor = Predictor(run.time_step, Substeps(RungeKutta(RK4), 4))
+    seen = compare(predictor, model, run, free=free)
+    assert seen.free_run_rmse == pytest.approx(recordings_as_they_are.NOISE, rel=0.2)
+    bad = recordings_as_they_are.with_outliers(run, 1).channels["angle"]
+    off = np.flatnonzero(bad != run.channels["angle"])
+    assert 2 <= len(off) <= 20
+    found = {key: Estimate.of(one, 0.01, "1/s") for key, one in vars(model).items()}
+    fit = SimpleNamespace(parameters=found, horizon=SimpleNamespace(verdict="plateau"))
+    recordings_as_they_are.print_table({"a case": [fit, fit]})
+    assert "1.00, damping 1.00; covered 4 of 4; plateau 2 of 2" in capsys.readouterr().out

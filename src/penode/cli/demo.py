@@ -32,4 +32,4 @@ def demo_command(out: OutFolder = Path("penode-demo")) -> None:
         write_answer(story.fit, out)
     print_fit(story.fit, out)
     print_demo(story)
-    report_beside(story.fit, out)
+    report_beside(story.fit, out, truth=story.truth)

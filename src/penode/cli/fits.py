@@ -15,6 +15,7 @@ from penode.fit.fit import Estimate, Fit
 from penode.fit.left_out import LOG, left_out
 from penode.fit.result_folder import REPORT, claimed
 from penode.pmsm.demo import Demo
+from penode.pmsm.machine.flux_grid import FluxGrid
 from penode.pmsm.result_files import write_report
 from penode.report.quantities import decimals_for, fixed, number, scale_for
 from penode.report.statements import free_run_text, one_step_text
@@ -97,12 +98,10 @@ def print_demo(demo: Demo, console: Console = OUTPUT) -> None:
     """Print the errors against the truth of the built-in machine."""
     estimate = demo.fit.parameters["R"]
     low, high = estimate.interval_95
-    covered = "inside" if low <= demo.true_resistance <= high else "OUTSIDE"
-    error = 100 * (estimate.value / demo.true_resistance - 1)
-    resistance = (
-        f"R = {number(1e3 * demo.true_resistance, 4)} mΩ: error {error:+.2f} %, {covered} the "
-        "interval"
-    )
+    true = demo.machine.resistance
+    covered = "inside" if low <= true <= high else "OUTSIDE"
+    error = 100 * (estimate.value / true - 1)
+    resistance = f"R = {number(1e3 * true, 4)} mΩ: error {error:+.2f} %, {covered} the interval"
     flux = (
         f"flux linkage: mean absolute error {number(1e3 * demo.flux_error)} mVs, "
         f"{number(100 * demo.flux_share)} % of the magnet's"
@@ -110,14 +109,16 @@ def print_demo(demo: Demo, console: Console = OUTPUT) -> None:
     print_rows([("truth", resistance), ("truth", flux)], console)
 
 
-def report_beside(fit: Fit, folder: Path, quiet: bool = False) -> None:
+def report_beside(
+    fit: Fit, folder: Path, quiet: bool = False, truth: FluxGrid | None = None
+) -> None:
     """Make the report of a machine's result that lies whole in a folder; Ctrl-C is Interrupted.
 
     Where it cannot be made, that is said on standard error, and the result stands.
     """
     try:
         with claimed(folder):
-            write_report(fit, folder)
+            write_report(fit, folder, truth)
     except KeyboardInterrupt as error:
         raise Interrupted(
             f"Stopped; the result is written, its report is not: penode report {folder} makes it."

@@ -14,6 +14,7 @@ import numpy as np
 from penode.arrays import BoolArray, FloatArray, IntArray
 from penode.data.experiment import Experiment
 from penode.data.gathered import released
+from penode.data.rates import steps_in, time_steps
 from penode.data.time_axis import gaps_in
 from penode.errors import InputError
 
@@ -55,15 +56,17 @@ def fewest_windows(experiments: Sequence[Experiment], horizon: int) -> int:
 def check_lengths(experiments: Sequence[Experiment], horizon: int, past: int) -> None:
     """Refuse a recording too short for one window, in all of its stretches.
 
-    ``horizon`` is how many samples are predicted, ``past`` how many the first prediction starts
-    from.
+    ``horizon`` is how many samples are predicted, of the recording with the shortest time step,
+    ``past`` how many the first prediction starts from.
     """
+    fastest = float(time_steps(experiments).min())
     for stretches in by_recording(experiments):
         longest = max(stretches, key=len)
-        if len(longest) < past + horizon:
+        own = steps_in(horizon, fastest, longest.time_step)
+        if len(longest) < past + own:
             raise InputError(
-                f"{longest.name}: horizon {horizon} with {past} past samples needs at least "
-                f"{past + horizon} samples, got {len(longest)}; shorten the horizon or record for "
+                f"{longest.name}: horizon {own} with {past} past samples needs at least "
+                f"{past + own} samples, got {len(longest)}; shorten the horizon or record for "
                 "longer."
             )
 

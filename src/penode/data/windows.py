@@ -2,17 +2,16 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from penode.arrays import BoolArray, FloatArray, IntArray
 from penode.data.experiment import Experiment
+from penode.data.rates import steps_in, time_steps
 from penode.data.stretches import check_lengths
 from penode.errors import InputError
-
-# Time steps that differ by less, relative, are one.
-_TIME_STEP_TOLERANCE = 1e-4
 
 
 class Placement(Protocol):
@@ -86,7 +85,7 @@ DEFAULT_PLACEMENT = Jittered(seed=0)
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """A batch of windows cut from recordings of one time step.
+    """A batch of windows cut from recordings.
 
     With ``s = starts[w]``, ``P = past`` and ``H = horizon``, window ``w``
 
@@ -96,7 +95,8 @@ class Windows:
       outputs with ``outputs[s], ..., outputs[s + H]``,
 
     so that ``states[s + k]`` is the k-step-ahead target, k = 1 .. H. All of these lie within the
-    one recording ``recording[w]``.
+    one recording ``recording[w]``. Where recordings differ in their time step, H is of the shortest
+    one; windows of another recording are as long in time, rounded to whole steps, one at least.
 
     Attributes
     ----------
@@ -111,13 +111,15 @@ class Windows:
     recording : ndarray of int64, shape (window,)
         Index of the recording each window is cut from.
     horizon : int
-        Steps H predicted from each start.
+        Steps H predicted from each start, of the length `time_step`.
     past : int
         Measured samples P a prediction starts from, the start included.
     time_step : float
-        Sampling interval in s.
+        Sampling interval in s, the shortest of all recordings.
     outputs : ndarray, shape (time, output)
         Measured outputs beside the states, of a model that declares them; without columns else.
+    time_steps : ndarray, shape (recording,), or None
+        Sampling interval of each recording in s; None where all have `time_step`.
     """
 
     states: FloatArray
@@ -128,6 +130,7 @@ class Windows:
     past: int
     time_step: float
     outputs: FloatArray | None = None
+    time_steps: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if self.outputs is None:
@@ -146,6 +149,29 @@ class Windows:
         """What predictions are compared with: the outputs, or the states, (time, quantity)."""
         outputs = np.asarray(self.outputs)
         return outputs if outputs.shape[1] else self.states
+
+    @property
+    def steps(self) -> IntArray:
+        """Steps predicted from each start, (window,)."""
+        if self.time_steps is None:
+            return np.full(len(self), self.horizon)
+        own = [steps_in(self.horizon, self.time_step, step) for step in self.time_steps]
+        return np.array(own)[self.recording]
+
+    @cached_property
+    def by_time_step(self) -> "list[tuple[IntArray, Windows]]":
+        """The windows of each time step, and their places among all, (window,).
+
+        The horizon of each is in its own steps.
+        """
+        if self.time_steps is None:
+            return [(np.arange(len(self)), self)]
+        own, found = self.time_steps[self.recording], []
+        for step in np.unique(own):
+            steps = steps_in(self.horizon, self.time_step, float(step))
+            alone = replace(self.among(own == step), horizon=steps, time_step=float(step))
+            found.append((np.flatnonzero(own == step), replace(alone, time_steps=None)))
+        return found
 
     def among(self, chosen: slice | BoolArray) -> "Windows":
         """Return some of the windows of the same recordings."""
@@ -170,11 +196,11 @@ def cut(  # noqa: PLR0913 (three of them are rarely given)
     Parameters
     ----------
     experiments : sequence of Experiment
-        Recordings of one time step.
+        Recordings, of one time step or several.
     state_names, input_names : sequence of str
         Channels that are the states and the inputs, in the order of the columns wanted.
     horizon : int
-        Steps H predicted from each start, at least 1.
+        Steps H predicted from each start, at least 1, of the shortest time step (see `Windows`).
     output_names : sequence of str
         Channels that are the outputs, of a model that declares them.
     past : int, default 1
@@ -196,19 +222,23 @@ def cut(  # noqa: PLR0913 (three of them are rarely given)
     ------
     InputError
         If there is no recording, one is shorter than ``past + horizon`` samples (all stretches of
-        it, where it has gaps), lacks a channel or holds a value that is not finite, the time steps
-        differ by more than 1e-4 (relative), or `horizon` or `past` is below 1.
+        it, where it has gaps), lacks a channel or holds a value that is not finite, or `horizon` or
+        `past` is below 1.
     """
     for word, count in (("horizon", horizon), ("past", past)):
         if count < 1:
             raise InputError(f"{word} must be >= 1, got {count}.")
-    _check_time_steps(experiments)
+    if not experiments:
+        raise InputError("there must be one recording at least to cut windows from.")
     starts, recording, offset = [], [], 0
     check_lengths(experiments, horizon, past)
+    sampled = time_steps(experiments)
+    fastest = float(sampled.min())
     for index, experiment in enumerate(experiments):
-        first, last = offset + past - 1, offset + len(experiment) - 1 - horizon
+        own = steps_in(horizon, fastest, experiment.time_step)
+        first, last = offset + past - 1, offset + len(experiment) - 1 - own
         none = np.empty(0, dtype=np.int64)
-        placed = none if last < first else _placed(placement, first, last, horizon)
+        placed = none if last < first else _placed(placement, first, last, own)
         starts.append(placed)
         recording.append(np.full(len(placed), index, dtype=np.int64))
         offset += len(experiment)
@@ -219,23 +249,10 @@ def cut(  # noqa: PLR0913 (three of them are rarely given)
         recording=np.concatenate(recording),
         horizon=horizon,
         past=past,
-        time_step=experiments[0].time_step,
+        time_step=fastest,
         outputs=np.concatenate([_columns(each, output_names) for each in experiments]),
+        time_steps=sampled if np.ptp(sampled) else None,
     )
-
-
-def _check_time_steps(experiments: Sequence[Experiment]) -> None:
-    """Refuse recordings that cannot be cut together."""
-    if not experiments:
-        raise InputError("there must be one recording at least to cut windows from.")
-    first = experiments[0]
-    for other in experiments[1:]:
-        difference = abs(other.time_step - first.time_step)
-        if difference > _TIME_STEP_TOLERANCE * first.time_step:
-            raise InputError(
-                f"{other.name}: the time step is {other.time_step:.9g} s where {first.name} has "
-                f"{first.time_step:.9g} s; resample one of them or fit them separately."
-            )
 
 
 def _placed(placement: Placement, first: int, last: int, horizon: int) -> IntArray:

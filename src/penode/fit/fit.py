@@ -11,6 +11,7 @@ import numpy as np
 
 from penode.arrays import BoolArray, FloatArray, float64
 from penode.data.experiment import Experiment
+from penode.data.rates import nearest
 from penode.errors import InputError, require_extra
 from penode.fit.archive import archive, read_archive, to_json
 from penode.fit.learned_uncertainty import LearnedUncertainty
@@ -79,7 +80,7 @@ class Fit:
     simulation : Model or None
         The model of the horizon whose free run on the recordings errs least, of the same climb.
     predictor : Predictor or None
-        Time step, solver and hold; None where the fit is of another method.
+        Shortest time step, solver and hold; None where the fit is of another method.
     stationary : StationaryComparison or None
         Of points at which nothing changes, beside what the model says of them.
     warnings : tuple of str
@@ -207,9 +208,9 @@ class Fit:
         Raises
         ------
         InputError
-            If a channel is missing, or the time step is not that of the training.
+            If a channel is missing, or the time step is none of the training.
         """
-        return compare(self._predicting(), self.model, experiment)
+        return compare(self._predicting(experiment), self.model, experiment)
 
     @staticmethod
     def compare_models(fits: Mapping[str, "Fit"]) -> "pl.DataFrame":
@@ -255,16 +256,18 @@ class Fit:
         Raises
         ------
         InputError
-            If a channel is missing, or the time step is not that of the training.
+            If a channel is missing, or the time step is none of the training.
         """
-        predictor = self._predicting()
+        predictor = self._predicting(experiment)
         joint = self.learned_uncertainty.joint(self.model, self.covariance)
         return free_run_deviation(predictor, self.model, experiment, joint)
 
-    def _predicting(self) -> Predictor:
+    def _predicting(self, experiment: Experiment) -> Predictor:
+        """Return the predictor of the time step that was trained on and is nearest."""
         if self.predictor is None:
             raise InputError("the fit must have a predictor, got none; run the identification.")
-        return self.predictor
+        steps = [one.time_step for one in self.comparisons if one.role == "train"]
+        return self.predictor.at(nearest([self.predictor.time_step, *steps], experiment))
 
     @property
     def correlation(self) -> FloatArray:

@@ -68,11 +68,14 @@ class Assembly:
         predictor, experiments = self.problem.objective.predictor, self.problem.experiments
         model = self._model(self._raw)
         own = [self._model(self._raw, k) for k in range(len(experiments))]
-        seen = [compare(predictor, m, e, "train") for m, e in zip(own, experiments, strict=True)]
-        comparisons = (*seen, *(compare(predictor, model, e, "validation") for e in validation))
+        pairs = zip(own, experiments, strict=True)
+        seen = [compare(predictor.at(e.time_step), m, e, "train") for m, e in pairs]
+        unseen = (compare(predictor.at(e.time_step), model, e, "validation") for e in validation)
+        comparisons = (*seen, *unseen)
         whole = [with_unmeasured(e, model) for e in experiments]
         visited = np.concatenate([e.stack(model.states) for e in self._visited])
-        shown = experiments.index(max(by_recording(experiments)[0], key=len))
+        fastest = [e for e in experiments if predictor.at(e.time_step) is predictor]
+        shown = experiments.index(max(by_recording(fastest)[0], key=len))
         return Fit(
             model=model,
             parameters=self._estimates(),

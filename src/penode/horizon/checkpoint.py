@@ -199,6 +199,8 @@ def _given_by_plan(plan: Plan) -> dict[str, str]:
 def _given_by_problem(problem: Problem, raw: FloatArray) -> dict[str, str]:
     windows, layout = problem.windows, problem.objective.layout
     digest = hashlib.sha256(f"{windows.time_step!r} {windows.states.shape}".encode())
+    if windows.time_steps is not None:
+        digest.update(windows.time_steps.tobytes())
     for array in (windows.measured, windows.inputs, windows.starts, windows.recording):
         digest.update(np.ascontiguousarray(array).tobytes())
     with float64():

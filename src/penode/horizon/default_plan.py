@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from penode.data.experiment import Experiment
+from penode.data.rates import lengths, time_steps
 from penode.data.stretches import by_recording
 from penode.data.windows import Jittered
 from penode.errors import InputError
@@ -43,7 +44,7 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
     ----------
     model : Model
     experiments : sequence of Experiment
-        Recordings of one time step.
+        Recordings, of one time step or several.
     seed : int
         Of the windows' places.
 
@@ -69,14 +70,18 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
 
 
 def default_horizons(model: Model, experiments: Sequence[Experiment]) -> tuple[int, ...]:
-    """Return the horizons of `default_plan`, steps, ascending."""
+    """Return the horizons of `default_plan`, steps of the shortest length, ascending."""
     states, measured = len(model.states), len(measured_units(model))
     if not measured:
         raise InputError(nothing_measured(model))
     needed = math.ceil(_OVERDETERMINED * max(states / measured, 1))
     first = needed - 1 if hidden_states(model) else 1
+    if len(experiments) > 1 and first > 1:  # in the slowest recording too
+        sampled = time_steps(experiments)
+        first = math.ceil(first * sampled.max() / sampled.min())
     # The longest stretch of the shortest recording.
-    samples = min(max(map(len, stretches)) for stretches in by_recording(experiments))
+    own = dict(zip(map(id, experiments), lengths(experiments), strict=True))
+    samples = min(max(own[id(e)] for e in stretches) for stretches in by_recording(experiments))
     last = int(min(_SHARE * samples, max(_LONG, _PART * samples)))
     if last <= first:
         return (max(min(first, samples - 1), 1),)

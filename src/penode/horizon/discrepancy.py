@@ -81,13 +81,14 @@ def _error_grows(problem: LadderProblem, rungs: Sequence[HorizonFit]) -> bool:
     values in a window those are spent that its start takes. Of sensors that are not alike it may
     take the noisiest, so a short window's error may be less by that part.
     """
-    error, horizons = problem.objective.error, np.array([rung.horizon for rung in rungs])
-    predicted = horizons * len(error.compared)
-    spent = error.spent
-    kept = predicted > spent
+    error = problem.objective.error
+    windows = [rung.windows.steps * len(error.compared) for rung in rungs]
+    predicted = np.array([values.mean() for values in windows])
+    left = np.array([np.maximum(values - error.spent, 0).mean() for values in windows])
+    kept = left > 0
     losses = np.array([rung.solution.terms.loss for rung in rungs])
-    variance = (losses * predicted)[kept] / (predicted - spent)[kept]
-    floor = variance * (1 + len(error.free) / (predicted - spent)[kept])
+    variance = (losses * predicted)[kept] / left[kept]
+    floor = variance * (1 + len(error.free) / left[kept])
     values = len(rungs[0].windows.states) * len(error.compared)
     return bool(variance.max() > (1 + _GROWS * np.sqrt(2 / values)) * floor.min())
 

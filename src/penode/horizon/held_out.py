@@ -76,7 +76,7 @@ class HeldOut:
 
     def _squares(self, rung: HorizonFit, experiment: Experiment, steps: int) -> FloatArray:
         """Return the squared errors of each sample, (time, state)."""
-        model, predictor = rung.model, rung.predictor
+        model, predictor = rung.model, rung.predictor.at(experiment.time_step)
         if steps == FREE_RUN or free_states(model):
             seen = compare(predictor, model, experiment)
             measured = seen.measured[predictor.past :]

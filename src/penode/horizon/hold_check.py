@@ -24,7 +24,7 @@ _HOLDS: tuple[Hold, ...] = (ZeroOrderHold(), FirstOrderHold(), BandLimitedHold()
 _EXACT, _DIVERGED = 1e-24, 1e3
 #: Log likelihood below which two holds are as good before a fit, and above which one is worth
 #: another climb after it; and evaluations of training with another one.
-_TIE, _BETTER, _EVALUATIONS = 0.1, 1.0, 8
+_TIE, _BETTER, _EVALUATIONS = 0.1, 1.0, 30
 
 
 def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:

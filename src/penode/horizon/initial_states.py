@@ -63,7 +63,8 @@ def _of_recording(
     if np.isfinite(covariance).all() and np.isfinite(start).all():
         scale = np.ones(len(model.outputs) or len(model.states))
         scale[before.error.compared] = scale_of_errors(model, seen.measured.T)
-        error = PredictionError(before.predictor, before.layout, scale, Loss(), model)
+        predictor = before.predictor.at(seen.time_step)
+        error = PredictionError(predictor, before.layout, scale, Loss(), model)
         residual, own, mixed = _slopes(problem, error, raw, number, start)
         with float64():
             transform = np.asarray(_transform(error, on_device(raw)))

@@ -10,6 +10,7 @@ import numpy as np
 from penode.arrays import BoolArray, FloatArray, float64
 from penode.data.excitation import check_any_excitation
 from penode.data.experiment import Experiment
+from penode.data.rates import time_steps
 from penode.data.stretches import by_recording, fewest_windows
 from penode.data.windows import Jittered, Windows, cut
 from penode.errors import InputError
@@ -28,6 +29,7 @@ from penode.training.covariance import (
     undetermined,
 )
 from penode.training.gauss_newton_terms import residual_scale
+from penode.training.noise_scale import with_scale
 from penode.training.plan import DIVERGED, Optimiser, Plan, Problem, Solution, Stage
 from penode.training.residuals import Objective
 from penode.training.second_order import LevenbergMarquardt
@@ -97,7 +99,7 @@ class HorizonFit:
     Attributes
     ----------
     horizon : int
-        Steps.
+        Steps, of the shortest length where recordings differ in it.
     solution : Solution
         Raw parameters, terms and outcome.
     values, deviation : ndarray, shape (reported,)
@@ -172,7 +174,8 @@ class LadderProblem:
     observer : callable
         Receives an event for each evaluation and horizon.
     objectives : dict of int to Objective
-        Those of rungs whose learned part has a prior of their own, by horizon; the climb fills it.
+        Those of rungs, whose noise or learned part has what was estimated there, by horizon; the
+        climb fills it.
     guesses : dict of int to sequence of mapping
         Unmeasured states of each recording, by horizon: where the search for the windows' starts
         begins; the climb fills it, and where it has none the recordings have zeros or channels.
@@ -190,7 +193,7 @@ class LadderProblem:
     def of(
         cls, model: Model, experiments: Sequence[Experiment], plan: Plan, observer: Observer
     ) -> "LadderProblem":
-        """Return what a plan's climb needs on recordings of one time step.
+        """Return what a plan's climb needs.
 
         Raises
         ------
@@ -207,7 +210,7 @@ class LadderProblem:
         measured = visited
         if model.outputs:
             measured = np.concatenate([e.stack(tuple(model.outputs)) for e in experiments])
-        predictor = Predictor(experiments[0].time_step, plan.solver, plan.hold)
+        predictor = Predictor(float(time_steps(experiments).min()), plan.solver, plan.hold)
         scale = residual_scale(model, measured, plan.loss)
         objective = Objective(predictor, model, scale, plan.loss, len(experiments))
         reported = Reported(objective.layout, thin(visited, most=100))
@@ -247,9 +250,10 @@ class LadderProblem:
             place = (number + 1, len(plan.stages))
             if rungs and (not rungs[-1].solution.converged or strayed(rungs)):
                 raw = problem.better(raw, first)
+            problem, raw = with_scale(problem, raw, cold=not rungs)
             if plan.learned_prior:
                 problem, raw = plan.learned_prior.joined(problem, raw, cold=not rungs)
-                self.objectives[stage.horizon] = problem.objective
+            self.objectives[stage.horizon] = problem.objective
             solution = stage.optimiser.minimise(problem, raw, self._progress(stage.horizon, place))
             if solution.outcome == DIVERGED or (rungs and _explodes(solution, rungs[0])):
                 break
@@ -383,7 +387,7 @@ class LadderProblem:
         series = ScoreSeries.of_windows(problem.windows)
         if series.ample:
             return solution, series
-        scores = self.objective.sample_scores(solution.raw, problem.windows)[problem.moving]
+        scores = problem.objective.sample_scores(solution.raw, problem.windows)[problem.moving]
         terms = replace(solution.terms, scores=scores)
         series = ScoreSeries.of_samples(influence(terms, jacobian))
         return replace(solution, terms=terms), series

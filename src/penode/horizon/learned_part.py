@@ -13,6 +13,7 @@ import numpy as np
 
 from penode.arrays import BoolArray, FloatArray
 from penode.data.experiment import Experiment
+from penode.data.rates import lengths
 from penode.data.windows import Contiguous, Windows
 from penode.errors import InputError
 from penode.fit.fit import Fit
@@ -208,11 +209,11 @@ def _left_out(climbed: Climbed, index: int) -> FloatArray:
 
 def _part_left_out(experiments: Sequence[Experiment]) -> int:
     """Return the steps of a part that is left out; windows that are longer cannot be judged."""
-    return max(max(map(len, experiments)) // _FOLDS - 1, 1)
+    return max(max(lengths(experiments)) // _FOLDS - 1, 1)
 
 
 def _overlapping(windows: Windows, others: Windows) -> BoolArray:
     """Return which windows share samples with others, (window,)."""
-    begin, end = windows.starts - windows.past + 1, windows.starts + windows.horizon
-    first, last = others.starts - others.past + 1, others.starts + others.horizon
+    begin, end = windows.starts - windows.past + 1, windows.starts + windows.steps
+    first, last = others.starts - others.past + 1, others.starts + others.steps
     return np.asarray(np.any((begin[:, None] <= last) & (end[:, None] >= first), axis=1))

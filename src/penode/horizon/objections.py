@@ -16,6 +16,7 @@ from penode.fit.left_out import left_out
 from penode.fit.outcome import IMPLAUSIBLE, Objection
 from penode.horizon.held_out_check import validation_fails
 from penode.models.layout import Layout
+from penode.training.plan import Plan
 from penode.validation.comparison import (
     HUGE,
     Comparison,
@@ -228,3 +229,9 @@ CHECKS: tuple[Check, ...] = (
     impossible_values,
     dependent_residual,
 )
+
+
+def checks_of(plan: Plan) -> tuple[Check, ...]:
+    """Return what a fit of a plan is examined for: outliers only where squares were summed."""
+    tempered = plan.loss.noise is not None
+    return tuple(one for one in CHECKS if not (tempered and one is few_samples_decide))

@@ -114,7 +114,9 @@ def too_coarse(
     unsure = _unsure_rates(problem, rung, said) if excess <= 1.0 else []
     if excess <= 1.0 and not unsure:
         return None
-    fastest = _fastest(rung, rung.model)
+    steps = rung.windows.time_steps
+    slowest = rung.windows.time_step if steps is None else float(steps.max())
+    fastest = _fastest(rung, rung.model) * slowest / now
     if unsure:
         excess = (fastest / _STIFF) ** plan.solver.order
         reason = (
@@ -137,7 +139,7 @@ def too_fast(
     """Return the objection to parameters of a rate that is gone before the next sample."""
     rung = climb.fits[choice.index]
     unsure = _unsure_rates(problem, rung, Consensus.reported(choice, climb.fits))
-    rate = _fastest(rung, rung.model) * substeps(plan.solver) if unsure else 0.0
+    rate = _fastest(rung, rung.model) * rung.predictor.time_step if unsure else 0.0
     if rate <= _GONE:
         return ()
     reason = (
@@ -197,7 +199,7 @@ def _unsure_rates(problem: LadderProblem, rung: HorizonFit, said: Consensus) -> 
 
 
 def _fastest(rung: HorizonFit, model: Model) -> float:
-    """Return the fastest rate of a model along the recordings times a sub-step of the solver."""
+    """Return the fastest rate of a model along the recordings, 1/s."""
     windows = rung.windows
     at = np.unique(np.linspace(0, len(windows.states) - 1, _SAMPLES).astype(int))
     inputs = windows.inputs[at, : len(driving_channels(model))].T
@@ -206,8 +208,7 @@ def _fastest(rung: HorizonFit, model: Model) -> float:
         slopes = np.asarray(_slopes(with_batch_axis(model), *given))
     finite = slopes[np.isfinite(slopes).all(axis=(1, 2))]
     rates = np.abs(np.linalg.eigvals(finite))
-    solver = rung.predictor.solver
-    return float(rates.max(initial=0.0) * rung.predictor.time_step / substeps(solver))
+    return float(rates.max(initial=0.0))
 
 
 @eqx.filter_jit

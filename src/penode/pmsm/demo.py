@@ -6,28 +6,35 @@ from pathlib import Path
 import numpy as np
 
 from penode.bench.coenergy_table import true_flux_map
-from penode.bench.machines import TRACTION_300A
+from penode.bench.machines import TRACTION_300A, Machine
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
 from penode.data.experiment import Experiment
 from penode.data.save import save
 from penode.fit.fit import Fit
 from penode.horizon.ladder import Observer, ignore_events
+from penode.pmsm.comparison.map_comparison import compare_maps
+from penode.pmsm.machine.flux_grid import FluxGrid
 from penode.pmsm.study import identify
 
 
 @dataclass(frozen=True, eq=False)
 class Demo:
-    """A fit beside the truth, a resistance in ohm.
+    """A fit beside the truth.
 
-    ``flux_error`` is the mean absolute error of psi_d and psi_q over the excited region of the
-    current disc in Vs, ``flux_share`` the same as a share of the magnet's flux linkage.
+    `machine` is what was recorded, `truth` its flux map over the current disc. ``flux_error`` is
+    the mean absolute error of psi_d and psi_q over the excited region in Vs.
     """
 
     fit: Fit
-    true_resistance: float
+    machine: Machine
+    truth: FluxGrid
     flux_error: float
-    flux_share: float
+
+    @property
+    def flux_share(self) -> float:
+        """``flux_error`` as a share of the magnet's flux linkage."""
+        return self.flux_error / self.machine.magnet_flux_linkage
 
 
 def record(folder: Path) -> tuple[Experiment, tuple[Experiment, ...]]:
@@ -56,14 +63,15 @@ def run_demo(folder: Path, observer: Observer = ignore_events) -> Demo:
     train, validation = record(folder)
     machine = TRACTION_300A
     fit = identify([train], pole_pairs=machine.pole_pairs, validation=validation, observer=observer)
-    error = float(np.mean(np.abs(_flux_error(fit))))
-    return Demo(fit, machine.resistance, error, error / machine.magnet_flux_linkage)
+    truth = _truth(machine, np.abs(fit.excited).max())
+    error = float(np.nanmean(np.abs(compare_maps(fit, truth).difference)))
+    return Demo(fit, machine, truth, error)
 
 
-def _flux_error(fit: Fit) -> np.ndarray:
-    limit = np.abs(fit.excited).max()
+def _truth(machine: Machine, limit: float) -> FluxGrid:
+    """Return R and flux map of a machine for currents up to a limit in A on both axes."""
     axis = np.linspace(-limit, limit, 61)
-    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    points = points[fit.supported(points)]
-    truth = true_flux_map(TRACTION_300A, *points.T)
-    return np.asarray(fit.flux_map(*points.T).T - truth)
+    psi = np.moveaxis(true_flux_map(machine, axis[:, None], axis), -1, 0)
+    everywhere = np.ones((len(axis), len(axis)), dtype=bool)
+    nowhere = np.full((2, 2, *everywhere.shape), np.nan)
+    return FluxGrid(axis, axis, psi, nowhere, everywhere, machine.resistance)

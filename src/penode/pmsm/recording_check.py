@@ -6,8 +6,8 @@ from typing import Any
 
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
-from penode.data.quality import Finding, inspect_stretches
-from penode.data.stretches import STRETCH, by_recording, excerpt, reasons_of
+from penode.data.quality import Finding
+from penode.data.stretches import STRETCH, excerpt, reasons_of
 from penode.pmsm.balance.term_selection import structure_of
 from penode.pmsm.balance.usable import left_out, require_samples, usable_stretches
 from penode.pmsm.conventions.broken_convention import BrokenConvention
@@ -16,6 +16,7 @@ from penode.pmsm.machine.terms import Term
 from penode.pmsm.precheck.excitation import Excitation, excitation_of
 from penode.pmsm.precheck.identifiability import Identifiability, identifiability_of
 from penode.pmsm.recording.channels import drive_recording, electrical, require_channels
+from penode.pmsm.recording.quality import quality_of
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 
 #: Samples that are enough to judge all but the quality of the channels by.
@@ -152,9 +153,7 @@ def check_recordings(
     InputError
         If a recording cannot be used at all.
     """
-    quality = tuple(
-        f for e in by_recording(recordings) for f in inspect_stretches(e, electrical(e))
-    )
+    quality = quality_of(recordings)
     require_samples(recordings)
     usable = usable_stretches(recordings)
     used = excerpt(usable, electrical(usable), SAMPLES)

@@ -7,6 +7,7 @@ import numpy as np
 from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
 from penode.fit.result_folder import REPORT, claimed, replace_together
+from penode.pmsm.machine.flux_grid import FluxGrid
 from penode.pmsm.machine.standstill import STANDSTILL, excited_axes
 
 #: Points a side of the grid in ``flux_map.csv``.
@@ -39,12 +40,17 @@ def write_answer(fit: Fit, folder: Path) -> None:
     replace_together(folder, fit.files(beside={"flux_map.csv": flux_map_csv(fit).encode()}))
 
 
-def write_report(fit: Fit, folder: Path) -> None:
-    """Write the report, which is no part of the set with digests: it may be made again."""
+def write_report(fit: Fit, folder: Path, truth: FluxGrid | None = None) -> None:
+    """Write the report, which is no part of the set with digests: it may be made again.
+
+    A machine that is known is drawn beside.
+    """
     # Imported here: the plotting library takes a third of a second, and few commands draw.
+    from penode.pmsm.report.against import Against
     from penode.pmsm.report.machine_report import machine_report
 
-    write_atomically(folder / REPORT, machine_report(fit))
+    against = None if truth is None else Against.of(fit, "The machine as it is", truth)
+    write_atomically(folder / REPORT, machine_report(fit, against))
 
 
 def flux_map_csv(fit: Fit) -> str:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields, replace
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment, require_recordings
 from penode.data.gathered import require_memory
-from penode.data.quality import inspect_stretches
-from penode.data.stretches import Excerpt, by_recording, reasons_of
+from penode.data.rates import require_one_time_step
+from penode.data.stretches import Excerpt, reasons_of
 from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.horizon.checkpoint import Checkpoint
@@ -28,6 +28,7 @@ from penode.pmsm.precheck.objections import machine_checks
 from penode.pmsm.precheck.unused_samples import unused_samples
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.recording.imperfections import budget_rows
+from penode.pmsm.recording.quality import quality_of
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 from penode.predictors.base import Predictor
 from penode.training.plan import Plan
@@ -120,6 +121,7 @@ class _Read:
         cls, experiments: Sequence[Experiment], validation: Sequence[Experiment], study: Study
     ) -> "_Read":
         require_recordings(experiments, validation)
+        require_one_time_step(experiments)
         require_samples(experiments)
         usable = usable_stretches(experiments)
         unseen = study.excerpt(usable_stretches(validation)).experiments
@@ -189,6 +191,8 @@ class _Beginning:
         decided, reasons, doubts = held.decided(steady)
         decided.check(corrected)
         start = _start(steady, decided, (*calibration.reasons, *drift.reasons, *reasons))
+        odd = tuple(f.sentence for f in quality_of(recordings))
+        start = replace(start, warnings=odd)
         return cls(found, calibration, decided, start, doubts, drift)
 
     @property
@@ -224,7 +228,7 @@ class _Beginning:
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:
-    """Return the start by the weak form, the settings and what is odd in the recordings."""
+    """Return the start by the weak form, and the settings."""
     orders, terms = study.angle_orders or (), study.terms
     machine, balance, penalties = weak_start(
         recordings, study.flux_map, study.seed, angle_orders=orders, terms=terms
@@ -232,9 +236,6 @@ def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str
     repair = "Add a recording at another speed, or reverse the speed."
     if not FLUX_MAPS[study.flux_map].reciprocal:
         repair = f"Use the reciprocal map (--flux-map coenergy). Or: a{repair[1:]}"
-    channels = ("i_d", "i_q", "u_d", "u_q")
-    findings = (f for each in by_recording(recordings) for f in inspect_stretches(each, channels))
-    odd = tuple(f.sentence for f in findings)
     facts = study.facts(recordings, reasons)
     anchor = anchor_of(recordings, balance)
-    return Start(machine, balance.independence, anchor, repair, facts, odd, penalties)
+    return Start(machine, balance.independence, anchor, repair, facts, penalties=penalties)

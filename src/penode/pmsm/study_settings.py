@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from penode.data.experiment import Experiment
-from penode.data.stretches import STRETCH, Excerpt, excerpt
+from penode.data.stretches import STRETCH, Excerpt, by_recording, excerpt
 from penode.data.windows import Jittered
 from penode.errors import InputError, did_you_mean
 from penode.horizon.held_out import selector_for
@@ -37,6 +37,9 @@ _APART = 5
 _STARTS = dict.fromkeys(CURRENTS, 1.0)
 #: First damping for a map that is linear in its coefficients: one step reaches the minimum.
 _NEARLY_LINEAR = 1e-6
+#: Tests at standstill last for tenths of a second, and currents wander through the map once or
+#: twice: windows that a recording is to have, which overlap for that, and the longest as a share.
+_OVERLAPPING, _SHARE = 40, 0.4
 
 
 @dataclass(frozen=True)
@@ -124,11 +127,12 @@ class Study:
         if self.flux_map == "coenergy":
             optimiser = LevenbergMarquardt(evaluations=25, damping=_NEARLY_LINEAR)
         if self.horizon is None:
-            plan = fitting_plan(ladder_plan(horizons, optimiser, self.seed), experiments)
+            plan = _reaching(ladder_plan(horizons, optimiser, self.seed), experiments)
         else:
             below = [h for h in HORIZONS if h < self.horizon]
             plan = ladder_plan([*below[::3], self.horizon], optimiser, self.seed)
-        placement = Jittered(self.seed, shortest=_APART if partly else 1)
+        fewest = _OVERLAPPING if stands_still(experiments) else 1
+        placement = Jittered(self.seed, shortest=_APART if partly else 1, fewest=fewest)
         loss = replace(plan.loss, free_starts=_STARTS)
         return replace(plan, hold=HOLDS[self.hold or DEFAULT_HOLD], placement=placement, loss=loss)
 
@@ -191,6 +195,15 @@ class Study:
         if self.horizon is not None:
             return Longest()
         return selector_for(self.purpose, experiments)
+
+
+def _reaching(plan: Plan, experiments: Sequence[Experiment]) -> Plan:
+    """Return a plan with those horizons that recordings are long enough for."""
+    if not stands_still(experiments):
+        return fitting_plan(plan, experiments)
+    samples = min(max(map(len, stretches)) for stretches in by_recording(experiments))
+    longest = max(_SHARE * samples, 1)
+    return replace(plan, stages=tuple(s for s in plan.stages if s.horizon <= longest))
 
 
 DEFAULT_STUDY = Study()

@@ -1,11 +1,12 @@
 """Predictor: model and solver, the map g from the past and the input to the next sample."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import jax.numpy as jnp
 
 from penode.arrays import FloatArray, JaxArray
+from penode.data.rates import alike
 from penode.models.base import Model
 from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.field import Field
@@ -56,6 +57,10 @@ class Predictor:
         if self.table is None:
             return self.time_step, self.solver, self.hold
         return self.time_step, self.table.solver, self.table.places
+
+    def at(self, time_step: float) -> "Predictor":
+        """Return the predictor of another time step in s; itself where that is its own."""
+        return self if alike(self.time_step, time_step) else replace(self, time_step=time_step)
 
     @property
     def past(self) -> int:

@@ -176,7 +176,7 @@ def _key_values(fit: Fit, names: Sequence[str]) -> KeyValues:
     errors = (free_run_value(fit.recordings), one_step_value(fit.recordings))
     detail = choice.verdict
     if fit.comparisons:
-        ahead = 1e3 * fit.comparisons[0].time_step * choice.selected
+        ahead = 1e3 * min(one.time_step for one in fit.comparisons) * choice.selected
         detail = f"{number(ahead, 2)}\N{NO-BREAK SPACE}ms ahead; {choice.verdict}"
     horizon = KeyValue("Horizon", f"H = {choice.selected}", detail, choice.selected)
     values = [_parameter_value(fit, name) for name in names]

@@ -5,8 +5,8 @@ import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import cache, partial
-from typing import TypeAlias
+from functools import cache, lru_cache, partial
+from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ import numpy as np
 from penode.arrays import FloatArray, IntArray, JaxArray, float64, on_device, shared_length
 from penode.data.windows import Windows
 from penode.native.normal_matrix import NormalMatrix
+from penode.predictors.base import Predictor
 from penode.training.free_starts import sums_without_starts
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
 
@@ -35,14 +36,29 @@ def summed(
     """Return sums over windows: r'r, S'S (value, value), and S'r of each window, (value, window).
 
     Behind them are the corrections of the windows' starts (free, window), SI units. One program
-    serves every horizon and number of windows cut from the same recordings. Where `normal` is not
-    wanted, what is returned in its place means nothing.
+    serves every horizon and number of windows cut from the same recordings of one time step. Where
+    `normal` is not wanted, what is returned in its place means nothing.
     """
-    width, order = _width(error), _neighbours(windows)
-    least = STRANDS * width
-    capacity = least * math.ceil(shared_length(len(windows.states)) / least)
+    parts = [
+        (places, _summed(own, raw, alike, normal))
+        for places, own, alike in error.by_time_step(windows)
+    ]
+    if len(parts) == 1:
+        return parts[0][1]
+    squares, products = (np.sum([sums[k] for _, sums in parts], axis=0) for k in (0, 1))
+    back = np.argsort(np.concatenate([places for places, _ in parts]))
+    scores, corrections = (
+        np.concatenate([sums[k] for _, sums in parts], axis=1)[:, back] for k in (2, 3)
+    )
+    return squares, products, scores, corrections
+
+
+def _summed(
+    error: PredictionError, raw: FloatArray, windows: Windows, normal: bool
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the sums over windows of one time step."""
+    order, batch, length = _laid_out(error, error.predictor, windows)
     with float64():
-        batch = compiled_windows(error, windows, capacity, order)
         shared = on_device(raw), on_device(error.scale), batch
 
     def add_up(first: int, count: int) -> Sequence[FloatArray]:
@@ -51,7 +67,6 @@ def summed(
             sums = _sum_over_chunks(error, *shared, span, windows.horizon)
             return [np.asarray(part) for part in sums]
 
-    length = width * -(-len(order) // least)
     firsts = range(0, len(order), length)
     counts = [min(length, len(order) - first) for first in firsts]
     add_up(0, 0)  # compiles, where that is still to be done, once
@@ -63,6 +78,23 @@ def summed(
         back = np.argsort(order)
         scores, corrections = scores[:, back], corrections[:, back]
     return squares, products, scores, corrections
+
+
+@lru_cache(maxsize=2)
+def _laid_out(
+    error: PredictionError, predictor: Predictor, windows: Windows
+) -> tuple[IntArray, Batch, int]:
+    """Return windows in the order of their sums, as a batch, and how many a strand has.
+
+    An optimiser asks for sums of the same windows many times. Errors are equal whatever the
+    sub-steps, which are those of the predictor.
+    """
+    width, order = _width(error), _neighbours(windows)
+    least = STRANDS * width
+    capacity = least * math.ceil(shared_length(len(windows.states)) / least)
+    with float64():
+        batch = compiled_windows(replace(error, predictor=predictor), windows, capacity, order)
+    return order, batch, width * -(-len(order) // least)
 
 
 def _neighbours(windows: Windows) -> IntArray:
@@ -84,19 +116,30 @@ def _width(error: PredictionError) -> int:
     return next((n for n in (CHUNK, CHUNK // 2) if n * each <= _NEAR), CHUNK // 4)
 
 
-def blocks(
-    error: PredictionError, windows: Windows, corrections: FloatArray
-) -> Iterator[tuple[Windows, FloatArray, Batch]]:
-    """Yield windows, corrections of their starts (free, batch) and their batch, block by block.
+class Block(NamedTuple):
+    """A few windows of one time step; the batch is longer, and so are the corrections."""
+
+    # Of each window among all, (window,).
+    places: IntArray
+    error: PredictionError
+    horizon: int
+    # Of the windows' starts, (free, batch), SI units.
+    corrections: FloatArray
+    batch: Batch
+
+
+def blocks(error: PredictionError, windows: Windows, corrections: FloatArray) -> Iterator[Block]:
+    """Yield windows, block by block, with the corrections of their starts (free, window).
 
     Blocks are of one size: one program serves any number of windows.
     """
-    for first in range(0, len(windows), _BLOCK):
-        few, own = windows.among(slice(first, first + _BLOCK)), corrections[:, first:][:, :_BLOCK]
-        own = np.pad(own, ((0, 0), (0, _BLOCK - own.shape[1])), mode="edge")
-        with float64():
-            batch = compiled_windows(error, few, _BLOCK)
-        yield few, own, batch
+    for places, of_step, alike in error.by_time_step(windows):
+        for first in range(0, len(alike), _BLOCK):
+            few, at = alike.among(slice(first, first + _BLOCK)), places[first : first + _BLOCK]
+            own = np.pad(corrections[:, at], ((0, 0), (0, _BLOCK - len(at))), mode="edge")
+            with float64():
+                batch = compiled_windows(of_step, few, _BLOCK)
+            yield Block(at, of_step, few.horizon, own, batch)
 
 
 _Totals: TypeAlias = tuple[JaxArray, NormalMatrix, JaxArray, JaxArray]

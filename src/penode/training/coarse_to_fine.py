@@ -32,7 +32,7 @@ class CoarseToFine:
     ) -> Solution:
         """Lower the loss from `raw` (parameter,); coarse evaluations count by their fraction."""
         windows, error = problem.windows, problem.objective.error
-        residuals = len(windows) * windows.horizon * len(error.compared)
+        residuals = windows.steps.sum() * len(error.compared)
         stride = int(np.clip(residuals / (_LEFT * max(problem.moving.sum(), 1)), 1, self.most))
         if stride == 1:
             return self.optimiser.minimise(problem, raw, progress)

@@ -77,7 +77,7 @@ class ScoreSeries:
         """Return that of scores by window: samples^0.6, at least two horizons."""
         samples = len(windows.states)
         bandwidth = max(int(samples**0.6), 2 * windows.horizon)
-        return cls(windows.starts + windows.horizon // 2, samples, bandwidth)
+        return cls(windows.starts + windows.steps // 2, samples, bandwidth)
 
     @classmethod
     def of_samples(cls, series: FloatArray) -> "ScoreSeries":

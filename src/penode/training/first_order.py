@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray, IntArray, JaxArray, float64, on_device
+from penode.errors import InputError
 from penode.training.plan import DIVERGED, Problem, Progress, Solution, ignore_progress
 from penode.training.prediction_error import Batch, compiled_windows
 from penode.training.residuals import Objective
@@ -79,7 +80,17 @@ class FirstOrder:
         -------
         list of Solution
             What `minimise` would return for each; one that diverges stands still.
+
+        Raises
+        ------
+        InputError
+            If the recordings differ in their time step.
         """
+        if problem.windows.time_steps is not None:
+            raise InputError(
+                "recordings must have one time step for an optimiser of first order, got several; "
+                "train with LevenbergMarquardt."
+            )
         layout, count = problem.objective.layout, len(problem.windows.starts)
         groups = ("physical",) if layout.physical else ()
         scale = np.where(layout.members(groups), self.physical_scale, 1.0)

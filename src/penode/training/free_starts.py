@@ -16,8 +16,9 @@ from penode.native.normal_matrix import NormalMatrix
 from penode.training.prediction_error import Batch, PredictionError
 from penode.training.sensitivities import Sums, along, window_sums
 
-#: Passes over the windows that look for their starts, where the first step is not enough.
-_MOST_PASSES = 10
+#: Passes over the windows that look for their starts, where the first step is not enough; of noise
+#: with outliers, whose steps shrink by a factor only.
+_MOST_PASSES, _MOST_REWEIGHTED = 10, 30
 #: A window's start is settled when its next step but one, if steps go on shrinking as they did,
 #: lowers its squares by no more than this fraction. The next one is made.
 _TOLERANCE = 1e-14
@@ -70,7 +71,7 @@ def sums_without_starts(
         return sums.squares, sums.scores.shared, sums.normal, nothing
 
     def attempt(before: _Terms) -> _Terms:
-        most = jnp.where(before.attempts == 0, 1, _MOST_PASSES)
+        most = jnp.where(before.attempts == 0, 1, _most_passes(error))
         correction, gain = _searched(error, values, horizon, batch, most)
         sums = window_sums(error, each, correction, horizon, batch, normal)
         squares, slope, curvature = _with_stiffness(error, sums, correction, batch.used)
@@ -106,7 +107,7 @@ def estimated_starts(
     """
     if not len(error.free):
         return jnp.zeros((0, len(batch.starts)), values.dtype)
-    return _searched(error, values, horizon, batch, jnp.asarray(_MOST_PASSES))[0]
+    return _searched(error, values, horizon, batch, jnp.asarray(_most_passes(error)))[0]
 
 
 def followed_by(
@@ -129,6 +130,10 @@ def followed_by(
     _, _, curvature = _with_stiffness(error, sums, correction, batch.used)
     factor = _factor(curvature, jnp.zeros(width, values.dtype))
     return _backward(factor, _forward(factor, sums.mixed.shared))
+
+
+def _most_passes(error: PredictionError) -> int:
+    return _MOST_PASSES if error.loss.noise is None else _MOST_REWEIGHTED
 
 
 def _searched(
@@ -184,11 +189,11 @@ def _with_stiffness(
     error: PredictionError, sums: Sums, correction: JaxArray, used: JaxArray
 ) -> tuple[JaxArray, JaxArray, JaxArray]:
     """Return squares, slope and curvature by the corrections, their own squares included."""
-    stiffness = jnp.asarray(error.stiffness)[:, None]
+    held, slopes = error.held(correction)
     unit = np.eye(len(error.free))[..., None]
-    squares = sums.squares + used * jnp.sum(stiffness * correction**2, axis=0)
-    slope = sums.scores.own - used * stiffness * correction
-    return squares, slope, jnp.where(used > 0, sums.mixed.own + unit * stiffness, unit)
+    squares = sums.squares + used * jnp.sum(error.squares_of_weighted(held), axis=0)
+    slope = sums.scores.own - used * slopes * held
+    return squares, slope, jnp.where(used > 0, sums.mixed.own + unit * slopes**2, unit)
 
 
 def _shrinking(gain: JaxArray, before: JaxArray, squares: JaxArray) -> JaxArray:

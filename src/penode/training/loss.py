@@ -11,6 +11,7 @@ import numpy as np
 from penode.arrays import FloatArray, JaxArray
 from penode.errors import InputError
 from penode.models.base import Model
+from penode.training.noise import StudentT
 from penode.training.penalties import Penalty
 
 #: Quantity (quantity, batch) of a model at states x (state, batch) in which errors are measured.
@@ -165,6 +166,8 @@ class Loss:
     scale : Scale or None
         `channel_deviation`, `increment_deviation` or a function of your own; None divides by the
         channels' deviations where their units differ and by 1 where they share one.
+    noise : StudentT or None
+        Noise with outliers, and what is summed in place of squares; None: squares as they are.
     """
 
     domain: Domain = states
@@ -173,6 +176,7 @@ class Loss:
     penalties: tuple[Penalty, ...] = ()
     free_starts: Mapping[str, float | None] = field(default_factory=dict)
     scale: Scale | None = None
+    noise: StudentT | None = None
 
 
 DEFAULT_LOSS = Loss()

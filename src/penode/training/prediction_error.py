@@ -3,6 +3,7 @@
 Loss, gradient, Gauss-Newton terms, scores and estimated starts all call these functions.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -136,7 +137,8 @@ def _compiled_inputs(predictor: Predictor, inputs: FloatArray) -> JaxArray:
 class PredictionError:
     """Scaled k-step-ahead error of a model.
 
-    Errors are divided by `scale` (quantity,), in the units of the loss's domain. Two are equal if
+    Errors are divided by `scale` (quantity,), in the units of the loss's domain; that of noise with
+    outliers is part of it. Two are equal if
     one compiled program serves both that takes the scale as an argument and leaves out the
     penalties.
     """
@@ -176,13 +178,23 @@ class PredictionError:
     def _form(self) -> tuple[Any, ...]:
         loss = self.loss
         freed = tuple(sorted(loss.free_starts.items()))
-        return self.predictor.program, self.layout, loss.domain, loss.weight, loss.prefilter, freed
+        measured = loss.domain, loss.weight, loss.prefilter, loss.noise and loss.noise.degrees
+        return self.predictor.program, self.layout, *measured, freed
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, PredictionError) and self._form == other._form
 
     def __hash__(self) -> int:
         return hash(self._form)
+
+    def by_time_step(
+        self, windows: Windows
+    ) -> Iterator[tuple[IntArray, "PredictionError", Windows]]:
+        """Yield the windows of each time step, their places among all, and the error of these."""
+        for places, alike in windows.by_time_step:
+            predictor = self.predictor.at(alike.time_step)
+            same = predictor is self.predictor
+            yield places, self if same else replace(self, predictor=predictor), alike
 
     @cached_property
     def free(self) -> IntArray:
@@ -201,6 +213,22 @@ class PredictionError:
         deviation = np.array([np.inf if one is None else one for one in given])
         backend = np if isinstance(self.scale, np.ndarray) else jnp
         return backend.where(as_measured, self.scale[self.free], deviation) ** -2.0
+
+    def squares(self, residual: JaxArray) -> JaxArray:
+        """Return what of scaled residuals, of any shape, is summed."""
+        return residual**2 if self.loss.noise is None else self.loss.noise.squares(residual)
+
+    def squares_of_weighted(self, residual: JaxArray) -> JaxArray:
+        """Return what is summed of residuals that were multiplied by the roots of their weights."""
+        noise = self.loss.noise
+        return residual**2 if noise is None else noise.squares(noise.unweighted(residual))
+
+    def held(self, correction: JaxArray) -> tuple[JaxArray, JaxArray]:
+        """Return what corrections (free, batch) of starts are as weighted residuals, and slopes."""
+        slope, noise = jnp.sqrt(jnp.asarray(self.stiffness))[:, None], self.loss.noise
+        if noise is not None:
+            slope = slope * jnp.sqrt(noise.weight(slope * correction))
+        return slope * correction, slope
 
     @cached_property
     def compared(self) -> IntArray:
@@ -313,7 +341,8 @@ class PredictionError:
         Starts may be estimated, of states that are measured.
         """
         loss = self.loss
-        as_it_is = loss.weight is every_step and loss.prefilter == NO_FILTER
+        plainly = loss.prefilter == NO_FILTER and loss.noise is None
+        as_it_is = loss.weight is every_step and plainly
         return self.plain and as_it_is and not self.model.unmeasured
 
     @property

@@ -21,10 +21,15 @@ from penode.training.chunks import summed
 from penode.training.free_starts import estimated_starts
 from penode.training.gauss_newton_terms import GaussNewtonTerms, squared
 from penode.training.loss import DEFAULT_LOSS, Loss
+from penode.training.moments import moments
+from penode.training.noise import StudentT
 from penode.training.penalties import GaussianPrior, Penalty
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
 from penode.training.sample_scores import sample_scores
 
+#: Least curvature of noise with outliers over that of its weighted squares: far from a minimum the
+#: mean curvature may have any sign.
+_LEAST_BEND = 0.25
 #: Windows that one pass of reverse mode takes: their rollouts stay in the second-level cache.
 GRADIENT_CHUNK = 256
 
@@ -59,7 +64,10 @@ class Objective:
         self.layout = Layout(model, experiments)
         self.scale = np.asarray(scale, dtype=np.float64)
         self.loss = loss
-        self.error = PredictionError(predictor, self.layout, self.scale, loss, model)
+        own = self.scale * self.noise_scale
+        self.error = PredictionError(predictor, self.layout, own, loss, model)
+        # What squares of residuals over the noise's scale are in units of the loss.
+        self._unit = float(np.mean(self.noise_scale[self.error.compared] ** 2))
 
     def with_penalties(self, penalties: tuple[Penalty, ...]) -> "Objective":
         """Return the objective with these penalties in place of its own; compiled code serves both.
@@ -71,6 +79,18 @@ class Objective:
         loss, error = replace(self.loss, penalties=penalties), self.error
         return Objective(self.predictor, error.model, self.scale, loss, self.layout.experiments)
 
+    @property
+    def noise_scale(self) -> FloatArray:
+        """Scale of the noise in units of `scale`, (quantity,); 1 where squares are summed."""
+        count, noise = len(self.scale), self.loss.noise
+        return np.ones(count) if noise is None else noise.scales(count)
+
+    def with_noise_scale(self, scale: FloatArray) -> "Objective":
+        """Return the objective with another scale of noise with outliers, (quantity,)."""
+        noise = replace(self.loss.noise or StudentT(), scale=tuple(scale.tolist()))
+        loss, error = replace(self.loss, noise=noise), self.error
+        return Objective(self.predictor, error.model, self.scale, loss, self.layout.experiments)
+
     def loss_and_gradient(self, raw: FloatArray, windows: Windows) -> tuple[float, FloatArray]:
         """Return the loss and its gradient (parameter,) by reverse mode.
 
@@ -79,12 +99,17 @@ class Objective:
         raw : ndarray, shape (parameter,)
             Raw parameters.
         windows : Windows
-            One program is compiled for each horizon and number of windows.
+            One program is compiled for each time step, horizon and number of windows.
         """
-        with float64():
-            batch = compiled_windows(self.error, windows, len(windows.starts))
-            loss, gradient = self._value_and_grad(on_device(raw), batch, windows.horizon)
-            return float(loss), np.asarray(gradient)
+        loss, gradient, predicted = 0.0, np.zeros(len(raw)), windows.steps.sum()
+        for places, error, alike in self.error.by_time_step(windows):
+            share = len(places) * alike.horizon / predicted
+            with float64():
+                batch = compiled_windows(error, alike, len(places))
+                own = self._gradients_at(error.predictor)(on_device(raw), batch, alike.horizon)
+                loss += share * float(own[0])
+                gradient += share * np.asarray(own[1])
+        return loss, gradient
 
     def gauss_newton(self, raw: FloatArray, windows: Windows) -> GaussNewtonTerms:
         """Return the loss and the Gauss-Newton terms by forward sensitivities, J never stored.
@@ -96,7 +121,7 @@ class Objective:
         windows : Windows
             One program serves every horizon and number of windows cut from the same recordings.
         """
-        residuals = len(windows.starts) * windows.horizon * len(self.error.compared)
+        residuals = int(windows.steps.sum()) * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
         with float64():
             prior = self._prior(on_device(raw), residuals)
@@ -120,7 +145,7 @@ class Objective:
         windows : Windows
             Served by the same program as those of `gauss_newton`.
         """
-        residuals = len(windows.starts) * windows.horizon * len(self.error.compared)
+        residuals = int(windows.steps.sum()) * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
         scores = self._sums(raw, windows, normal=False)[2]
         return np.asarray(_summed(scores) - residuals * slopes.T @ penalties)
@@ -135,7 +160,8 @@ class Objective:
         windows : Windows
             A few of them: all go through at once.
         """
-        return np.asarray(self._transposed(raw) @ sample_scores(self.error, raw, windows))
+        scores = sample_scores(self.error, raw, windows)
+        return np.asarray(self._unit * (self._transposed(raw) @ scores))
 
     def penalties(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the penalties' residuals at raw (parameter,) and slopes (residual, parameter)."""
@@ -169,9 +195,21 @@ class Objective:
         self, raw: FloatArray, windows: Windows, normal: bool = True
     ) -> tuple[FloatArray, ...]:
         """Return summed squares, normal matrix (if wanted) and the windows' scores, of raw."""
-        squares, products, scores, _ = summed(self.error, raw, windows, normal)
-        transposed = self._transposed(raw)
-        return squares, transposed @ (transposed @ products).T, transposed @ scores
+        squares, products, scores, corrections = summed(self.error, raw, windows, normal)
+        transposed, unit, bent = self._transposed(raw), self._unit, self._unit
+        if normal and self.loss.noise is not None:
+            bent *= self._bend(raw, windows, corrections)
+        products = transposed @ (transposed @ products).T
+        return unit * squares, bent * products, unit * (transposed @ scores)
+
+    def _bend(self, raw: FloatArray, windows: Windows, corrections: FloatArray) -> float:
+        """Return the mean curvature of noise with outliers over that of its weighted squares.
+
+        By weighted squares steps are safe; a covariance wants the curvature itself (P. J. Huber,
+        Ann. Stat. 1 (1973) 799, doi:10.1214/aos/1176342503).
+        """
+        weight, _, curvature = moments(self.error, raw, windows, corrections).sum(axis=1)
+        return float(np.clip(curvature / max(weight, 1e-300), _LEAST_BEND, 1.0))
 
     def _transposed(self, raw: FloatArray) -> csr_array:
         """Return d(values)/d(raw), transposed."""
@@ -179,8 +217,18 @@ class Objective:
             return csr_array(np.asarray(_transform(self.layout, on_device(raw))).T)
 
     @cached_property
-    def _value_and_grad(self) -> Any:
-        return jax.jit(self.loss_and_gradient_of, static_argnums=2)
+    def _gradients_at(self) -> Callable[[Predictor], Any]:
+        """The compiled loss and gradient of a predictor, this one's at a time step."""
+
+        @lru_cache
+        def compiled(predictor: Predictor) -> Any:
+            one, error = self, self.error
+            if predictor is not self.predictor:
+                count = self.layout.experiments
+                one = Objective(predictor, error.model, self.scale, self.loss, count)
+            return jax.jit(one.loss_and_gradient_of, static_argnums=2)
+
+        return compiled
 
     @cached_property
     def _arguments(self) -> tuple[Penalty, ...]:
@@ -219,7 +267,8 @@ class Objective:
         count = len(self.error.compared) * horizon * jnp.sum(batch.used)
         believed = partial(_penalties, self.layout, self.loss.penalties)
         penalty, bent = jax.value_and_grad(lambda raw: jnp.sum(believed(raw) ** 2))(raw)
-        return squares / count + penalty, slopes / count + bent
+        share = self._unit / count
+        return squares * share + penalty, slopes * share + bent
 
     def _squares(self, raw: JaxArray, batch: Batch, horizon: int) -> JaxArray:
         """Return the sum of squared residuals, to be differentiated in reverse mode."""
@@ -239,15 +288,15 @@ class Objective:
             memory, total = carry
             residual = error.residual(parts, history[0], k + 1, jnp.asarray(horizon), batch)
             filtered, memory = prefilter.advance(memory, residual)
-            return memory, total + jnp.sum((filtered * batch.used) ** 2)
+            return memory, total + jnp.sum(error.squares(filtered * batch.used))
 
         memory = jnp.zeros((prefilter.order, outputs, len(batch.starts)), values.dtype)
         start = error.start(parts, correction, batch)
-        held = jnp.sum(jnp.asarray(error.stiffness)[:, None] * (correction * batch.used) ** 2)
+        held = jnp.sum(error.squares_of_weighted(error.held(correction * batch.used)[0]))
         if error.model.outputs:
             here = jnp.zeros((), int)
             first = error.residual(parts, start[0], here, jnp.asarray(horizon), batch)
-            held += jnp.sum((first * batch.used) ** 2)
+            held += jnp.sum(error.squares(first * batch.used))
         total: JaxArray = rollout(step, start, horizon, visit, (memory, held))[1]
         return total
 

@@ -26,10 +26,10 @@ def sample_scores(error: PredictionError, raw: FloatArray, windows: Windows) -> 
     Their sum over samples is that of the windows' scores.
     """
     corrections, total = summed(error, raw, windows, normal=False)[3], np.zeros(())
-    for few, own, batch in blocks(error, windows, corrections):
+    for one in blocks(error, windows, corrections):
         with float64():
-            given = on_device(raw), on_device(error.scale), on_device(own), batch
-            total = total + np.asarray(_by_sample(error, *given, few.horizon))
+            given = on_device(raw), on_device(error.scale), on_device(one.corrections), one.batch
+            total = total + np.asarray(_by_sample(one.error, *given, one.horizon))
     return np.asarray(total)[:, : len(windows.states)]
 
 
@@ -59,6 +59,6 @@ def _by_sample(
     recursion = Recursion(error, error.layout.split(each), horizon, batch, size)
     sums = recursion.over_steps(correction, add, sums)
     if len(error.free):
-        held = jnp.asarray(error.stiffness)[:, None] * correction * batch.used
-        sums = sums.at[:, batch.starts].add(along(held, follow))
+        held, slopes = error.held(correction)
+        sums = sums.at[:, batch.starts].add(along(slopes * held * batch.used, follow))
     return sums

@@ -66,7 +66,7 @@ def window_sums(
         return jnp.zeros((*shape, width), values.dtype)
 
     def add(k: JaxArray, residual: JaxArray, slopes: Columns, sums: Sums) -> Sums:
-        return _added(sums, residual, slopes)
+        return _added(error, sums, residual, slopes)
 
     scores, mixed = (Columns(zeros(*axes, lead), zeros(*axes, free)) for axes in ((), (free,)))
     recursion = Recursion(error, error.layout.split(values), horizon, batch, lead)
@@ -93,7 +93,7 @@ class Recursion:
         """Visit each step's filtered residual and slopes; corrections (free, batch) in SI units.
 
         ``add(k, residual, slopes, carry) -> carry`` gets the residual (output, batch) and slopes
-        (output, column, batch) of sample k + 1.
+        (output, column, batch) of sample k + 1, under noise with outliers by the roots of weights.
         """
         start, first = self.start(correction)
         prefilter, batch = self.error.loss.prefilter, self.batch
@@ -101,7 +101,7 @@ class Recursion:
             at_start = first.each(lambda part: part[0])
             residual, slopes = self.residual(jnp.zeros((), int), start[0], at_start)
             used = slopes.each(lambda part: part * batch.used)
-            carry = add(jnp.asarray(-1), residual * batch.used, used, carry)
+            carry = add(jnp.asarray(-1), *self.weighted(residual * batch.used, used), carry)
         shape = (prefilter.order, len(self.error.compared))
 
         def zeros(*axes: int) -> JaxArray:
@@ -115,10 +115,18 @@ class Recursion:
             shared, shared_before = prefilter.advance(shared_before, slopes.shared * batch.used)
             own, own_before = prefilter.advance(own_before, slopes.own * batch.used)
             memory = before, shared_before, own_before
-            return memory, add(k, filtered, Columns(shared, own), carry)
+            return memory, add(k, *self.weighted(filtered, Columns(shared, own)), carry)
 
         memory = zeros(), zeros(self.shared), zeros(len(self.error.free))
         return rollout(self.step, (start, first), self.horizon, visit, (memory, carry))[1]
+
+    def weighted(self, residual: JaxArray, slopes: Columns) -> tuple[JaxArray, Columns]:
+        """Return residuals (output, batch) and slopes by the roots of the residuals' weights."""
+        noise = self.error.loss.noise
+        if noise is None:
+            return residual, slopes
+        root = jnp.sqrt(noise.weight(residual))
+        return root * residual, slopes.each(lambda part: part * root[:, None])
 
     def start(self, correction: JaxArray) -> tuple[JaxArray, Columns]:
         """Return x_0 (past, state, batch) and S_0 of shape (past, state, column, batch).
@@ -188,7 +196,7 @@ class Recursion:
         return Columns(carried.shared + _joined(direct)[: self.shared], carried.own)
 
 
-def _added(sums: Sums, residual: JaxArray, slopes: Columns) -> Sums:
+def _added(error: PredictionError, sums: Sums, residual: JaxArray, slopes: Columns) -> Sums:
     """Add one step's filtered residual (output, batch) and slopes of (output, column, batch)."""
     scores = sums.scores.each(lambda sum, part: sum + along(residual, part), slopes)
     own = slopes.own.swapaxes(0, 1)
@@ -196,7 +204,7 @@ def _added(sums: Sums, residual: JaxArray, slopes: Columns) -> Sums:
         lambda sum, part: sum + jnp.stack([along(one, part) for one in own]) if len(own) else sum,
         slopes,
     )
-    squares = sums.squares + jnp.sum(residual**2, axis=0)
+    squares = sums.squares + jnp.sum(error.squares_of_weighted(residual), axis=0)
     return Sums(squares, scores, mixed, sums.normal.plus(slopes.shared))
 
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, float64, on_device
+from penode.arrays import FloatArray, IntArray, JaxArray, float64, on_device
 from penode.data.windows import Windows
 from penode.predictors.rollout import rollout
 from penode.training.chunks import blocks, summed
@@ -19,8 +19,10 @@ _Sums: TypeAlias = tuple[JaxArray, JaxArray]
 
 def start_states(error: PredictionError, raw: FloatArray, windows: Windows) -> FloatArray:
     """Return the states (window, state) at the windows' starts, those that are free estimated."""
-    starts = [starts for starts, _, _ in _blocks(error, raw, windows)]
-    return np.concatenate(starts, axis=1)[:, : len(windows)].T
+    found = np.empty((len(windows), len(error.model.states)))
+    for places, starts, _, _ in _blocks(error, raw, windows):
+        found[places] = starts[:, : len(places)].T
+    return found
 
 
 def mean_states(error: PredictionError, raw: FloatArray, windows: Windows) -> FloatArray:
@@ -29,7 +31,7 @@ def mean_states(error: PredictionError, raw: FloatArray, windows: Windows) -> Fl
     Samples that no window passes are nan.
     """
     blocks = _blocks(error, raw, windows)
-    total, count = (np.sum([block[k] for block in blocks], axis=0) for k in (1, 2))
+    total, count = (np.sum([block[k] for block in blocks], axis=0) for k in (2, 3))
     samples = len(windows.states)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray((total / count)[:, :samples].T)
@@ -37,14 +39,14 @@ def mean_states(error: PredictionError, raw: FloatArray, windows: Windows) -> Fl
 
 def _blocks(
     error: PredictionError, raw: FloatArray, windows: Windows
-) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Return starts, summed states and how many were summed, of blocks of windows."""
+) -> list[tuple[IntArray, FloatArray, FloatArray, FloatArray]]:
+    """Return places, starts, summed states and how many were summed, of blocks of windows."""
     corrections, found = summed(error, raw, windows, normal=False)[3], []
-    for few, own, batch in blocks(error, windows, corrections):
+    for one in blocks(error, windows, corrections):
         with float64():
-            given = on_device(raw), on_device(own), batch, on_device(few.horizon)
-            starts, total, count = _followed(error, *given)
-            found.append((np.asarray(starts), np.asarray(total), np.asarray(count)))
+            own = on_device(one.corrections), one.batch, on_device(one.horizon)
+            starts, total, count = map(np.asarray, _followed(one.error, on_device(raw), *own))
+            found.append((one.places, starts, total, count))
     return found
 
 

@@ -132,10 +132,11 @@ def free_run_errors(
     """Return the free-run RMSE, (fit, quantity), over all recordings in SI units.
 
     Each fit has a model of every recording, of one structure; infinite where a free run diverged.
+    A recording is predicted at its own time step.
     """
     squares, count = np.zeros((len(fits), len(measured_units(fits[0][0])))), 0
     for models, experiment in zip(zip(*fits, strict=True), experiments, strict=True):
-        squares += _free_run_squares(predictor, models, experiment)
+        squares += _free_run_squares(predictor.at(experiment.time_step), models, experiment)
         count += len(experiment) - predictor.past
     with np.errstate(invalid="ignore"):
         rms = np.sqrt(squares / count)

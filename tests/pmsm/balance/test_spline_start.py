@@ -130,7 +130,7 @@ def test_training_is_held_off_small_inductances(rng):
     part, currents, equations, penalties = bent_map(rng)
     found = smoothed(equations, penalties)
     held = held_definite(equations, penalties, found, [part], currents)
-    (penalty,) = held_in_training(held, [part], currents, 4.0)
+    (penalty,) = held_in_training(held, 4.0)
     assert 0 < penalty.least <= 1.2 * smallest(part, held.solution, currents)
 
     def lacking(weights):
@@ -160,4 +160,4 @@ def test_nothing_is_held_where_no_inductance_is_positive(rng):
     found = smoothed(upside_down, penalties)
     held = held_definite(upside_down, penalties, found, [part], currents)
     np.testing.assert_array_equal(held.solution, found.solution)
-    assert held_in_training(held, [part], currents, 4.0) == ()
+    assert held_in_training(held, 4.0) == ()

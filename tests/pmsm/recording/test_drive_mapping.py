@@ -52,3 +52,39 @@ def test_only_amplitudes_are_rms_and_only_motion_is_of_the_shaft(name):
 def test_what_is_of_the_shaft_needs_the_pole_pairs():
     with pytest.raises(InputError, match="theta_el is mechanical and pole_pairs is missing"):
         DriveMapping({"theta_el": origin("theta_el", mechanical=True)})
+
+
+def at_rest(file, **moving):
+    """Rewrite a file without the speed, and without the angle but where it is given."""
+    names = ["u_d", "u_q", "i_d", "i_q", *moving]
+    table = np.column_stack([1e-3 * np.arange(20), ROWS[:, :4], *moving.values()])
+    np.savetxt(file, table, delimiter=",", header=",".join(["t", *names]), comments="")
+    return {name: origin(name) for name in ("t", *names)}
+
+
+def test_a_rotor_that_stood_still_has_a_speed_of_zero_and_no_column(file):
+    run = DriveMapping(at_rest(file), constants={"omega_el": 0.0}).load(file)
+    assert not run.channels["omega_el"].any()
+    assert len(run.channels["omega_el"]) == len(run)
+
+
+def test_without_a_speed_the_refusal_names_the_entry_of_a_rotor_that_stood_still(file):
+    with pytest.raises(InputError, match=r"give omega_el = 0 .*penode init --standstill"):
+        DriveMapping(at_rest(file)).load(file)
+
+
+def test_a_speed_that_is_a_number_is_zero_and_no_channel_beside(file):
+    channels = {name: origin(name) for name in ("t", "u_d", "u_q", "i_d", "i_q", "omega_el")}
+    with pytest.raises(InputError, match="omega_el is both a number"):
+        DriveMapping(channels, constants={"omega_el": 0.0})
+    with pytest.raises(InputError, match="omega_el must be 0, of a rotor that stood still"):
+        DriveMapping(at_rest(file), constants={"omega_el": 30.0})
+
+
+def test_an_angle_that_turns_contradicts_a_rotor_that_stood_still(file):
+    channels = at_rest(file, theta_el=np.linspace(0.0, 2.0, 20))
+    with pytest.raises(InputError, match=r"omega_el = 0 .*channel theta_el turns"):
+        DriveMapping(channels, constants={"omega_el": 0.0}).load(file)
+    channels = at_rest(file, theta_el=np.full(20, 2.0))
+    run = DriveMapping(channels, constants={"omega_el": 0.0}).load(file)
+    assert run.channels["theta_el"][0] == 2.0

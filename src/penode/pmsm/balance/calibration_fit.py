@@ -6,6 +6,7 @@ too, so that it is not taken for that. A mirror symmetric map of splines cannot 
 them, as a free one would.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -21,7 +22,7 @@ from penode.pmsm.balance.doubt import CLEAR, NOTICED, share
 from penode.pmsm.balance.drift import drift_columns
 from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
 from penode.pmsm.balance.trial_balance import imitated_lag, mean_lag
-from penode.pmsm.balance.voltage_balance import harmonic_window, joint_equations
+from penode.pmsm.balance.voltage_balance import Window, harmonic_window, joint_equations
 from penode.pmsm.machine.coenergy_map import MEAN, CoenergyPart, columns, roughness
 from penode.pmsm.machine.dead_time import PhaseDeadTime
 from penode.pmsm.machine.linkage import Linkage
@@ -36,6 +37,9 @@ from penode.training.weak_form import HannWindow, WeakRegression, join
 _SIGNIFICANT = CLEAR**0.5
 #: Radians a sample below which the rotor stands still.
 _STANDSTILL = 1e-4
+#: Windows at standstill in samples, each twice the one before: the shortest, most windows of it in
+#: all and fewest of the longest in a recording; rounds in which a delay is found.
+_SHORTEST, _WINDOWS, _FEWEST, _ROUNDS = 6, 4000, 16, 3
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,8 @@ _TIMING = _Candidate(("delay", "turn"))
 _KINDS = ("iron", "iron_of_rotation")
 _IRON = tuple(_Candidate((name,), _KINDS) for name in _KINDS)
 _SAMPLING = _Candidate(("sampling", "delay"), ("turn", "angle"), enters=False, price=2 * CLEAR)
-_PLACES = (_TIMING, _Candidate(("angle",)), *_IRON, _SAMPLING)
+_ANGLE = _Candidate(("angle",))
+_PLACES = (_TIMING, _ANGLE, *_IRON, _SAMPLING)
 #: Once voltages are in place, nothing turns them by hundredths of a sample: a turn is iron's rival.
 _TURN = _Candidate(("turn",), _KINDS, enters=False)
 _LOSSES = (*_IRON, _TURN)
@@ -95,6 +100,7 @@ class _Balance:
     terms: tuple[Term, ...]
     part: CoenergyPart
     reach: float
+    window: Window = harmonic_window
 
     @classmethod
     def of(cls, experiments: Sequence[Experiment], terms: Sequence[Term]) -> "_Balance":
@@ -162,7 +168,7 @@ class _Balance:
         if name not in made:
             made[name] = []
             for e in self.experiments:
-                window = HannWindow(e.time_step, harmonic_window(e))
+                window = HannWindow(e.time_step, self.window(e))
                 each = IMPERFECTIONS[name].columns(e, drive)
                 parts = [(window.of_supply(r) + window.of_store(s)).ravel() for s, r in each]
                 made[name].append(np.stack(parts, axis=1))
@@ -176,7 +182,7 @@ class _Balance:
             return columns(self.part, experiment.stack(CURRENTS) / self.reach)
 
         return tuple(
-            joint_equations([e], self.terms, basis, harmonic_window, [drifts])
+            joint_equations([e], self.terms, basis, self.window, [drifts])
             for e, drifts in zip(self.experiments, self._drifts, strict=True)
         )
 
@@ -191,6 +197,7 @@ class _Search:
 
     balance: _Balance
     always: tuple[str, ...] = ()
+    first: tuple[str, ...] = _TIMING.names
     tried: dict[_Set, _Estimate] = field(default_factory=dict)
 
     def of(self, chosen: _Set) -> _Estimate:
@@ -216,7 +223,7 @@ class _Search:
 
     @cached_property
     def _first(self) -> _Estimate:
-        return self.balance.solved(_TIMING.names)
+        return self.balance.solved(self.first)
 
     def _possible(self, chosen: _Set) -> bool:
         apart = all(one.beside(other) for one in chosen for other in chosen if one != other)
@@ -234,7 +241,7 @@ def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
     """
     turning = max(float(np.abs(e.channels[SPEED.name]).max()) * e.time_step for e in experiments)
     if turning <= _STANDSTILL:
-        return _timing_at_rest(experiments)
+        return _at_rest(experiments, terms)
     recorded = _Balance.of(experiments, terms)
     balance = _of_slope(recorded)
     found, free = _placed(balance)
@@ -369,20 +376,57 @@ def _timing_sentences(
         )
 
 
-def _timing_at_rest(experiments: Sequence[Experiment]) -> Calibration:
-    """Return the delay at standstill, from windows short enough for what moves there to show it."""
-    one, (lag, own) = IMPERFECTIONS["delay"], mean_lag(experiments, in_phases=False)
+def _at_rest(experiments: Sequence[Experiment], terms: Sequence[Term]) -> Calibration:
+    """Return delay, angle and iron loss at standstill, all recordings in one regression."""
+    one, delay, balance = IMPERFECTIONS["delay"], 0.0, _Balance.of(experiments, terms)
     matters, most = one.credible
-    if not (own < one.near and max(matters, _SIGNIFICANT * own) < abs(lag) < most):
-        return AS_RECORDED
-    delay = one.nearest(-lag, one.near)
-    reason = (
-        f"The voltage acts {-lag:.3f} ± {own:.3f} samples after it is recorded: taken into "
-        f"account as a delay of {delay:.3g}."
-    )
-    return Calibration(
-        {"delay": delay}, deviation={"delay": own} if delay % 1.0 else {}, reasons=(reason,)
-    )
+    for _ in range(_ROUNDS):  # a delay is known to first order only
+        imitated, window = _window_at_rest(balance)
+        search = _Search(replace(balance, window=window), ("delay",), ("delay",))
+        chosen = search.best((_ANGLE, _IRON[0]))
+        whole = search.of(chosen)
+        delay += whole["delay"]
+        if abs(delay) >= most:
+            return AS_RECORDED
+        placed = [one.corrected(e, delay, UNKNOWN_DRIVE) for e in experiments]
+        balance = replace(balance, experiments=placed)
+    names = [name for one in chosen for name in one.names]
+    sizes = {name: whole.sizes[name] for name in names}
+    deviation = {name: whole.deviation[name] for name in names}
+    reasons = [IMPERFECTIONS[n].sentence(sizes[n], deviation[n], whole.drive) for n in names]
+    own = math.hypot(whole.deviation["delay"], imitated)
+    if abs(delay) > max(matters, _SIGNIFICANT * own):
+        size = one.nearest(delay, one.near) if own < one.near else delay
+        sizes["delay"] = size
+        deviation |= {"delay": own} if size % one.exact else {}
+        timing = (
+            f"The voltage acts {delay:.3f} ± {own:.3f} samples after it is recorded: taken into "
+            f"account as a delay of {size:.3g}."
+        )
+        reasons.insert(0, timing)
+    drive = whole.drive if names else UNKNOWN_DRIVE
+    return Calibration(sizes, drive, deviation=deviation, reasons=tuple(reasons))
+
+
+def _window_at_rest(balance: _Balance) -> tuple[float, Window]:
+    """Return the window that shows a delay best, behind the delay that noise may imitate in it.
+
+    That is in samples what a controller's answer to noise looks like, beside the deviation.
+    """
+    lengths = [len(e) for e in balance.experiments]
+    length, tried = max(_SHORTEST, sum(lengths) // _WINDOWS), list[tuple[float, float, int]]()
+    while not tried or length <= min(lengths) // _FEWEST:
+        window = _of_length(length)
+        own = replace(balance, window=window).solved(("delay",)).deviation["delay"]
+        imitated = imitated_lag(balance.experiments, window)
+        tried.append((math.hypot(own, imitated), imitated, length))
+        length *= 2
+    _, imitated, length = min(tried)
+    return imitated, _of_length(length)
+
+
+def _of_length(samples: int) -> Window:
+    return lambda experiment: min(samples, max(len(experiment) - 1, 1))
 
 
 def _acts_late(delay: float, experiments: Sequence[Experiment]) -> bool:

@@ -2,7 +2,8 @@
 
 Smoothing continues a map towards the linear machine, but a strongly saturated one may bend so much
 at the edge of the recordings that the differential inductance leaves the physical range beyond. In
-the rectangle that holds the recorded currents, where tables are made, it is held.
+the rectangle that holds the recorded currents, where tables are made, it is held, and so far beyond
+as a free run may overshoot them.
 """
 
 from collections.abc import Sequence
@@ -35,6 +36,8 @@ class Held:
     """A map whose inductance is positive definite over the rectangle of the recordings."""
 
     solution: FloatArray
+    # W_dd, W_dq, W_qq of each coefficient of the mean map there, (point, 3, coefficient).
+    hessians: FloatArray = field(repr=False)
     # Inductances in one direction over their deviation, (observation, coefficient).
     rows: FloatArray
     # Their values (observation,).
@@ -49,21 +52,22 @@ def held_definite(
     smoothed: Smoothed,
     parts: Sequence[CoenergyPart],
     currents: FloatArray,
+    beyond: float = 0.0,
 ) -> Held:
     """Add observations of a small positive inductance where a solution has less.
 
     The coefficients of `parts`, of the mean map, are the last of the solution; `currents`
-    (time, 2) are dimensionless.
+    (time, 2) are dimensionless. The rectangle is larger by a share `beyond` of what holds them.
     """
     first = len(smoothed.solution) - sum(part.coefficients.size for part in parts)
-    everywhere = _hessians(parts, _rectangle(currents, _GRID))
+    everywhere = _hessians(parts, _rectangle(currents, beyond))
     visited = _hessians(parts, currents[:: max(len(currents) // _POINTS, 1)])
     solution = smoothed.solution
     rows, target = np.zeros((0, len(solution))), np.zeros(0)
     without = ~currents.any(axis=0)  # axes whose inductance nothing shows
     known = _known(_principal(visited, solution[first:])[0][:, without.sum() :])
     if not known:  # nothing says how large an inductance is
-        return Held(solution, rows, target)
+        return Held(solution, everywhere, rows, target)
     floor, unseen = _LEAST * known, np.zeros_like(solution)
     if without.any():  # neither data nor roughness see it; rounding alone would decide
         size = parts[0].coefficients.size
@@ -84,7 +88,8 @@ def held_definite(
         solution = penalised(equations, penalties, smoothed, (rows, left)) + unseen
     # A little below, so that rounding lets no penalty begin where training does.
     reached = (1 - 1e-5) * float(_principal(everywhere, solution[first:])[0].min())
-    return Held(solution, rows, target, min(floor / 2, reached) if reached > 0 else floor / 2)
+    least = min(floor / 2, reached) if reached > 0 else floor / 2
+    return Held(solution, everywhere, rows, target, least)
 
 
 @partial(
@@ -134,23 +139,16 @@ def _lacking_along(
     return lacking, (lacking > 0) * jnp.stack([0.5 - share, -b / half, 0.5 + share])
 
 
-def held_in_training(
-    held: Held, parts: Sequence[CoenergyPart], currents: FloatArray, weight: float
-) -> tuple[PositiveInductance, ...]:
-    """Return the penalty that keeps the map definite over the rectangle of the recordings.
-
-    `parts` are of the mean map, `currents` (time, 2) dimensionless.
-    """
-    if not held.least > 0:
-        return ()
-    hessians = _hessians(parts, _rectangle(currents, _GRID))
-    return (PositiveInductance(hessians, held.least, weight),)
+def held_in_training(held: Held, weight: float) -> tuple[PositiveInductance, ...]:
+    """Return the penalty that keeps a map definite where it was held."""
+    return (PositiveInductance(held.hessians, held.least, weight),) if held.least > 0 else ()
 
 
-def _rectangle(currents: FloatArray, count: int) -> FloatArray:
-    """Return points (point, 2) on an even grid over the rectangle that holds currents."""
+def _rectangle(currents: FloatArray, beyond: float) -> FloatArray:
+    """Return points (point, 2) on an even grid over a rectangle that holds currents."""
     low, high = currents.min(axis=0), currents.max(axis=0)
-    axes = [np.linspace(a, b, count) for a, b in zip(low, high, strict=True)]
+    further = beyond / 2 * (high - low)
+    axes = [np.linspace(*ends, _GRID) for ends in zip(low - further, high + further, strict=True)]
     return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
 
 

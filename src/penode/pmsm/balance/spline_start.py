@@ -32,6 +32,7 @@ from penode.pmsm.machine.coenergy_map import (
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.space_vectors import CURRENTS
+from penode.pmsm.machine.standstill import stands_still
 from penode.pmsm.machine.term_registry import physical_values, with_physical
 from penode.pmsm.machine.terms import Term
 from penode.predictors.base import Predictor
@@ -44,6 +45,9 @@ from penode.validation.free_run import look_ahead
 _ORDERS = {True: (3,), False: (1, 2, 3)}
 #: Gain of -2 log likelihood from which the mean map is not taken for mirror symmetric.
 _ASYMMETRIC = 20.0
+#: By which more than the recorded currents' range the inductance is held positive at standstill,
+#: where the voltage is injected and free runs overshoot what a controller kept.
+_BEYOND = 0.1
 #: Points at which the differential inductance is taken for the weight of the prior in training.
 _POINTS = 200
 #: Samples over which predictions of the start are judged, and about how many predictions.
@@ -101,9 +105,7 @@ def spline_start(
     )
     misfit = float(np.mean([_misfit(machine, e) for e in experiments]))
     prior = _prior(setting, machine, blocks, observed, misfit)
-    currents = setting.currents / scales[0]
-    definite = held_in_training(held, parts, currents, misfit)
-    return SplineStart(machine, (prior, *definite))
+    return SplineStart(machine, (prior, *held_in_training(held, misfit)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +143,9 @@ class _Setting:
     def held(self, mean: "_Mean", parts: Sequence[CoenergyPart]) -> Held:
         """Return the mean map with a positive definite inductance around the recordings."""
         currents = self.currents / self.scales[0]
-        return held_definite(mean.equations, mean.penalties, mean.smoothed, parts, currents)
+        beyond = _BEYOND * stands_still(self.experiments)
+        found = mean.equations, mean.penalties, mean.smoothed
+        return held_definite(*found, parts, currents, beyond)
 
 
 @dataclass(frozen=True, eq=False)

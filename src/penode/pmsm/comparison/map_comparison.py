@@ -8,7 +8,7 @@ from penode.arrays import BoolArray, FloatArray
 from penode.errors import InputError
 from penode.fit.fit import Estimate, Fit
 from penode.pmsm.machine.flux_grid import FluxGrid
-from penode.report.quantities import number
+from penode.report.quantities import number, with_unit
 from penode.report.statements import estimate_text
 
 _POINTS = 81
@@ -95,11 +95,14 @@ def compare_maps(first: Fit, second: Fit | FluxGrid) -> MapComparison:
     return MapComparison(i_d, i_q, difference, float(np.hypot(*first.flux_map(0.0, 0.0))))
 
 
-def compare_resistances(first: Fit, second: Fit) -> str:
+def compare_resistances(first: Fit, second: Fit | FluxGrid) -> str:
     """Return in words whether two fits agree on R: whether chance may explain the difference.
 
-    The intervals' half widths are added as squares, as those of independent recordings.
+    The intervals' half widths are added as squares, as those of independent recordings. A table
+    states R exactly; empty where it states none.
     """
+    if isinstance(second, FluxGrid):
+        return "" if second.resistance is None else _beside_stated(first, second.resistance)
     for name, fit in (("first", first), ("second", second)):
         if not fit.horizon.answered:
             return f"R cannot be compared: the verdict of the {name} is {fit.horizon.verdict!r}"
@@ -114,6 +117,16 @@ def compare_resistances(first: Fit, second: Fit) -> str:
         f"{values}: they DISAGREE, {share} where {limit} may be chance; in copper that is "
         f"{number(abs(apart) / one.value / _COPPER, 2)} K"
     )
+
+
+def _beside_stated(fit: Fit, stated: float) -> str:
+    """Return in words where the interval of R lies to a stated resistance in ohm."""
+    if not fit.horizon.answered:
+        return f"R cannot be compared: the verdict is {fit.horizon.verdict!r}"
+    one = fit.parameters["R"]
+    low, high = one.interval_95
+    place = "inside the interval" if low <= stated <= high else "OUTSIDE the interval"
+    return f"R is {_text(one)} here and {with_unit(stated, one.unit, 4)} there: {place}"
 
 
 def _text(estimate: Estimate) -> str:

@@ -8,7 +8,7 @@ from penode.data.experiment import Experiment
 from penode.pmsm.balance.trial_balance import mean_lag, try_balance
 from penode.pmsm.conventions.broken_convention import BrokenConvention, with_channels
 from penode.pmsm.machine.holds import turned_voltage
-from penode.pmsm.machine.standstill import stands_still
+from penode.pmsm.machine.standstill import axes_at_rest, stands_still
 
 #: Lag in samples that is one, and its deviation up to which it is reported.
 _LATE, _DETERMINED = 0.6, 0.2
@@ -82,7 +82,11 @@ def judge_magnet(experiment: Experiment, in_phases: bool) -> tuple[BrokenConvent
     The text says why nothing can be determined, empty where it can.
     """
     if stands_still([experiment]):
-        return None, f"{experiment.name}: at standstill no voltage shows an offset of the angle."
+        alone = axes_at_rest([experiment])
+        return None, alone and (
+            f"{experiment.name}: at standstill with the {alone} axis at rest nothing shows an "
+            "offset of the angle."
+        )
     trial = try_balance(experiment)
     length = np.hypot(*experiment.stack(("i_d", "i_q")).T)
     magnet = float(np.hypot(*trial.magnet))

@@ -28,6 +28,7 @@ from penode.pmsm.conventions.motion import (
 from penode.pmsm.conventions.phases import judge_phases, judge_turns
 from penode.pmsm.conventions.scales import judge_rms_by_phases, judge_rms_by_plate, judge_units
 from penode.pmsm.machine.holds import DEFAULT_HOLD
+from penode.pmsm.machine.standstill import stands_still
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.recording.channels import drive_recording, require_channels
 from penode.pmsm.recording.imperfection import KnownDrive
@@ -135,7 +136,8 @@ def judge(
         require_channels(drives, terms)
         calibration = calibration_of(drives, terms)
     corrected = [[_corrected(r, calibration) for r in some] for some in recorded]
-    placed = [_placed(some, plate) for some in corrected]
+    timed = hold is None and stands_still(experiments)
+    placed = [_placed(some, plate, timed) for some in corrected]
     apart = disagreement_of([r.drive for some in corrected for r in some], terms)
     short = [_few(some) for some in recordings]
     return _sum([*first, *placed, Conventions(apart), *short]), calibration
@@ -209,10 +211,13 @@ def _corrected(recorded: _Recorded, calibration: Calibration) -> _Recorded:
     return replace(recorded, drive=replace(drive, channels=kept), kinds="")
 
 
-def _placed(stretches: Sequence[_Recorded], plate: NamePlate) -> Conventions:
-    """Return what timing, magnet and scales say of the stretches of one recording."""
+def _placed(stretches: Sequence[_Recorded], plate: NamePlate, timed: bool = False) -> Conventions:
+    """Return what timing, magnet and scales say of the stretches of one recording.
+
+    At standstill the timing is that of all recordings together, and known before.
+    """
     kinds, drives, late = stretches[0].kinds, [r.drive for r in stretches], Conventions()
-    if all(r.pole_pairs_known for r in stretches):
+    if all(r.pole_pairs_known for r in stretches) and not timed:
         finding, drives, why = judge_delay(drives, "u" in kinds)
         late = Conventions((finding,) if finding else (), (why,) if why else ())
     return late + _by_vote([_sized(drive, kinds, plate) for drive in drives])

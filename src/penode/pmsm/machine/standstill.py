@@ -38,6 +38,20 @@ def stands_still(experiments: Sequence[Experiment]) -> bool:
     return max(map(abs, turned)) < TURN
 
 
+def axes_at_rest(stretches: Sequence[Experiment]) -> str:
+    """Return which one of d and q has neither voltage nor current in a recording; none of both."""
+    found = "".join(
+        axis
+        for axis in "dq"
+        if all(
+            name in e.channels and not e.channels[name].any()
+            for e in stretches
+            for name in (f"u_{axis}", f"i_{axis}")
+        )
+    )
+    return found if len(found) == 1 else ""
+
+
 def excited_axes(fit: Fit) -> BoolArray:
     """Return which of d and q a fit's recordings excited, shape (2,)."""
     ranges = np.ptp(fit.excited, axis=0)

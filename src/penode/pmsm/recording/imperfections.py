@@ -26,6 +26,7 @@ from penode.pmsm.machine.space_vectors import (
     with_mismatch,
     with_vector,
 )
+from penode.pmsm.machine.standstill import axes_at_rest
 from penode.pmsm.machine.terms import ANGLE, SPEED
 from penode.pmsm.recording.imperfection import (
     Change,
@@ -153,7 +154,11 @@ class _SpeedLag(DriveImperfection):
 
 
 class _Angle(DriveImperfection):
-    """By which the d axis of the machine lies before that of the recording, rad."""
+    """By which the d axis of the machine lies before that of the recording, rad.
+
+    Nothing says what happened along an axis whose channels are zero throughout: a recording of one
+    axis is left as it is.
+    """
 
     name, source = "angle", "angle of the d axis"
     remedy = "Align the encoder at standstill, or by the back-EMF."
@@ -161,26 +166,31 @@ class _Angle(DriveImperfection):
     credible = (float(np.deg2rad(0.05)), float(np.deg2rad(12.0)))
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
+        if axes_at_rest([experiment]):
+            return Change()
         back = -1j * size
         current, voltage = (back * vector_of(experiment, pair) for pair in (CURRENTS, VOLTAGES))
         return Change(current, voltage, angle=size.real)
 
     def corrected(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Experiment:
-        return in_frame_ahead(experiment, size.real)
+        return experiment if axes_at_rest([experiment]) else in_frame_ahead(experiment, size.real)
 
     def shows(self, experiments: Sequence[Experiment]) -> bool:
-        """Return whether the rotor turns little in a sample.
+        """Return whether the rotor turns little in a sample, and both axes are in a recording.
 
         Voltages that are held in another frame than was thought else leave a small turn, which an
         angle imitates.
         """
-        return turn_a_sample(experiments) <= _COARSE
+        both = not all(axes_at_rest([e]) for e in experiments)
+        return both and turn_a_sample(experiments) <= _COARSE
 
     def columns(self, experiment: Experiment, drive: KnownDrive) -> list[Column]:
         """Return the same by the balance itself, without the voltages' noise.
 
         Seen from the recording's frame the map is psi + delta (J psi - L J i).
         """
+        if axes_at_rest([experiment]):
+            return [Change().column(experiment, drive)]
         (psi_d, psi_q), slope = map_at(experiment, drive)
         turned = along(slope, 1j * vector_of(experiment, CURRENTS))
         return [Change(linkage=1j * (psi_d + 1j * psi_q) - turned).column(experiment, drive)]
@@ -246,7 +256,7 @@ class _Delay(DriveImperfection):
     name, source = "delay", "delay of the voltage"
     remedy = "Measure when the recorded voltage acts, and give it in the study file."
     unit, declared, exact, near = (1.0, "samples"), 0.02, 1.0, 0.1
-    credible = (0.1, 3.0)
+    credible = (0.1, 4.0)
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
         voltage = vector_of(experiment, VOLTAGES)

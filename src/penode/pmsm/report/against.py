@@ -40,8 +40,7 @@ class Against:
         InputError
             If there is no current at which both are supported.
         """
-        said = "" if isinstance(other, FluxGrid) else compare_resistances(fit, other)
-        return cls(name, compare_maps(fit, other), said)
+        return cls(name, compare_maps(fit, other), compare_resistances(fit, other))
 
     def second_map(self, fit: Fit) -> Section:
         """Return the section: contours of both maps over each other, and their difference."""
