@@ -60,12 +60,12 @@ class _Candidate:
 
 
 #: When the voltages act, and what bends the map beside it: the angle, and what iron takes current
-#: by. Turn and angle that cancel in the voltages are no coincidence, but the instant at which
-#: currents are sampled.
+#: by. Turn and angle that cancel in the voltages may be one thing, the instant at which currents
+#: are sampled: at the price of both, as a hold and an offset of the angle may cancel as well.
 _TIMING = _Candidate(("delay", "turn"))
 _KINDS = ("iron", "iron_of_rotation")
 _IRON = tuple(_Candidate((name,), _KINDS) for name in _KINDS)
-_SAMPLING = _Candidate(("sampling", "delay"), ("turn", "angle"), enters=False, price=0.0)
+_SAMPLING = _Candidate(("sampling", "delay"), ("turn", "angle"), enters=False, price=2 * CLEAR)
 _ANGLE = _Candidate(("angle",))
 _PLACES = (_TIMING, _ANGLE, *_IRON, _SAMPLING)
 #: Once voltages are in place, nothing turns them by hundredths of a sample: a turn is iron's rival.
