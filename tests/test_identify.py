@@ -131,12 +131,6 @@ def test_missing_input(systems):
     refused(systems, [Experiment("a.csv", 0.05, rest)], r"a\.csv: no channel force; it has x, v")
 
 
-def test_other_time_step(systems):
-    first, second = systems["duffing"].experiments
-    other = Experiment("b.csv", 0.1, second.channels)
-    refused(systems, [first, other], r"b\.csv: the time step is 0\.1 s where run0\.csv has 0\.05")
-
-
 def test_value_that_is_not_finite(systems):
     run = systems["duffing"].experiments[0]
     force = run.channels["force"].copy()

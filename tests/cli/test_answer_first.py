@@ -150,7 +150,7 @@ def test_what_fails_is_left_out_by_name_and_the_status_is_the_verdicts(
 def test_a_report_that_cannot_be_made_at_all_leaves_the_answer(
     identified, trained, monkeypatch, error, said
 ):
-    def broken(_fit):
+    def broken(*_):
         raise error
 
     identified.out.mkdir()
@@ -196,7 +196,7 @@ import os, signal, sys
 from penode import Fit
 from penode.pmsm import result_files
 from penode.pmsm.report import machine_report as page
-page.machine_report = lambda fit: os.kill(os.getpid(), signal.SIGKILL)
+page.machine_report = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
 result_files.write(Fit.load(sys.argv[1]), sys.argv[2])
 """
 

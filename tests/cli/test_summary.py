@@ -86,7 +86,8 @@ def test_a_verdict_is_green_or_red_and_one_step_is_no_plural(fit, verdict, colou
     ],
 )
 def test_the_demo_says_how_far_it_is_from_the_truth(fit, truth, said):
-    demo = SimpleNamespace(fit=fit, true_resistance=truth, flux_error=2.5e-4, flux_share=0.0125)
+    machine = SimpleNamespace(resistance=truth)
+    demo = SimpleNamespace(fit=fit, machine=machine, flux_error=2.5e-4, flux_share=0.0125)
     assert lines(print_demo, demo) == [
         ("truth", said),
         ("truth", "flux linkage: mean absolute error 0.250 mVs, 1.25 % of the magnet's"),
