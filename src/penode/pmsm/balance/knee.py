@@ -35,8 +35,8 @@ from penode.training.weak_form import OVERLAP, HannWindow
 _HARMONICS, _DEGREE = (6, 12), 4
 #: Widths of a knee over the largest current.
 _WIDTHS = np.geomspace(0.003, 0.3, 10)
-#: Probability from which a soft knee is trained: its softness may come out as none, but a sharp one
-#: cannot become soft.
+#: Probability from which a soft knee, or a tail of an arctan, is trained: its softness may come out
+#: as none, but a sharp one cannot become soft.
 _THIN = 0.1
 #: What is in doubt, and what would settle it.
 _Why: TypeAlias = tuple[str, str]
@@ -70,15 +70,15 @@ def with_knee(
     search = _Search.of(experiments, terms)
     sharp, soft, whole = search.best()
     free = {knee: search.by_phase(knee.term) for knee in (sharp, soft, whole)}
+    # A little softness is one parameter more; an arctan for a tanh is none, and as likely.
     softer = search.share(free[sharp].misfit, free[soft].misfit)
-    same = soft if softer > _THIN else sharp
+    other = share(free[whole].misfit, free[sharp].misfit)
+    same = soft if max(softer, other) > _THIN else sharp
     bent = search.with_junctions(FOLDS)
     if bent and search.clearly(bent, same):
         return search.shaped(bent, by_phase, search.with_junctions(_OTHER_FOLDS), 0.5, _TAIL)
     rivals = [(search.share(same.misfit, bent.misfit), bent)] if bent else []
-    if same is sharp:
-        # A little softness is one parameter more; an arctan for a tanh is none, and as likely.
-        rivals += [(softer, soft), (share(free[whole].misfit, free[sharp].misfit), whole)]
+    rivals += [(softer, soft), (other, whole)] if same is sharp else []
     probable, rival = max(rivals, key=lambda one: one[0], default=(0.0, None))
     return search.shaped(same, by_phase, rival, probable, _KNEE)
 
