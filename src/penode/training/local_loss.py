@@ -10,8 +10,8 @@ from penode.arrays import FloatArray
 from penode.training.gauss_newton_terms import GaussNewtonTerms, marquardt_scale, squared
 from penode.training.plan import Problem
 
-#: Most rounds in which a step is adapted to the penalties, and most halvings in each: a bound that
-#: is touched leaves room for a step of 1e-8 only, which no step at all would end the training at.
+#: Most rounds in which a step is adapted to the penalties, and most halvings in each: where a limit
+#: is touched a fraction of 1e-8 may be all that stays inside, and no step at all ends a training.
 _ROUNDS, _HALVINGS = 30, 40
 #: Of the decrease so far: a round that promises less is not worth its while.
 _LITTLE = 1e-4

@@ -27,7 +27,7 @@ class BrokenConvention:
         return f"{self.recording}: {self.name}: {self.evidence}; {self.fix}."
 
 
-#: What a judgement gives: the finding or None, and the recording with it mended.
+#: What a judgement gives: the finding or None, and the recording with it corrected.
 Judged: TypeAlias = tuple[BrokenConvention | None, Experiment]
 Judge: TypeAlias = Callable[[Experiment], Judged]
 
