@@ -95,6 +95,26 @@ def test_a_damped_step_is_where_the_damped_loss_is_least(seed):
     assert damped(step) - best <= 2e-4 * decrease
 
 
+def test_a_step_goes_on_along_a_limit_that_is_touched():
+    """The steep limit leaves a hundred-millionth of the first step; the minimum is on its plane."""
+    problem = Hinged(3, 1e8)
+    free = np.linalg.lstsq(problem.slope, problem.target, rcond=None)[0]
+    raw = free + 1.0
+    problem.along[0] = raw - free  # the first step goes straight across
+    problem.least = np.full(LIMITS, -1e9)
+    problem.least[0] = problem.along[0] @ raw - 1e-8
+    step = LocalLoss(problem, raw, problem.gauss_newton(raw)).step(1e-12)
+    plane = np.linalg.svd(problem.along[:1])[2][1:].T
+    on_it = (
+        raw
+        + plane
+        @ np.linalg.lstsq(problem.slope @ plane, problem.target - problem.slope @ raw, rcond=None)[
+            0
+        ]
+    )
+    assert problem.loss(raw + step) <= problem.loss(on_it) * (1 + 1e-6)
+
+
 def test_without_limits_near_it_is_the_damped_step_to_the_last_bit():
     problem = Hinged(3, 1.0)
     problem.least = np.full(LIMITS, -1e9)
