@@ -106,6 +106,7 @@ def test_rlc_circuit(tmp_path):
     assert "Left out" not in report_of(fit, tmp_path)
 
 
+@pytest.mark.slow
 def test_positioner_mass_is_right_at_short_horizons_and_drifts_at_long_ones(tmp_path):
     start, run, _ = official("02_emps")
     horizons = (10, 20, 50, 100, 200, 500, 1000, 2000)
@@ -133,6 +134,7 @@ def test_positioner_with_learned_friction_simulates_a_recording_it_has_not_seen(
     assert compare(penode.Predictor(1e-3), fit.model, pulses).free_run_rmse < 4e-3
 
 
+@pytest.mark.slow
 def test_temperature_lab_whose_sensors_lag_predicts_the_other_half(tmp_path):
     start, run, unseen = official("03_tclab")
     fit = fitted(start, run, (60, 240))

@@ -125,6 +125,7 @@ def test_the_gradient_by_torchdiffeq_is_the_objectives(small):
 # --- loss, gradient and terms ------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_gradient_by_diffrax_is_the_objectives(small):
     windows = small.windows(2)
     wanted = small.objective.loss_and_gradient(small.raw, windows)
@@ -172,6 +173,7 @@ def test_operations_are_those_of_the_sizes():
     assert operations.gauss_newton((2, 6, 4, 2), 57).operations > back.operations
 
 
+@pytest.mark.slow
 def test_seeds_train_together_as_alone(capsys):
     parallel_starts.main(0.02, horizons=(2,), seeds=2)
     assert "1 horizons x 2 seeds" in capsys.readouterr().out

@@ -119,6 +119,7 @@ def test_a_start_that_is_one_more_sample_weighs_as_one_residual():
     np.testing.assert_allclose(terms[0].normal, terms[1].normal, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_tanks_of_which_one_is_measured_are_right_by_default(run):
     """From a start 60 % off. At H = 1 and 2 the free level fits whatever the parameters are."""
     fit = identify(Tanks(0.08, 0.08), [run])

@@ -135,6 +135,7 @@ def test_splines_sum_to_one_and_stay_where_a_channel_ends():
     np.testing.assert_allclose(basis[..., 0], basis[..., 2], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_hold_that_prepares_inputs_between_samples_changes_little():
     """Commands that stand still for 15 samples hold nothing between them but at their steps."""
     run, added = recorded(friction=0.3), []

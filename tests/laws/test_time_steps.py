@@ -139,7 +139,11 @@ SOLVERS = {
 
 
 @pytest.mark.parametrize(
-    ("name", "free"), [("constant inputs", {}), ("tabulated inputs", {"angle": None})]
+    ("name", "free"),
+    [
+        pytest.param("constant inputs", {}, marks=pytest.mark.slow),
+        ("tabulated inputs", {"angle": None}),
+    ],
 )
 def test_sums_are_those_of_each_recording_at_its_own_step(runs, name, free):
     both, raw = objective_at(FAST, *SOLVERS[name], free=free), np.array([27.0, 0.6])
@@ -199,6 +203,7 @@ def fitted(some, horizons):
     return identify(Pendulum(pull=25.0, damping=0.6), some, plan=plan, purpose=Longest())
 
 
+@pytest.mark.slow
 def test_one_fit_of_both_covers_the_truth_and_is_surer_than_either(runs):
     both = fitted(runs, (50, 100, 200))
     alone = [fitted(runs[:1], (50, 100, 200)), fitted(runs[1:], (10, 20, 40))]

@@ -122,10 +122,18 @@ def exact(monkeypatch):
 
 LOSSES = {"every step": {}, "the last step": {"weight": last_step}}
 FREE = {"x": None, "v": None}
+#: What `make test` checks of all pairs.
+QUICK = {(Identity, "every step"), (Renamed, "the last step")}
 
 
-@pytest.mark.parametrize("loss", LOSSES)
-@pytest.mark.parametrize("like", [Identity, Renamed])
+@pytest.mark.parametrize(
+    ("like", "loss"),
+    [
+        pytest.param(like, loss, marks=() if (like, loss) in QUICK else pytest.mark.slow)
+        for like in (Identity, Renamed)
+        for loss in LOSSES
+    ],
+)
 @pytest.mark.usefixtures("exact")
 def test_an_output_that_is_the_identity_changes_no_term(like, loss):
     """Of windows whose measured first sample counts as any other."""
@@ -151,7 +159,10 @@ def test_an_output_that_is_the_identity_changes_no_term(like, loss):
     np.testing.assert_allclose(second, first, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize(("plain", "same"), [(Oscillator, Identity), (Hidden, Position)])
+@pytest.mark.parametrize(
+    ("plain", "same"),
+    [pytest.param(Oscillator, Identity, marks=pytest.mark.slow), (Hidden, Position)],
+)
 def test_an_output_that_is_the_identity_changes_no_estimate(plain, same):
     """By default, from the first horizon on."""
     one, other = (identify(kind(1.2, 0.1), [RUN]) for kind in (plain, same))
@@ -320,6 +331,7 @@ def test_terms_are_the_schur_complement_and_the_gradient_that_of_the_loss(case):
     np.testing.assert_allclose(first, correction, rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_prefilter_begins_behind_the_first_sample(case):
     """The start is one more measured sample, unfiltered."""
     twin, objective = case

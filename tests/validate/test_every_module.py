@@ -206,6 +206,7 @@ def test_imperfections(done, campaign, monkeypatch, capsys):
     np.testing.assert_allclose(scaled["i_d"], 1.01 * campaign.runs[0].channels["i_d"])
 
 
+@pytest.mark.slow
 def test_other_simulators(done, ended, campaign, tmp_path, monkeypatch, capsys):
     truth = {
         "number": 0, "half": "developing", "kind": "clean", "machine": "drawn", "files": ["a.csv"],
@@ -391,6 +392,7 @@ def test_what_is_left_on_a_full_disk_is_named(ended, tmp_path):
     assert full_disk.left(tmp_path, before, 2) not in ("as before", "horizons kept", "whole result")
 
 
+@pytest.mark.slow
 def test_bad_files():
     """One row of the table, by the real command in a process of its own.
 
@@ -409,6 +411,7 @@ def test_bad_files():
     assert not bad_files.same("a 1.1 b", "a 1.0 b")
 
 
+@pytest.mark.slow
 def test_public_sets(tmp_path, capsys):
     """Tanks like the benchmark's, made here; both halves are one."""
     random, step = np.random.default_rng(2), 4.0
