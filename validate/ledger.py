@@ -32,12 +32,17 @@ class Ledger:
         records = [json.loads(line) for line in self.path.read_text().splitlines()]
         return {record["draw"]: record for record in records}
 
-    def of(self, draw: int, make: Callable[[int], Record]) -> Record:
-        """Return the result of a draw: what is written, or what is made now and written down."""
+    def of(self, draw: int, make: Callable[[int], Record], alike: bool = False) -> Record:
+        """Return the result of a draw: what is written, or what is made now and written down.
+
+        Draws that are alike share compiled programs; those of others are dropped, as nothing else
+        drops them.
+        """
         known = self.known()
         if draw not in known:
             record = {"draw": draw, **make(draw)}
-            jax.clear_caches()  # every draw has programs of its own, and nothing else drops them
+            if not alike:
+                jax.clear_caches()
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with self.path.open("a") as file:
                 file.write(json.dumps(record) + "\n")

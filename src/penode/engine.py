@@ -33,6 +33,7 @@ from penode.horizon.selection import Longest, Plateau
 from penode.horizon.uncertainty_budget import Imperfection
 from penode.models.compositions import Gradient, LinearSkip, Scaled
 from penode.models.inputs import Inputs
+from penode.models.kalman import ExtendedKalman
 from penode.models.networks import ConvexGradient, TanhLayers
 from penode.models.parameters import Normal, with_batch_axis
 from penode.models.polynomials import Polynomial
@@ -68,6 +69,7 @@ __all__ = [
     "Bounded",
     "Checkpoint",
     "ConvexGradient",
+    "ExtendedKalman",
     "FirstOrder",
     "FirstOrderHold",
     "Gradient",

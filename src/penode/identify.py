@@ -15,7 +15,8 @@ from penode.horizon.default_plan import default_plan
 from penode.horizon.held_out import require_single_steps, selector_for
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, Observer, ignore_events
-from penode.horizon.learned_part import restored, searched
+from penode.horizon.learned_part import restored
+from penode.horizon.noise_model import searched
 from penode.horizon.objections import checks_of, guarded, objections, with_objections
 from penode.horizon.search import Search
 from penode.horizon.selection import Selector

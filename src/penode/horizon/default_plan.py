@@ -12,6 +12,7 @@ from penode.errors import InputError
 from penode.horizon.ladder import ladder_plan
 from penode.models.base import Model
 from penode.models.measured import (
+    dynamic_states,
     free_states,
     hidden_states,
     measured_units,
@@ -59,7 +60,7 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
         If no state of the model is measured.
     """
     horizons = default_horizons(model, experiments)
-    starts = {name: None for name in model.states if name not in free_states(model)}
+    starts = {name: None for name in dynamic_states(model) if name not in free_states(model)}
     plan = ladder_plan(horizons, seed=seed)
     return replace(
         plan,
@@ -71,7 +72,7 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
 
 def default_horizons(model: Model, experiments: Sequence[Experiment]) -> tuple[int, ...]:
     """Return the horizons of `default_plan`, steps of the shortest length, ascending."""
-    states, measured = len(model.states), len(measured_units(model))
+    states, measured = len(dynamic_states(model)), len(measured_units(model))
     if not measured:
         raise InputError(nothing_measured(model))
     needed = math.ceil(_OVERDETERMINED * max(states / measured, 1))

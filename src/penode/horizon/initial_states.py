@@ -64,7 +64,7 @@ def _of_recording(
         scale = np.ones(len(model.outputs) or len(model.states))
         scale[before.error.compared] = scale_of_errors(model, seen.measured.T)
         predictor = before.predictor.at(seen.time_step)
-        error = PredictionError(predictor, before.layout, scale, Loss(), model)
+        error = PredictionError(predictor, before.layout, scale, Loss(), model, simulates=True)
         residual, own, mixed = _slopes(problem, error, raw, number, start)
         with float64():
             transform = np.asarray(_transform(error, on_device(raw)))

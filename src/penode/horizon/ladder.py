@@ -306,7 +306,8 @@ class LadderProblem:
         """
         mean = mean_states(objective.error, raw, windows)
         parts = np.split(mean, np.cumsum([len(e) for e in self.experiments])[:-1])
-        rows = {name: self.model.states.index(name) for name in hidden_states(self.model)}
+        own = [n for n in hidden_states(self.model) if n not in self.model.covariances]
+        rows = {name: self.model.states.index(name) for name in own}
         return [
             {name: np.interp(np.arange(len(part)), at, part[at, k]) for name, k in rows.items()}
             if len(at := np.flatnonzero(np.isfinite(part).all(axis=1)))

@@ -28,7 +28,7 @@ from penode.horizon.search import Found, Guesses, Search
 from penode.horizon.selection import Longest
 from penode.models.base import Model
 from penode.models.layout import Layout
-from penode.models.wrapped import WithoutPart
+from penode.models.wrapped import WithoutPart, whole_of
 from penode.training.plan import Plan, Stage
 from penode.training.second_order import LevenbergMarquardt
 
@@ -70,9 +70,9 @@ def searched(search: Search, plan: Plan) -> Found:
 
 def restored(fit: Fit) -> Fit:
     """Return a fit whose model has its learned part as parameters again, as it was given."""
-    if not isinstance(fit.model, WithoutPart):
+    whole, band = whole_of(fit.model), fit.learned_uncertainty
+    if whole is fit.model:
         return fit
-    whole, simulation, band = fit.model.whole, fit.simulation, fit.learned_uncertainty
     layout: Layout[Model] = Layout(whole)
     kept = ~layout.members(("learned",))
     covariance = np.zeros((layout.size, layout.size))
@@ -82,7 +82,7 @@ def restored(fit: Fit) -> Fit:
     return replace(
         fit,
         model=whole,
-        simulation=simulation.whole if isinstance(simulation, WithoutPart) else simulation,
+        simulation=None if fit.simulation is None else whole_of(fit.simulation),
         learned_uncertainty=replace(band, covariance=covariance, agreeing=agreeing),
     )
 

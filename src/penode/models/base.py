@@ -113,6 +113,18 @@ class Model(eqx.Module):
             "which returns a row for each of them: jnp.stack([...])."
         )
 
+    @property
+    def covariances(self) -> tuple[str, ...]:
+        """States that are covariances of a filter: zero where a window starts (none by default)."""
+        return ()
+
+    def filtered(self, x: JaxArray, measured: JaxArray, u: Inputs) -> JaxArray:
+        """Return the states (state, batch) behind what was measured at a sample (quantity, batch).
+
+        All in SI units. By default they stay; see `penode.engine.ExtendedKalman`.
+        """
+        return x
+
     def learned(self, x: JaxArray) -> JaxArray:
         """Return the output (output, batch) of the learned part at states (state, batch).
 

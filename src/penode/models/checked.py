@@ -20,6 +20,7 @@ from penode.models.layout import Layout
 from penode.models.measured import measured_units, nothing_measured
 from penode.models.parameters import with_batch_axis
 from penode.models.users_code import failing_line
+from penode.models.wrapped import Wrapped
 
 #: Length of the batch axis: no model has as many rows of anything.
 _BATCH = 9973
@@ -53,6 +54,8 @@ _FOLDED: dict[str, Callable[..., Any]] = {
 
 def require_sound(model: Any) -> None:
     """Refuse a model with a mistake that shapes alone show; nothing is compiled."""
+    if isinstance(model, Wrapped):
+        return require_sound(model.model)
     layout = _declared(model)
     kind, acting = type(model), set[int]()
     with float64():

@@ -34,7 +34,13 @@ def nothing_measured(model: Model) -> str:
 
 def free_states(model: Model) -> tuple[str, ...]:
     """Return the states whose start is estimated whatever the loss says."""
-    return model.states if model.outputs else hidden_states(model)
+    names = model.states if model.outputs else hidden_states(model)
+    return tuple(name for name in names if name not in model.covariances)
+
+
+def dynamic_states(model: Model) -> tuple[str, ...]:
+    """Return the states without those that are covariances, which are the last."""
+    return model.states[: len(model.states) - len(model.covariances)]
 
 
 def predicted_outputs(model: Model, x: JaxArray, u: Inputs) -> JaxArray:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -56,6 +57,15 @@ class Wrapped(Model):
     def output(self, x: JaxArray, u: Inputs) -> JaxArray:
         """Return what sensors read of the model."""
         return evaluated(self.model, "output", x, u)
+
+    @property
+    def covariances(self) -> tuple[str, ...]:
+        """States of the model that are covariances."""
+        return self.model.covariances
+
+    def filtered(self, x: JaxArray, measured: JaxArray, u: Inputs) -> JaxArray:
+        """Return the model's states behind what was measured at a sample."""
+        return self.model.filtered(x, measured, u)
 
     def learned(self, x: JaxArray) -> JaxArray:
         """Return the model's learned part."""
@@ -143,3 +153,12 @@ class WithoutPart(Wrapped):
     def maps(self) -> Mapping[str, Callable[..., Any]]:
         """Return the model's learned maps."""
         return self.whole.maps()
+
+
+def whole_of(model: Model) -> Model:
+    """Return a model whose learned part, where it was held, is a parameter again."""
+    if isinstance(model, WithoutPart):
+        return model.whole
+    inner = whole_of(model.model) if isinstance(model, Wrapped) else model
+    same = not isinstance(model, Wrapped) or inner is model.model
+    return model if same else eqx.tree_at(lambda m: m.model, model, inner)

@@ -13,6 +13,7 @@ from penode.models.base import Model
 from penode.models.explicit_time import driving_channels, evaluated
 from penode.models.inputs import Inputs
 from penode.models.layout import Layout
+from penode.models.measured import dynamic_states
 from penode.training.prediction_error import PredictionError
 from penode.training.window_states import start_states
 
@@ -132,7 +133,8 @@ def _columns(visits: Visits) -> tuple[JaxArray, JaxArray]:
 
 def _rate(layout: Layout[Model], values: JaxArray, x: JaxArray, u: JaxArray) -> JaxArray:
     model = layout.model(values[:, None])
-    return evaluated(model, "derivative", x, Inputs(u, driving_channels(model)))
+    rate = evaluated(model, "derivative", x, Inputs(u, driving_channels(model)))
+    return rate[: len(dynamic_states(model))]
 
 
 _derivative = jax.jit(_rate, static_argnums=0)

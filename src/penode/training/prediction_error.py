@@ -148,6 +148,8 @@ class PredictionError:
     scale: FloatArray | JaxArray
     loss: Loss
     model: Model
+    # Whether nothing that is measured moves the state, filter or not.
+    simulates: bool = False
 
     def __post_init__(self) -> None:
         unknown = sorted(set(self.loss.free_starts) - set(self.model.states))
@@ -167,10 +169,11 @@ class PredictionError:
                 f"{', '.join(hidden)} is not measured, but errors in the equation's "
                 "domain need every state; measure errors in the states."
             )
-        if len(self.free) and self.predictor.past > 1:
+        if self.predictor.past > 1 and (len(self.free) or self.filters):
+            what = f"starts of {', '.join(self.model.states[k] for k in self.free)} are to be "
+            what += "estimated" if len(self.free) else "filtered"
             raise InputError(
-                f"starts of {', '.join(self.model.states[k] for k in self.free)} are to be "
-                f"estimated, but {self.predictor.solver} starts from {self.predictor.past} samples;"
+                f"{what}, but {self.predictor.solver} starts from {self.predictor.past} samples;"
                 " choose a one-step solver."
             )
 
@@ -179,7 +182,7 @@ class PredictionError:
         loss = self.loss
         freed = tuple(sorted(loss.free_starts.items()))
         measured = loss.domain, loss.weight, loss.prefilter, loss.noise and loss.noise.degrees
-        return self.predictor.program, self.layout, *measured, freed
+        return self.predictor.program, self.layout, *measured, freed, self.filters
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, PredictionError) and self._form == other._form
@@ -269,6 +272,7 @@ class PredictionError:
 
         Reverse mode wants to know when compiled how many sub-steps there are.
         """
+        history = self.updated(parts, history, step, batch)
         if self.predictor.table is None:
             return self.substep(parts, history, step, 0, batch)
 
@@ -278,6 +282,22 @@ class PredictionError:
         count = batch.substeps if substeps is None else substeps
         ahead: JaxArray = jax.lax.fori_loop(0, count, one, history)
         return ahead
+
+    @property
+    def filters(self) -> bool:
+        """Whether what is measured moves the state on the way."""
+        return bool(self.model.covariances) and not self.simulates
+
+    def updated(self, parts: Parts, history: JaxArray, step: JaxArray, batch: Batch) -> JaxArray:
+        """Return the history (1, state, batch) behind what was measured at sample `step`."""
+        if not self.filters:
+            return history
+        model = self._model(parts, batch)
+        measured = batch.output(step) if model.outputs else self._measured(model, step, batch)
+        return model.filtered(history[0], measured, self._input(step, batch))[None]
+
+    def _measured(self, model: Model, step: JaxArray, batch: Batch) -> JaxArray:
+        return model.corrected(batch.recorded(step))[self.compared]
 
     def substep(
         self,
@@ -342,7 +362,7 @@ class PredictionError:
         """
         loss = self.loss
         plainly = loss.prefilter == NO_FILTER and loss.noise is None
-        as_it_is = loss.weight is every_step and plainly
+        as_it_is = loss.weight is every_step and plainly and not self.filters
         return self.plain and as_it_is and not self.model.unmeasured
 
     @property

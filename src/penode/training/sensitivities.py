@@ -149,14 +149,19 @@ class Recursion:
         """Return x_(k+1) = g(x_k, ..., theta) in front of its past, and S_(k+1)."""
         error, batch = self.error, self.batch
 
+        def through(
+            function: Callable[[Parts, JaxArray], JaxArray], at: tuple[JaxArray, Columns]
+        ) -> tuple[JaxArray, Columns]:
+            history, pull_back = jax.vjp(function, self.parts, at[0])
+            return history, self.ahead(history, pull_back, at[1])
+
         def substep(
             number: JaxArray | int, at: tuple[JaxArray, Columns]
         ) -> tuple[JaxArray, Columns]:
-            history, pull_back = jax.vjp(
-                lambda p, h: error.substep(p, h, k, number, batch), self.parts, at[0]
-            )
-            return history, self.ahead(history, pull_back, at[1])
+            return through(lambda p, h: error.substep(p, h, k, number, batch), at)
 
+        if error.filters:
+            at = through(lambda p, h: error.updated(p, h, k, batch), at)
         if error.predictor.table is None:
             return substep(0, at), None
         return jax.lax.fori_loop(0, batch.substeps, substep, at), None

@@ -107,6 +107,10 @@ def compare(
             start = _estimated_start(predictor, batched, (start, measured, padded), freed)
         samples = len(experiment) - predictor.past
         run = np.asarray(run_freely(predictor, batched, start, padded, samples))[:, :samples]
+        if batched.covariances:
+            guessed, given = True, with_shared_length(measured)
+            ahead = np.asarray(run_freely(predictor, batched, start, padded, samples, given))
+            ahead = ahead[:, :samples]
         first = np.asarray(start)[::-1].T
         one_step, free_run = (
             _predicted(batched, np.concatenate([first, after], axis=1), inputs)
@@ -251,15 +255,31 @@ def _ahead(
 
 @partial(jax.jit, static_argnums=0)
 def run_freely(
-    predictor: Predictor, model: Model, start: JaxArray, inputs: JaxArray, samples: JaxArray
+    predictor: Predictor,
+    model: Model,
+    start: JaxArray,
+    inputs: JaxArray,
+    samples: JaxArray,
+    measured: JaxArray | None = None,
 ) -> JaxArray:
-    """Predict as many samples from the states (past, state) before them; zeros after (state, N)."""
+    """Predict as many samples from the states (past, state) before them; zeros after (state, N).
+
+    Where what was measured (quantity, time) is given, it moves the state as the model's filter says
+    before each step: predictions are one step ahead.
+    """
     last = predictor.past - 1
+    names = driving_channels(model)
+
+    def column(record: JaxArray, k: JaxArray | int) -> JaxArray:
+        return jax.lax.dynamic_slice_in_dim(record, k, 1, axis=1)
 
     def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
         def drive(offset: int) -> JaxArray:
-            return jax.lax.dynamic_slice_in_dim(inputs, k + last + offset, 1, axis=1)
+            return column(inputs, k + last + offset)
 
+        if measured is not None:
+            now = Inputs(drive(0)[: len(names)], names)
+            history = model.filtered(history[0], column(measured, k), now)[None]
         return predictor.step(model, history, drive), None
 
     def visit(k: JaxArray, history: JaxArray, _: None, path: JaxArray) -> JaxArray:
