@@ -7,6 +7,7 @@ import numpy as np
 
 from penode.arrays import BoolArray, FloatArray, float64, with_shared_length
 from penode.models.base import Model
+from penode.models.measured import dynamic_states
 from penode.models.parameters import with_batch_axis
 from penode.training.loss import Loss, channel_deviation
 
@@ -106,8 +107,12 @@ def residual_scale(model: Model, measured: FloatArray, loss: Loss) -> FloatArray
         with float64():
             padded = loss.domain(with_batch_axis(model), with_shared_length(measured.T))
             quantity = np.asarray(padded)[:, : len(measured)]
-    units = model.outputs.values() or model.state_units
+    own = len(dynamic_states(model))
+    units = model.outputs.values() or model.state_units[:own]
+    found = np.ones(len(quantity))
     if loss.scale is None and len(set(units)) == 1:
-        return np.ones(len(quantity))
+        return found
+    compared = slice(None) if model.outputs else slice(own)
     scale = loss.scale or channel_deviation
-    return np.asarray(np.maximum(scale(quantity.T), 1e-300))
+    found[compared] = np.maximum(scale(quantity[compared].T), 1e-300)
+    return found

@@ -17,6 +17,7 @@ from penode.models.base import Model
 from penode.models.explicit_time import driving_channels
 from penode.models.inputs import Inputs
 from penode.models.measured import (
+    dynamic_states,
     free_states,
     hidden_states,
     measured_units,
@@ -176,11 +177,13 @@ def _free_run_squares(
             return np.asarray(np.sum(gaps**2, axis=1))
     with float64():
         names = (models[0].states, driving_channels(models[0]))
+        experiment = with_unmeasured(experiment, models[0])
         states, inputs = (experiment.stack(channels) for channels in names)
         recorded = [with_shared_length(a.T) for a in (states, predictor.prepared(inputs))]
         together: Model = jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *models)
         samples = len(experiment) - predictor.past
-        return np.asarray(_squares(predictor, together, *recorded, samples))
+        squares = np.asarray(_squares(predictor, together, *recorded, samples))
+        return squares[:, : len(dynamic_states(models[0]))]
 
 
 @partial(jax.jit, static_argnums=0)
