@@ -55,6 +55,7 @@ from validate import (
     learned_sets,
     ledger,
     map_errors,
+    noise_models,
     operating_points,
     processes,
     public_sets,
@@ -79,7 +80,7 @@ ELSEWHERE = {
 HERE = {
     "aliasing", "bad_files", "conventions", "drawn_recordings", "examples", "exports_read",
     "flux_maps", "full_disk", "horizon_choice", "identified", "imperfect_drives", "imperfections",
-    "imported_machine", "interruption", "learned_sets", "ledger", "map_errors",
+    "imported_machine", "interruption", "learned_sets", "ledger", "map_errors", "noise_models",
     "operating_points", "other_simulators", "processes", "public_sets", "random_starts",
     "recordings_as_they_are", "repetition", "simulated_sets", "sweep_interruption",
 }  # fmt: skip
@@ -526,3 +527,27 @@ def test_recordings_as_they_are_have_outliers_and_a_table(capsys):
     fit = SimpleNamespace(parameters=found, horizon=SimpleNamespace(verdict="plateau"))
     recordings_as_they_are.print_table({"a case": [fit, fit]})
     assert "1.00, damping 1.00; covered 4 of 4; plateau 2 of 2" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", noise_models.CASES)
+def test_models_with_noise_are_simulated_as_they_are_written(name, capsys):
+    case = noise_models.CASES[name]
+    model, random = case.model(**case.truth), np.random.default_rng(2)
+    x, u = random.normal(size=2), random.normal(size=(1, 1))
+    by_hand = noise_models._rate(model, x, u)
+    np.testing.assert_allclose(rates(model, x[:, None], u)[:, 0], by_hand, rtol=1e-12)
+    with float64():
+        read = np.asarray(model.output(x[:, None], Inputs(u, model.inputs)))
+    np.testing.assert_allclose(read[:, 0], noise_models._output(model, x, u), rtol=1e-12)
+    quiet = replace(
+        case, process=(0.0, 0.0), white=(0.0,) * len(read), correlated=(0.0,) * len(read)
+    )
+    still, noisy = noise_models.recorded(quiet, 1), noise_models.recorded(case, 1)
+    predictor = Predictor(case.step, Substeps(RungeKutta(RK4), 8))
+    seen = compare(predictor, model, still)
+    assert seen.free_run_rmse < 0.02 * np.std(seen.measured)
+    assert compare(predictor, model, noisy).free_run_rmse > 3 * seen.free_run_rmse
+    one = {"verdict": "plateau", "std": [1.0] * len(case.truth), "objections": []}
+    one |= {"error": [0.0] * len(case.truth), "covered": [True] * len(case.truth)}
+    noise_models.print_table(name, [{"alone": one, "noise model": one}])
+    assert f"{name}, noise model: 1 of 1 positive" in capsys.readouterr().out

@@ -127,7 +127,8 @@ def residual_correlations(
     predicted = np.flatnonzero(np.isfinite(residual).all(axis=0))
     if not len(predicted):
         return Correlations(comparison.name)
-    moving = tuple(name for name in inputs if np.ptp(experiment.channels[name][:-1]) > 0)
+    recorded = [name for name in inputs if name in experiment.channels]  # time is no channel
+    moving = tuple(name for name in recorded if np.ptp(experiment.channels[name][:-1]) > 0)
     count = len(residual)
     lags = min(LAGS, count // 4)
     errors = [_normalised(column) for column in residual.T[predicted]]
