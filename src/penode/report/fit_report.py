@@ -64,7 +64,7 @@ _NAMED = 4
 _WORDS = (
     ("Horizon H", "How many samples ahead the model predicts by itself during training, from the "
      "measured states at the start and the inputs after that."),
-    ("One step ahead", "Each sample predicted from the measured one before it (H = 1). Easy to "
+    ("One step ahead", "Each sample predicted from what was measured before it (H = 1). Easy to "
      "do well, and therefore a weak test."),
     ("Free run", "A whole recording predicted from its first sample, without the measured states "
      "after it. The hardest test: errors may add up."),

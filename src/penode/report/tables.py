@@ -154,7 +154,7 @@ def validation_table(comparisons: Sequence[Comparison]) -> Table:
         errors = [errors_of(one, free_run) for one in comparisons]
         columns += _error_columns(name, errors, otherwise)
     caption = (
-        "One step: every sample predicted from the measured one before it. Free run: the whole "
+        "One step: every sample predicted from what was measured before it. Free run: the whole "
         "recording, or each stretch of it, predicted from its first sample alone."
     )
     return table("Prediction errors", columns, caption)
