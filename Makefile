@@ -58,6 +58,7 @@ validate: $(STAMP)
 	$(BIN)/python -m validate.aliasing
 	$(BIN)/python -m validate.operating_points
 	$(BIN)/python -m validate.recordings_as_they_are
+	$(BIN)/python -m validate.noise_models 40
 	$(BIN)/python -m validate.through_command 80
 	$(BIN)/python -m validate.drawn_physics 3
 	$(BIN)/python -m fuzz.readers --seconds 300
