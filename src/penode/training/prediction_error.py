@@ -170,11 +170,11 @@ class PredictionError:
                 "domain need every state; measure errors in the states."
             )
         if self.predictor.past > 1 and (len(self.free) or self.filters):
-            what = f"starts of {', '.join(self.model.states[k] for k in self.free)} are to be "
-            what += "estimated" if len(self.free) else "filtered"
+            what = f"starts of {', '.join(self.model.states[k] for k in self.free)} are to be"
             raise InputError(
-                f"{what}, but {self.predictor.solver} starts from {self.predictor.past} samples;"
-                " choose a one-step solver."
+                f"{what + ' estimated' if len(self.free) else 'states are to be filtered'}, but "
+                f"{self.predictor.solver} starts from {self.predictor.past} samples; choose a "
+                "one-step solver."
             )
 
     @cached_property
