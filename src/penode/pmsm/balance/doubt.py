@@ -62,5 +62,5 @@ class Doubt:
 
 def _dropped(experiment: Experiment, term: Term) -> np.ndarray:
     """Return the voltage (time, 2) across a term whose parameters are known."""
-    _, by_parameter, _ = term_columns(experiment, (term,))
-    return np.asarray(by_parameter @ np.array([*physical_values((term,)).values()]))
+    known, by_parameter, _ = term_columns(experiment, (term,))
+    return np.asarray(known + by_parameter @ np.array([*physical_values((term,)).values()]))

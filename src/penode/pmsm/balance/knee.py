@@ -7,7 +7,7 @@ constant voltage, the law of a junction goes on rising with the logarithm of the
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeAlias
@@ -25,7 +25,7 @@ from penode.pmsm.balance.voltage_balance import (
     term_columns,
     waves,
 )
-from penode.pmsm.machine.dead_time import FOLDS, DeadTime, PhaseDeadTime, PhaseSigns
+from penode.pmsm.machine.dead_time import FOLDS, TAILS, DeadTime, PhaseDeadTime, PhaseSigns
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import completed, physical_values
 from penode.pmsm.machine.terms import ANGLE, Term
@@ -35,7 +35,9 @@ from penode.training.weak_form import OVERLAP, HannWindow
 _HARMONICS, _DEGREE = (6, 12), 4
 #: Widths of a knee over the largest current.
 _WIDTHS = np.geomspace(0.003, 0.3, 10)
-#: Probability from which a soft knee, or a tail of an arctan, is trained: its softness may come out
+#: Rounds in which the best is sought between neighbours, and widths in each: to 1 %.
+_ROUNDS, _BETWEEN = 3, 9
+#: Probability from which a soft knee, or a tail, is trained: its softness may come out
 #: as none, but a sharp one cannot become soft.
 _THIN = 0.1
 #: What is in doubt, and what would settle it.
@@ -68,19 +70,26 @@ def with_knee(
     where they do not differ clearly.
     """
     search = _Search.of(experiments, terms)
-    sharp, soft, whole = search.best()
-    free = {knee: search.by_phase(knee.term) for knee in (sharp, soft, whole)}
-    # A little softness is one parameter more; an arctan for a tanh is none, and as likely.
-    softer = search.share(free[sharp].misfit, free[soft].misfit)
-    other = share(free[whole].misfit, free[sharp].misfit)
-    same = soft if max(softer, other) > _THIN else sharp
-    bent = search.with_junctions(FOLDS)
-    if bent and search.clearly(bent, same):
-        return search.shaped(bent, by_phase, search.with_junctions(_OTHER_FOLDS), 0.5, _TAIL)
-    rivals = [(search.share(same.misfit, bent.misfit), bent)] if bent else []
-    rivals += [(softer, soft), (other, whole)] if same is sharp else []
-    probable, rival = max(rivals, key=lambda one: one[0], default=(0.0, None))
-    return search.shaped(same, by_phase, rival, probable, _KNEE)
+    sharp, *tails = search.best()
+    softs, wholes = tails[::2], tails[1::2]
+    free = {knee: search.by_phase(knee.term).misfit for knee in (sharp, *tails)}
+    # A little softness is one parameter more; a tail for a tanh is none, and as likely.
+    bent = [(search.share(free[sharp], free[soft]), soft) for soft in softs]
+    bent += [(share(free[whole], free[sharp]), whole) for whole in wholes]
+    likeliest = max(bent, key=lambda one: one[0])
+    same, *others = sorted(softs, key=lambda soft: free[soft])
+    rivals = [(share(free[other], free[same]), other) for other in others]
+    if likeliest[0] <= _THIN:
+        same, rivals = sharp, [likeliest]
+    beside = (search.with_junctions(FOLDS, tail) for tail in TAILS)
+    junctions = sorted(filter(None, beside), key=lambda one: one.misfit)
+    if not (junctions and search.clearly(junctions[0], same)):
+        rivals += [(search.share(same.misfit, one.misfit), one) for one in junctions[:1]]
+        return search.shaped(same, by_phase, rivals, _KNEE)
+    same, *others = junctions
+    rivals = [(share(other.misfit, same.misfit), other) for other in others]
+    rivals += [(0.5, one) for one in [search.with_junctions(_OTHER_FOLDS, same.tail)] if one]
+    return search.shaped(same, by_phase, rivals, _TAIL)
 
 
 def spread_over_knees(
@@ -113,6 +122,10 @@ class _Fitted:
     term: PhaseSigns
     misfit: float
 
+    @property
+    def tail(self) -> str:
+        return self.term.dead_time_tail
+
 
 @dataclass(frozen=True, eq=False)
 class _Search:
@@ -123,7 +136,7 @@ class _Search:
     reach: float
     basis: FloatArray
     left: FloatArray
-    pairs: dict[float, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    kinds: dict[float, list[FloatArray]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, experiments: Sequence[Experiment], terms: Sequence[Term]) -> "_Search":
@@ -137,41 +150,55 @@ class _Search:
         return cls(experiments, [window(e) for e in experiments], reach, basis, left)
 
     def best(self) -> tuple[_Fitted, ...]:
-        """Return the best knees, sharp, of any softness and wholly soft, with one voltage."""
-        widths = self.reach * _WIDTHS
-        tried = [self.fitted(width) for width in widths]
-        return tuple(
-            self.fitted(_least(widths, [one[k].misfit for one in tried]))[k] for k in range(3)
-        )
+        """Return the best knees with one voltage, in the order of `fitted`."""
+        count = len(self.fitted(self.reach * _WIDTHS[0]))
+        return tuple(self.fitted(self._width(self.fitted, k))[k] for k in range(count))
 
     def fitted(self, width: float) -> tuple[_Fitted, ...]:
-        """Return the knees of a width: sharp, of any softness, and wholly soft."""
-        sharp, soft = self._pair(width)
-        (of_sharp, of_soft), _ = self._solved(np.stack([sharp, soft], axis=1))
-        softness = float(np.clip(of_soft / (of_sharp + of_soft or 1.0), 0.0, 1.0))
+        """Return the knees of a width: sharp, and of any softness and wholly soft of each tail."""
+        sharp, *softs = self._kinds(width)
+        kinds: list[tuple[float | None, str, FloatArray]] = [(None, "arctan", sharp)]
+        for tail, soft in zip(TAILS, softs, strict=True):
+            (of_sharp, of_soft), _ = self._solved(np.stack([sharp, soft], axis=1))
+            softness = float(np.clip(of_soft / (of_sharp + of_soft or 1.0), 0.0, 1.0))
+            kinds += [(softness, tail, sharp + softness * (soft - sharp)), (1.0, tail, soft)]
         found = []
-        of_any = (softness, sharp + softness * (soft - sharp))
-        for s, column in ((None, sharp), of_any, (1.0, soft)):
+        for size, tail, column in kinds:
             (voltage,), misfit = self._solved(column[:, None])
-            found.append(_Fitted(DeadTime(dead_time_voltage=voltage, **_knee(width, s)), misfit))
+            knee = _knee(width, size, tail)
+            found.append(_Fitted(DeadTime(dead_time_voltage=voltage, **knee), misfit))
         return tuple(found)
 
-    def with_junctions(self, folds: float) -> _Fitted | None:
+    def with_junctions(self, folds: float, tail: str) -> _Fitted | None:
         """Return the best knee beside a junction's law, None where that would be negative."""
-        widths = self.reach * _WIDTHS
         law = {"junction_voltage": 1.0, "junction_folds": folds}
         rise = self._known({**_knee(self.reach, None), **law})
-        tried = [self._beside_junctions(width, law, rise) for width in widths]
-        misfits = [np.inf if one is None else one.misfit for one in tried]
-        if not np.isfinite(min(misfits)):
-            return None
-        return self._beside_junctions(_least(widths, misfits), law, rise)
+
+        def beside(width: float) -> tuple[_Fitted | None]:
+            return (self._beside_junctions(width, tail, law, rise),)
+
+        return beside(self._width(beside, 0))[0]
+
+    def _width(self, fitted: Callable[[float], Sequence["_Fitted | None"]], k: int) -> float:
+        """Return the width at which a knee fits best, on grids that get finer about it."""
+
+        def misfit(width: float) -> float:
+            found = fitted(width)[k]
+            return np.inf if found is None else found.misfit
+
+        at = self.reach * _WIDTHS
+        for _ in range(_ROUNDS):
+            n = int(np.argmin([misfit(width) for width in at]))
+            best, low, high = at[n], at[max(n - 1, 0)], at[min(n + 1, len(at) - 1)]
+            at = np.geomspace(low, high, _BETWEEN)
+        return float(min([best, *at], key=misfit))
 
     def _beside_junctions(
-        self, width: float, law: Mapping[str, float], rise: FloatArray
+        self, width: float, tail: str, law: Mapping[str, float], rise: FloatArray
     ) -> _Fitted | None:
         """Return the best knee of a width beside a law, None where a voltage would be negative."""
-        sharp, soft = self._pair(width)
+        sharp, *softs = self._kinds(width)
+        soft = softs[list(TAILS).index(tail)]
         (of_sharp, of_soft, _), _ = self._solved(np.stack([sharp, soft, rise], axis=1))
         softness = float(np.clip(of_soft / (of_sharp + of_soft or 1.0), 0.0, 1.0))
         column = sharp + softness * (soft - sharp)
@@ -181,20 +208,26 @@ class _Search:
             (voltage,), misfit = self._solved(column[:, None], size * rise)
         if min(voltage, size) <= 0.0:
             return None
-        knee = {**_knee(width, softness or None), **law, "junction_voltage": size}
+        knee = {**_knee(width, softness or None, tail), **law, "junction_voltage": size}
         return _Fitted(DeadTime(dead_time_voltage=voltage, **knee), misfit)
 
     def shaped(
-        self, same: _Fitted, by_phase: bool, rival: _Fitted | None, share: float, why: _Why
+        self, same: _Fitted, by_phase: bool, rivals: Sequence[tuple[float, _Fitted]], why: _Why
     ) -> Shaped:
-        """Return a dead time, of phases that differ where they do, and the doubt of a rival."""
-        free = self.by_phase(same.term)
-        apart = by_phase or self.phases_differ(same, free)
-        term = free.term if apart else same.term
-        if rival is None or share < NOTICED:
-            return Shaped(term, ())
-        other = self.by_phase(rival.term).term if apart else rival.term
-        return Shaped(term, (Doubt(*why, other, term, math.sqrt(share)),))
+        """Return a dead time, of phases that differ where they do, and the doubts of rivals."""
+        apart = by_phase or self.phases_differ(same, self.by_phase(same.term))
+
+        def term_of(one: _Fitted) -> PhaseSigns:
+            return self.by_phase(one.term).term if apart else one.term
+
+        term = term_of(same)
+        instead = term.prepared(self.reach)
+        doubts = (
+            Doubt(*why, term_of(rival).prepared(self.reach), instead, math.sqrt(probable))
+            for probable, rival in rivals
+            if probable >= NOTICED
+        )
+        return Shaped(term, tuple(doubts))
 
     def share(self, plain: float, richer: float) -> float:
         """Return how probable a further parameter is, by -2 log likelihoods."""
@@ -221,12 +254,12 @@ class _Search:
         price = 2 * np.log(len(self.left) / OVERLAP) + CLEAR
         return bool(apart and free.misfit < same.misfit - price)
 
-    def _pair(self, width: float) -> tuple[FloatArray, FloatArray]:
-        """Return what a volt in every phase adds, with a sharp knee of a width and a soft one."""
-        if width not in self.pairs:
-            sharp, soft = (self._columns(_knee(width, s)).sum(axis=1) for s in (None, 1.0))
-            self.pairs[width] = sharp, soft
-        return self.pairs[width]
+    def _kinds(self, width: float) -> list[FloatArray]:
+        """Return what a volt in every phase adds: with a sharp knee of a width, and each tail."""
+        if width not in self.kinds:
+            knees = [_knee(width, None), *(_knee(width, 1.0, tail) for tail in TAILS)]
+            self.kinds[width] = [self._columns(knee).sum(axis=1) for knee in knees]
+        return self.kinds[width]
 
     def _columns(self, knee: Mapping[str, Any]) -> FloatArray:
         """Return what each phase's voltage adds to the equations, and the rest does not explain."""
@@ -263,22 +296,14 @@ class _Search:
 
 def knee_of(term: PhaseSigns) -> dict[str, Any]:
     """Return what shapes a dead time, by the names of its fields."""
-    names = ("dead_time_current", "dead_time_softness", "junction_voltage", "junction_folds")
+    junctions = ("junction_voltage", "junction_folds")
+    names = ("dead_time_current", "dead_time_softness", "dead_time_tail", *junctions)
     return {name: getattr(term, name) for name in names}
 
 
-def _knee(width: float, softness: float | None) -> dict[str, Any]:
-    return {"dead_time_current": width, "dead_time_softness": softness}
-
-
-def _least(at: FloatArray, values: Sequence[float]) -> float:
-    """Return where values on a geometric grid are least, by a parabola through the three least."""
-    k = int(np.argmin(values))
-    if not 0 < k < len(values) - 1 or not np.isfinite(values[k - 1 : k + 2]).all():
-        return float(at[k])
-    before, here, after = values[k - 1 : k + 2]
-    step = 0.5 * (before - after) / (before - 2 * here + after)
-    return float(at[k] * (at[1] / at[0]) ** step)
+def _knee(width: float, softness: float | None, tail: str = "arctan") -> dict[str, Any]:
+    size = {"dead_time_current": width, "dead_time_softness": softness}
+    return {**size, "dead_time_tail": tail}
 
 
 def _map_columns(experiment: Experiment, reach: float) -> FloatArray:

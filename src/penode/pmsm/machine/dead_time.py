@@ -9,7 +9,7 @@ the devices drop in proportion to the current cannot be distinguished from R.
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import ClassVar, Self, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -37,6 +37,9 @@ _NARROW = 0.02
 FOLDS = 16.0
 
 
+_Function: TypeAlias = Callable[[JaxArray], JaxArray]
+
+
 def _area_of_tanh(x: JaxArray) -> JaxArray:
     """Return log(2 cosh x), the integral of tanh, without overflow."""
     size = jnp.abs(x)
@@ -51,13 +54,35 @@ def _arctan(x: JaxArray) -> JaxArray:
     return 2 / np.pi * jnp.arctan(x)
 
 
+def _node(x: JaxArray) -> JaxArray:
+    size = jnp.abs(x)
+    large = jnp.sign(x) * (1 - 0.5 / jnp.maximum(size, 1.0))
+    return jnp.where(size < 1.0, 0.5 * x, large)
+
+
+def _area_of_node(x: JaxArray) -> JaxArray:
+    size = jnp.abs(x)
+    large = jnp.maximum(size, 1.0)
+    return jnp.where(size < 1.0, 0.25 * x**2, large - 0.5 * jnp.log(large) - 0.75)
+
+
+#: A knee with a tail, and the integral of it, of the current over its width. ``"node"`` is of dead
+#: time t alone: a leg's node of capacitance C at the voltage U is recharged by a current i in
+#: C U / i. While that is shorter than t half of it is lost less, else half of i t / C is lost; both
+#: are in units of U and t, and the width is C U / t.
+TAILS: dict[str, tuple[_Function, _Function]] = {
+    "arctan": (_arctan, _area_of_arctan),
+    "node": (_node, _area_of_node),
+}
+
+
 def _area_of_arsinh(x: JaxArray) -> JaxArray:
     return x * jnp.arcsinh(x) - jnp.hypot(1.0, x)
 
 
 def _mean(
-    sign: Callable[[JaxArray], JaxArray],
-    area: Callable[[JaxArray], JaxArray],
+    sign: _Function,
+    area: _Function,
     middle: JaxArray,
     sweep: JaxArray | None,
 ) -> JaxArray:
@@ -84,6 +109,7 @@ class PhaseSigns(Term):
 
     dead_time_current: eqx.AbstractVar[Leaf]
     dead_time_softness: eqx.AbstractVar[Leaf]
+    dead_time_tail: eqx.AbstractVar[str]
     junction_voltage: eqx.AbstractVar[Leaf]
     junction_folds: eqx.AbstractVar[float]
     narrowest: eqx.AbstractVar[float]
@@ -107,7 +133,7 @@ class PhaseSigns(Term):
 
         signs = _mean(jnp.tanh, _area_of_tanh, *swept(width))
         if self.dead_time_softness is not None:
-            soft = _mean(_arctan, _area_of_arctan, *swept(width))
+            soft = _mean(*TAILS[self.dead_time_tail], *swept(width))
             signs = signs + self.dead_time_softness * (soft - signs)
         taken = voltages * signs
         if self.junction_voltage is not None:
@@ -144,8 +170,11 @@ class DeadTime(PhaseSigns):
         current where None. It moves in training but is not reported: a phase current crosses zero
         within a fraction of a sample, which says little of it.
     dead_time_softness : array, shape (), or None
-        s of the knee (1 - s) tanh(i/i_0) + s 2/pi arctan(i/i_0): 1 has long tails. It moves in
-        training, so that what is not known of it is in the interval of R. None is sharp, tanh.
+        s of the knee (1 - s) tanh(i/i_0) + s tail(i/i_0): 1 has long tails. It moves in training,
+        so that what is not known of it is in the interval of R. None is sharp, tanh.
+    dead_time_tail : str
+        ``"arctan"``, that is 2/pi arctan(x), or ``"node"``, of the capacitance of a leg's node: x/2
+        up to x = 1, from there on 1 - 1/(2 x).
     junction_voltage : array, shape (), or None
         n k T/q in V, by which the drop of a device rises with each e-fold of the current beside
         that: the law n k T/q asinh(i/(2 i_s)) of a junction (Shockley, Bell Syst. Tech. J. 28
@@ -164,13 +193,14 @@ class DeadTime(PhaseSigns):
         unit="A", group="physical", transform=Positive(), default=None
     )
     dead_time_softness: Leaf = parameter(group="physical", default=None)
+    dead_time_tail: str = eqx.field(static=True, default="arctan")
     junction_voltage: Leaf = parameter(unit="V", group="physical", default=None)
     junction_folds: float = eqx.field(static=True, default=FOLDS)
     narrowest: float = eqx.field(static=True, default=0.0)
 
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
         """Return dU times the smooth signs of the phase currents, in dq; see `Term.drop`."""
-        return self.dead_time_voltage * self.lost(jnp.ones((1, 1)), x, u)
+        return self.lost(jnp.atleast_1d(self.dead_time_voltage)[None], x, u)
 
 
 class PhaseDeadTime(PhaseSigns):
@@ -180,7 +210,8 @@ class PhaseDeadTime(PhaseSigns):
     ----------
     dead_time_voltage_a, dead_time_voltage_b, dead_time_voltage_c : array, shape ()
         dU of each phase in V.
-    dead_time_current, dead_time_softness, junction_voltage, junction_folds, narrowest
+    dead_time_current, dead_time_softness, dead_time_tail
+    junction_voltage, junction_folds, narrowest
         As in `DeadTime`, the same in every phase.
     """
 
@@ -193,6 +224,7 @@ class PhaseDeadTime(PhaseSigns):
         unit="A", group="physical", transform=Positive(), default=None
     )
     dead_time_softness: Leaf = parameter(group="physical", default=None)
+    dead_time_tail: str = eqx.field(static=True, default="arctan")
     junction_voltage: Leaf = parameter(unit="V", group="physical", default=None)
     junction_folds: float = eqx.field(static=True, default=FOLDS)
     narrowest: float = eqx.field(static=True, default=0.0)
