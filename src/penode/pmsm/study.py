@@ -35,6 +35,10 @@ from penode.training.plan import Plan
 
 #: What a sample that is used takes at most, measured at 100 000 of them with angle orders.
 _BYTES = 15_000
+_SKEWED = (
+    "The angle harmonics are not mirror symmetric, as those of a skewed machine: cosines and sines "
+    "of both symmetries were included."
+)
 
 
 @one_blas_thread
@@ -236,6 +240,8 @@ def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str
     repair = "Add a recording at another speed, or reverse the speed."
     if not FLUX_MAPS[study.flux_map].reciprocal:
         repair = f"Use the reciprocal map (--flux-map coenergy). Or: a{repair[1:]}"
+    if getattr(machine.flux.network, "skewed", False):
+        reasons = (*reasons, _SKEWED)
     facts = study.facts(recordings, reasons)
     anchor = anchor_of(recordings, balance)
     return Start(machine, balance.independence, anchor, repair, facts, penalties=penalties)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -43,8 +44,10 @@ from penode.validation.free_run import look_ahead
 #: Derivatives that are held down. All of those of the odd part are: it vanishes where nothing shows
 #: it, so that the likelihoods of a map with and without it compare.
 _ORDERS = {True: (3,), False: (1, 2, 3)}
-#: Gain of -2 log likelihood from which the mean map is not taken for mirror symmetric.
+#: Gain of -2 log likelihood from which a map, or its harmonics, is not taken for mirror symmetric.
 _ASYMMETRIC = 20.0
+#: Share of skew in what harmonics explain from which it is there; rules of integration make 4 %.
+_SKEW = 0.1
 #: By which more than the recorded currents' range the inductance is held positive at standstill,
 #: where the voltage is injected and free runs overshoot what a controller kept.
 _BEYOND = 0.1
@@ -65,6 +68,9 @@ class SplineStart:
 
     machine: Machine
     penalties: tuple[Penalty, ...]
+
+
+_Parts: TypeAlias = tuple[CoenergyPart, ...]
 
 
 def spline_start(
@@ -178,32 +184,52 @@ def _blocks(penalties: Sequence[Roughness], smoothed: Smoothed) -> list[_Block]:
 def _with_harmonics(
     setting: _Setting, network: CoenergySplines, mean_solution: Smoothed, orders: tuple[int, ...]
 ) -> tuple[CoenergySplines, list[_Block]]:
-    """Return the map with amplitudes fitted to the residual of the mean in short windows."""
-    count = len(orders)
-    cosine, sine = (CoenergyPart.zero(AMPLITUDE, even, count) for even in (True, False))
+    """Return the map with amplitudes fitted to the residual of the mean in short windows.
+
+    Those of a machine without skew, or of one with it where that clearly explains a part.
+    """
+    count, physical = len(orders), len(physical_values(setting.terms))
+    even, odd = (CoenergyPart.zero(AMPLITUDE, one, count) for one in (True, False))
+    sides: list[_Parts] = [
+        (even, odd),
+        (odd, even),
+    ]  # cosines and sines; the second of each are those of skew
     regressions = []
     for e in setting.experiments:
         length = short_window(e, max(orders))
         mean = balance_equations(e, setting.terms, setting.basis(e, network.mean), length)
+        left = mean.target - mean.matrix @ mean_solution.solution
         turning = waves(e.channels["theta_el"], orders)  # cos and sin of each order by turns
         tables = []
-        for part, first in ((cosine, 0), (sine, 1)):
-            basis = setting.basis(e, (part,))
-            tables += [turning[:, first + 2 * k, None, None] * basis for k in range(count)]
-        harmonics = balance_equations(e, setting.terms, np.concatenate(tables, axis=2), length)
-        physical = len(physical_values(setting.terms))
-        left = mean.target - mean.matrix @ mean_solution.solution
-        regressions.append(WeakRegression(harmonics.matrix[:, physical:], left))
-    matrix = block_diag(*[roughness(part) for part in (cosine, sine) for _ in orders])
-    penalties = [Roughness.of(0, matrix)]
-    solved = smoothed(join(regressions), penalties)
-    split = cosine.coefficients.size
-    filled = replace(
-        network,
-        cosine=(_filled(cosine, solved.solution[:split]),),
-        sine=(_filled(sine, solved.solution[split:]),),
-    )
-    return filled, _blocks(penalties, solved)
+        for first, side in enumerate(sides):
+            for basis in (setting.basis(e, (part,)) for part in side):
+                tables += [turning[:, first + 2 * k, None, None] * basis for k in range(count)]
+        every = balance_equations(e, setting.terms, np.concatenate(tables, axis=2), length)
+        regressions.append(WeakRegression(every.matrix[:, physical:], left))
+    whole = join(regressions)
+    tables = np.split(whole.matrix, _ends(sides), axis=1)
+
+    def fitted(skew: bool) -> tuple[Smoothed, FloatArray, list[Roughness], list[_Parts]]:
+        parts = sides if skew else [side[:1] for side in sides]
+        matrix = block_diag(*[roughness(p) for side in parts for p in side for _ in orders])
+        penalties = [Roughness.of(0, matrix)]
+        chosen = np.concatenate(tables if skew else tables[::2], axis=1)
+        solved = smoothed(WeakRegression(chosen, whole.target), penalties)
+        return solved, chosen @ solved.solution, penalties, parts
+
+    plain, skewed = fitted(False), fitted(True)
+    clear = skewed[0].evidence < plain[0].evidence - _ASYMMETRIC
+    share = np.linalg.norm(skewed[1] - plain[1]) / np.linalg.norm(skewed[1])
+    solved, _, penalties, parts = skewed if clear and share > _SKEW else plain
+    amplitudes = iter(np.split(solved.solution, _ends(parts)))
+    cosine, sine = (tuple(_filled(part, next(amplitudes)) for part in side) for side in parts)
+    return replace(network, cosine=cosine, sine=sine), _blocks(penalties, solved)
+
+
+def _ends(sides: list[_Parts]) -> list[int]:
+    """Return where the coefficients of each part but the last end."""
+    sizes = [part.coefficients.size for side in sides for part in side]
+    return np.cumsum(sizes)[:-1].tolist()
 
 
 def _prior(

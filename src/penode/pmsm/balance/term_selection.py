@@ -17,9 +17,10 @@ from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.terms import ANGLE, Term
 
 #: Harmonics of the electrical angle that a machine of three symmetric phases may have.
-_HARMONICS = (6, 12)
-#: Orders that it cannot have: what they carry is chance.
-_CONTROLS = (5, 7, 8, 9, 10, 11, 13)
+_HARMONICS = (6, 12, 18, 24)
+#: Orders near those that it cannot have: what they carry is chance.
+_LOW, _HIGH = (5, 7, 8, 9, 10, 11, 13), (17, 19, 20, 22, 23, 25)
+_CONTROLS = {6: _LOW, 12: _LOW, 18: _HIGH, 24: _HIGH}
 #: Power of an order over the controls' median from which it is there.
 _CLEAR = 20.0
 #: Samples a period below which an order is not followed.
@@ -116,13 +117,13 @@ def is_open(term: Term) -> bool:
 def _orders(
     experiments: Sequence[Experiment], balance: BalanceSolution, kind: str
 ) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    power = order_power(experiments, balance, (*_HARMONICS, *_CONTROLS))
-    floor = max(float(np.median([power[n] for n in _CONTROLS])), 1e-300)
-    shown = [n for n in _HARMONICS if power[n] > _CLEAR * floor]
+    power = order_power(experiments, balance, (*_HARMONICS, *_LOW, *_HIGH))
+    floor = {n: max(float(np.median([power[m] for m in _CONTROLS[n]])), 1e-300) for n in _HARMONICS}
+    shown = [n for n in _HARMONICS if power[n] > _CLEAR * floor[n]]
     names = " and ".join(map(str, shown))
     if not shown:
-        weak = " and ".join(map(str, _HARMONICS))
-        return (), (f"Angle harmonics were left out: orders {weak} do not stand out.",)
+        every = ", ".join(map(str, _HARMONICS))
+        return (), (f"Angle harmonics were left out: none of the orders {every} stands out.",)
     if FLUX_MAPS[kind].draw_with_features is None:
         return (), (
             f"Angle harmonics {names} stand out and were left out: a {kind} map cannot follow the "
@@ -132,7 +133,7 @@ def _orders(
     kept = tuple(n for n in shown if _SAMPLES * n * fastest < 2 * np.pi)
     reasons = []
     if kept:
-        named = " and ".join(f"{n} ({_rounded(power[n] / floor)}-fold)" for n in kept)
+        named = " and ".join(f"{n} ({_rounded(power[n] / floor[n])}-fold)" for n in kept)
         reasons.append(f"Angle harmonics were included: orders {named} stand out of the residual.")
     missed = [n for n in shown if n not in kept]
     if missed:

@@ -65,6 +65,11 @@ class CoenergySplines(FeatureNetwork):
     cosine: tuple[CoenergyPart, ...] = ()
     sine: tuple[CoenergyPart, ...] = ()
 
+    @property
+    def skewed(self) -> bool:
+        """Whether the harmonics are those of a machine with skew."""
+        return len(self.cosine) > 1
+
     @classmethod
     def linear(cls, orders: int = 0) -> "CoenergySplines":
         """Return the map psi = 0.3 x, to rounding, with harmonics of amplitude zero."""
