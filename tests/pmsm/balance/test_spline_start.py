@@ -6,15 +6,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from validate.sampled_drive.kinds import draw
 
 from penode.arrays import float64
 from penode.bench.coenergy_table import true_flux_map
 from penode.bench.machines import TRACTION_300A
+from penode.data.load import load
 from penode.models.layout import Layout
 from penode.pmsm.balance.definite import held_definite, held_in_training
 from penode.pmsm.balance.smoothing import Roughness, smoothed
 from penode.pmsm.balance.spline_start import reach
 from penode.pmsm.balance.start import weak_start
+from penode.pmsm.balance.term_selection import structure_of
 from penode.pmsm.machine.coenergy_map import (
     HESSIAN,
     CoenergyPart,
@@ -50,6 +53,23 @@ def test_what_lacks_mirror_symmetry_gets_an_odd_part(slow_run):
     assert [part.even for part in machine.flux.network.mean] == [True, False]
     psi_q = machine.maps()["flux_map"](0.0, 0.0)[1]
     assert psi_q == pytest.approx(0.002, rel=0.1)
+
+
+def test_a_machine_without_skew_has_harmonics_of_one_symmetry(slow_run):
+    network = weak_start([slow_run], "coenergy", angle_orders=(6, 12)).machine.flux.network
+    assert [part.even for part in (*network.cosine, *network.sine)] == [True, False]
+    assert not network.skewed
+
+
+def test_a_skewed_machine_has_harmonics_of_both(tmp_path):
+    """Of another plant, with orders to 18: what they leave of the voltage is noise."""
+    run = load(*draw("skewed harmonics", 2).write(tmp_path, "log"))
+    found = structure_of([run], "coenergy")
+    assert found.angle_orders == (6, 12, 18)
+    network = weak_start([run], "coenergy", angle_orders=found.angle_orders).machine.flux.network
+    assert [part.even for part in network.cosine] == [True, False]
+    assert [part.even for part in network.sine] == [False, True]
+    assert network.skewed
 
 
 def test_the_seed_decides_nothing(slow_run, start):

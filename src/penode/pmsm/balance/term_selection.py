@@ -16,13 +16,14 @@ from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.terms import ANGLE, Term
 
-#: Harmonics of the electrical angle that a machine of three symmetric phases may have.
-_HARMONICS = (6, 12, 18, 24)
-#: Orders near those that it cannot have: what they carry is chance.
+#: Harmonics of the electrical angle that a machine of three symmetric phases may have, each with
+#: orders near it that such a machine cannot have: what they carry is chance.
 _LOW, _HIGH = (5, 7, 8, 9, 10, 11, 13), (17, 19, 20, 22, 23, 25)
-_CONTROLS = {6: _LOW, 12: _LOW, 18: _HIGH, 24: _HIGH}
+_HARMONICS = {6: _LOW, 12: _LOW, 18: _HIGH, 24: _HIGH}
 #: Power of an order over the controls' median from which it is there.
 _CLEAR = 20.0
+#: Share of the low orders' power from which a high one is there: products of theirs carry less.
+_PART = 0.01
 #: Samples a period below which an order is not followed.
 _SAMPLES = 4
 #: Terms that are decided from the recordings, unless a study says otherwise.
@@ -62,9 +63,9 @@ def structure_of(
 
     A candidate is kept where the weak form of the voltage balance makes it more probable than not,
     and R and the map cannot stand in for it; what speaks for one that is left out stays as a doubt.
-    An order of the angle is kept
-    where it carries at least twenty times the power, in what that balance leaves over from sample
-    to sample, of orders that a symmetric machine cannot have.
+    An order of the angle is kept where it carries at least twenty times the power, in what that
+    balance leaves over from sample to sample, of orders that a symmetric machine cannot have; 18
+    and 24 where they also carry a hundredth of what 6 or 12 do.
 
     Parameters
     ----------
@@ -118,8 +119,13 @@ def _orders(
     experiments: Sequence[Experiment], balance: BalanceSolution, kind: str
 ) -> tuple[tuple[int, ...], tuple[str, ...]]:
     power = order_power(experiments, balance, (*_HARMONICS, *_LOW, *_HIGH))
-    floor = {n: max(float(np.median([power[m] for m in _CONTROLS[n]])), 1e-300) for n in _HARMONICS}
-    shown = [n for n in _HARMONICS if power[n] > _CLEAR * floor[n]]
+    largest = max(power[n] for n, beside in _HARMONICS.items() if beside is _LOW)
+    floor, shown = dict[int, float](), list[int]()
+    for n, beside in _HARMONICS.items():
+        floor[n] = max(float(np.median([power[m] for m in beside])), 1e-300)
+        least = _PART * largest if beside is _HIGH else 0.0
+        if power[n] > max(_CLEAR * floor[n], least):
+            shown.append(n)
     names = " and ".join(map(str, shown))
     if not shown:
         every = ", ".join(map(str, _HARMONICS))
