@@ -5,6 +5,7 @@ a function of the shared parameters alone, and its Gauss-Newton terms are the Sc
 the joint ones (variable projection after Kaufman 1975, doi:10.1007/BF01932995).
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
@@ -25,6 +26,8 @@ _TOLERANCE = 1e-14
 #: The first step is enough where what is taken off beside it is this exact, as a fraction of a
 #: window's squares: Newton's step with Gauss's curvature is off by the ratio of two of its steps.
 _ACCEPTED = 1e-6
+#: Free starts up to which factors are written out.
+_WRITTEN_OUT = 8
 
 
 class _Search(NamedTuple):
@@ -75,8 +78,8 @@ def sums_without_starts(
         correction, gain = _searched(error, values, horizon, batch, most)
         sums = window_sums(error, each, correction, horizon, batch, normal)
         squares, slope, curvature = _with_stiffness(error, sums, correction, batch.used)
-        factor = _factor(curvature, 0.0 * gain)
-        shared, own = _forward(factor, sums.mixed.shared), _forward(factor, slope[:, None])[:, 0]
+        factor = _Factor.of(curvature, 0.0 * gain)
+        shared, own = factor.forward(sums.mixed.shared), factor.forward(slope[:, None])[:, 0]
         left = jnp.sum(own**2, axis=0)
         return _Terms(
             before.attempts + 1,
@@ -84,7 +87,7 @@ def sums_without_starts(
             squares - left,
             sums.scores.shared - along(own, shared),
             sums.normal.minus(shared),
-            correction + _backward(factor, own[:, None])[:, 0],
+            correction + factor.backward(own[:, None])[:, 0],
         )
 
     def unsettled(at: _Terms) -> JaxArray:
@@ -128,8 +131,8 @@ def followed_by(
         return jnp.zeros((0, len(values), width), values.dtype)
     sums = window_sums(error, each, correction, horizon, batch, normal)
     _, _, curvature = _with_stiffness(error, sums, correction, batch.used)
-    factor = _factor(curvature, jnp.zeros(width, values.dtype))
-    return _backward(factor, _forward(factor, sums.mixed.shared))
+    factor = _Factor.of(curvature, jnp.zeros(width, values.dtype))
+    return factor.backward(factor.forward(sums.mixed.shared))
 
 
 def _most_passes(error: PredictionError) -> int:
@@ -153,9 +156,9 @@ def _searched(
         curvature = jnp.where(better, curvature, at.curvature)
         damping = jnp.where(better, at.damping / 10, jnp.maximum(at.damping, 1e-6) * 10)
         squares = jnp.minimum(jnp.where(better, squares, jnp.inf), at.squares)
-        factor = _factor(curvature, damping)
-        halfway = _forward(factor, slope[:, None])
-        gain, step = jnp.sum(halfway**2, axis=(0, 1)), _backward(factor, halfway)[:, 0]
+        factor = _Factor.of(curvature, damping)
+        halfway = factor.forward(slope[:, None])
+        gain, step = jnp.sum(halfway**2, axis=(0, 1)), factor.backward(halfway)[:, 0]
         stuck = ~(damping < 1e12)
         trial = best + jnp.where(stuck, 0.0, step)
         settled = stuck | (better & _shrinking(gain, at.gain, squares))
@@ -201,33 +204,72 @@ def _shrinking(gain: JaxArray, before: JaxArray, squares: JaxArray) -> JaxArray:
     return gain**2 <= _TOLERANCE * squares * before
 
 
-def _factor(curvature: JaxArray, damping: JaxArray) -> list[list[JaxArray]]:
-    """Return Cholesky's lower factor of curvature + damping diagonal, its entries (batch,)."""
-    free = len(curvature)
-    diagonal = jnp.einsum("iib->ib", curvature)
-    floor = 1e-30 + 1e-13 * jnp.max(diagonal, axis=0)
-    factor: list[list[JaxArray]] = []
-    for i in range(free):
-        row: list[JaxArray] = []
-        for j in range(i):
-            row.append((curvature[i, j] - along(row, factor[j])) / factor[j][j])
-        left = diagonal[i] * (1.0 + damping) + floor - along(row, row)
-        factor.append([*row, jnp.sqrt(jnp.maximum(left, floor))])
-    return factor
+@dataclass(frozen=True)
+class _Factor:
+    """Cholesky's lower factor of every window's curvature + damping times its diagonal.
+
+    Few rows are written out, which is faster; of many that would take minutes to compile.
+    """
+
+    rows: list[list[JaxArray]] | JaxArray
+
+    @classmethod
+    def of(cls, curvature: JaxArray, damping: JaxArray) -> "_Factor":
+        """Factor a curvature (free, free, batch)."""
+        diagonal = jnp.einsum("iib->ib", curvature)
+        floor = 1e-30 + 1e-13 * jnp.max(diagonal, axis=0)
+        size = len(curvature)
+        if size > _WRITTEN_OUT:
+            return cls(_factored(curvature, diagonal * (1.0 + damping) + floor, floor))
+        rows: list[list[JaxArray]] = []
+        for i in range(size):
+            row: list[JaxArray] = []
+            for j in range(i):
+                row.append((curvature[i, j] - along(row, rows[j])) / rows[j][j])
+            left = diagonal[i] * (1.0 + damping) + floor - along(row, row)
+            rows.append([*row, jnp.sqrt(jnp.maximum(left, floor))])
+        return cls(rows)
+
+    def forward(self, right: JaxArray) -> JaxArray:
+        """Solve L y = right for every window, shape (free, k, batch)."""
+        if not isinstance(self.rows, list):
+            return _substituted(self.rows, right, range(len(right)))
+        found: list[JaxArray] = []
+        for i, row in enumerate(self.rows):
+            found.append((right[i] - along(row[:i], found)) / row[i])
+        return jnp.stack(found)
+
+    def backward(self, right: JaxArray) -> JaxArray:
+        """Solve L' x = right for every window, shape (free, k, batch)."""
+        rows = self.rows
+        if not isinstance(rows, list):
+            return _substituted(rows.swapaxes(0, 1), right, range(len(right))[::-1])
+        found: list[JaxArray] = []
+        for i in reversed(range(len(rows))):
+            column = [rows[k][i] for k in range(len(rows) - 1, i, -1)]
+            found.append((right[i] - along(column, found)) / rows[i][i])
+        return jnp.stack(found[::-1])
 
 
-def _forward(factor: list[list[JaxArray]], right: JaxArray) -> JaxArray:
-    """Solve L y = right for every window, shape (free, k, batch)."""
-    rows: list[JaxArray] = []
-    for i, row in enumerate(factor):
-        rows.append((right[i] - along(row[:i], rows)) / row[i])
-    return jnp.stack(rows)
+def _factored(matrix: JaxArray, diagonal: JaxArray, floor: JaxArray) -> JaxArray:
+    """Return the lower factor (free, free, batch), column after column, pivots from a floor on."""
+    below = jnp.arange(len(matrix))[:, None]
+
+    def column(j: JaxArray, lower: JaxArray) -> JaxArray:
+        left = matrix[:, j].at[j].set(diagonal[j]) - jnp.sum(lower * lower[j], axis=1)
+        pivot = jnp.sqrt(jnp.maximum(left[j], floor))
+        return lower.at[:, j].set(jnp.where(below > j, left / pivot, 0.0).at[j].set(pivot))
+
+    return jax.lax.fori_loop(0, len(matrix), column, jnp.zeros_like(matrix))
 
 
-def _backward(factor: list[list[JaxArray]], right: JaxArray) -> JaxArray:
-    """Solve L' x = right for every window, shape (free, k, batch)."""
-    rows: list[JaxArray] = []
-    for i in reversed(range(len(factor))):
-        column = [factor[k][i] for k in range(len(factor) - 1, i, -1)]
-        rows.append((right[i] - along(column, rows)) / factor[i][i])
-    return jnp.stack(rows[::-1])
+def _substituted(triangle: JaxArray, right: JaxArray, order: range) -> JaxArray:
+    """Solve with a triangle (free, free, batch), whose rows hold what comes before in an order."""
+    places = jnp.asarray(order)
+
+    def row(k: JaxArray, found: JaxArray) -> JaxArray:
+        i = places[k]
+        left = right[i] - jnp.sum(triangle[i][:, None] * found, axis=0)
+        return found.at[i].set(left / triangle[i, i])
+
+    return jax.lax.fori_loop(0, len(right), row, jnp.zeros_like(right))

@@ -1,0 +1,84 @@
+"""Many states and free starts, whose sums are loops: against linear least squares by NumPy."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from penode import Model, Predictor, physical
+from penode.arrays import Leaf
+from penode.data.windows import Windows
+from penode.predictors.one_step import RungeKutta
+from penode.predictors.tableaus import EULER
+from penode.training import free_starts
+from penode.training.loss import Loss
+from penode.training.residuals import Objective
+from penode.training.sensitivities import _MANY
+
+MASSES, STEP, HORIZON, COUNT = 10, 0.05, 30, 7
+MEASURED = (0, 3, 6, 9)
+RAW = np.array([4.0, 0.3])
+
+
+class Chain(Model):
+    """Masses in a row between walls, the first driven, every third one's position measured."""
+
+    states: ClassVar[tuple[str, ...]] = tuple(f"{n}{k}" for n in "xv" for k in range(MASSES))
+    inputs: ClassVar[tuple[str, ...]] = ("u",)
+    state_units: ClassVar[tuple[str, ...]] = ("m",) * MASSES + ("m/s",) * MASSES
+    unmeasured: ClassVar[tuple[str, ...]] = tuple(
+        n for k, n in enumerate(states) if k not in MEASURED
+    )
+
+    k: Leaf = physical("1/s2")
+    c: Leaf = physical("1/s")
+
+    def derivative(self, x, u):
+        place, speed = x[:MASSES], x[MASSES:]
+        force = self.k * bend(place) + self.c * bend(speed)
+        return jnp.concatenate([speed, force.at[0].add(u[0])])
+
+
+def bend(values):
+    padded = jnp.pad(values, ((1, 1), (0, 0)))
+    return padded[2:] + padded[:-2] - 2 * values
+
+
+def squares(raw, windows):
+    """Return the least squares of all windows, each with the best of all starts."""
+    stiff = np.eye(MASSES, k=1) + np.eye(MASSES, k=-1) - 2 * np.eye(MASSES)
+    none, one = np.zeros((MASSES, MASSES)), np.eye(MASSES)
+    step = np.eye(2 * MASSES) + STEP * np.block([[none, one], [raw[0] * stiff, raw[1] * stiff]])
+    total, free = 0.0, [k for k in range(2 * MASSES) if k not in MEASURED]
+    for start in windows.starts:
+        power, reached, rows, left = np.eye(2 * MASSES), windows.states[start].copy(), [], []
+        for k in range(HORIZON):
+            reached = step @ reached
+            reached[MASSES] += STEP * windows.inputs[start + k, 0]
+            power = step @ power
+            rows.append(power[np.ix_(MEASURED, free)])
+            left.append(windows.states[start + k + 1, list(MEASURED)] - reached[list(MEASURED)])
+        rows, left = np.concatenate(rows), np.concatenate(left)
+        best = np.linalg.lstsq(rows, left, rcond=1e-12)[0]
+        total += np.sum((left - rows @ best) ** 2)
+    return total
+
+
+def test_terms_are_those_of_linear_least_squares(monkeypatch):
+    monkeypatch.setattr(free_starts, "_ACCEPTED", 0.0)  # start over where one step is not enough
+    free = 2 * MASSES - len(MEASURED)
+    assert free > free_starts._WRITTEN_OUT
+    assert 2 * MASSES >= _MANY
+    random, samples = np.random.default_rng(3), COUNT + HORIZON
+    states, u = random.normal(size=(samples, 2 * MASSES)), random.normal(size=(samples, 1))
+    starts = np.arange(COUNT)
+    windows = Windows(states, u, starts, 0 * starts, HORIZON, 1, STEP)
+    objective = Objective(
+        Predictor(STEP, RungeKutta(EULER)), Chain(*RAW), np.ones(2 * MASSES), Loss()
+    )
+    terms = objective.gauss_newton(RAW, windows)
+    assert terms.loss * terms.count == pytest.approx(squares(RAW, windows), rel=1e-6)
+    for k, step in enumerate(1e-4 * np.eye(2)):
+        slope = (squares(RAW + step, windows) - squares(RAW - step, windows)) / 2e-4
+        assert -2 * terms.descent[k] == pytest.approx(slope, rel=1e-4)
