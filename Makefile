@@ -55,6 +55,7 @@ validate: $(STAMP)
 	$(BIN)/python -m validate.flux_maps
 	$(BIN)/python -m validate.imperfections
 	$(BIN)/python -m validate.imperfect_drives
+	$(BIN)/python -m validate.misfitting_drives
 	$(BIN)/python -m validate.aliasing
 	$(BIN)/python -m validate.operating_points
 	$(BIN)/python -m validate.recordings_as_they_are

@@ -119,14 +119,19 @@ def test_it_is_not_looked_for_where_starts_may_take_of_the_noisiest_sensor():
 def test_a_fit_has_a_row_for_it_in_the_budget_only_where_the_plan_asks():
     run = recorded(friction=0.3)
     start = Mass(1.0, 0.1)
-    silent, asked = (
-        identify(start, [run], plan=replace(PLAN, discrepancy=on)).parameters["damping"]
-        for on in (False, True)
+    without, fit = (
+        identify(start, [run], plan=replace(PLAN, discrepancy=on)) for on in (False, True)
     )
+    silent, asked = (one.parameters["damping"] for one in (without, fit))
     rows = {row.source: row for row in asked.budget}
     assert LEFT_OUT not in {row.source for row in silent.budget}
     assert asked.std == pytest.approx(np.hypot(silent.std, rows[LEFT_OUT].std))
     assert rows[LEFT_OUT].remedy
+    # A parameter that it is most of has a sentence, and no other.
+    for name, estimate in fit.parameters.items():
+        most = sum(row.std**2 for row in estimate.budget if row.source == LEFT_OUT)
+        said = f"{name}: most of its uncertainty is what the model leaves out. Add to the model"
+        assert any(said in one for one in fit.warnings) == (most > 0.5 * estimate.std**2)
 
 
 def test_splines_sum_to_one_and_stay_where_a_channel_ends():

@@ -31,6 +31,9 @@ from validate.other_simulators.wrong_logs import WRONG
 import validate
 from penode import Experiment, Predictor
 from penode.arrays import float64
+from penode.bench.drive import Drive
+from penode.bench.inverter import Inverter
+from penode.bench.machines import TRACTION_300A
 from penode.data.save import save
 from penode.fit.left_out import left_out
 from penode.fit.outcome import Estimate
@@ -55,6 +58,7 @@ from validate import (
     learned_sets,
     ledger,
     map_errors,
+    misfitting_drives,
     noise_models,
     operating_points,
     processes,
@@ -80,9 +84,10 @@ ELSEWHERE = {
 HERE = {
     "aliasing", "bad_files", "conventions", "drawn_recordings", "examples", "exports_read",
     "flux_maps", "full_disk", "horizon_choice", "identified", "imperfect_drives", "imperfections",
-    "imported_machine", "interruption", "learned_sets", "ledger", "map_errors", "noise_models",
-    "operating_points", "other_simulators", "processes", "public_sets", "random_starts",
-    "recordings_as_they_are", "repetition", "simulated_sets", "sweep_interruption",
+    "imported_machine", "interruption", "learned_sets", "ledger", "map_errors",
+    "misfitting_drives", "noise_models", "operating_points", "other_simulators", "processes",
+    "public_sets", "random_starts", "recordings_as_they_are", "repetition", "simulated_sets",
+    "sweep_interruption",
 }  # fmt: skip
 
 
@@ -191,6 +196,27 @@ def test_imperfect_drives(done, capsys):
     printed = capsys.readouterr().out
     assert "1 of 2 verdicts are positive" in printed
     assert "width over that of what is told: 1.00" in printed
+
+
+def test_misfitting_drives_have_laws_that_no_term_has(done, capsys):
+    machine, drive = TRACTION_300A, Drive(inverter=Inverter())
+    for law in misfitting_drives.LAWS:
+        random = np.random.default_rng(1)
+        other, misfitting, told = misfitting_drives.with_law(random, law, machine, drive, 1000.0)
+        assert (other, misfitting) != (machine, drive), told
+    knee = misfitting_drives.PowerKnee(2.0, 0.0, 5.0, exponent=3.0).drop(
+        np.array([5.0, -50.0, 0.0])
+    )
+    np.testing.assert_allclose(knee, [2 / 2 ** (1 / 3), -2 * 10 / 1001 ** (1 / 3), 0.0], rtol=1e-6)
+    iron = misfitting_drives.PowerIron(50.0, -1.0, 20.0).current(np.array([30.0, 40.0]))
+    np.testing.assert_allclose(iron, [20 * 0.6 / 50, 20 * 0.8 / 50], rtol=1e-6)
+    truth = done.fit.parameters["R"].value
+    one = {"draw": 0, **misfitting_drives.record_of(done, truth, "knee", "1 V")}
+    other = {"draw": 1, **misfitting_drives.record_of(REFUSED, truth, "iron", "50 ohm")}
+    assert "covered" in misfitting_drives.line_of(one)
+    assert "refused: error: too short." in misfitting_drives.line_of(other)
+    misfitting_drives.print_table([one | {"verdict": "plateau"}, other])
+    assert "knee   1 of 1 positive, 1 cover (100 %)" in capsys.readouterr().out
 
 
 def test_imperfections(done, campaign, monkeypatch, capsys):

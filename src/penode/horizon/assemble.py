@@ -23,7 +23,7 @@ from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.horizon.loss_weighting import linearised
 from penode.horizon.selection import Choice
 from penode.horizon.simulation import best_in_free_run
-from penode.horizon.uncertainty_budget import budget, raw_shifts
+from penode.horizon.uncertainty_budget import Imperfection, budget, raw_shifts
 from penode.models.base import Model
 from penode.models.measured import hidden_states, measured_units
 from penode.training.covariance import sandwich
@@ -159,9 +159,15 @@ class Assembly:
     def _shifts(self) -> FloatArray:
         """What each imperfection moves the raw parameters by, shape (imperfection, parameter)."""
         k, plan = self.choice.index, self.plan
-        return raw_shifts(
-            self.problem, plan, plan.stages[k], self.rungs[k], self.start.imperfections
-        )
+        return raw_shifts(self.problem, plan, plan.stages[k], self.rungs[k], self._imperfections)
+
+    @cached_property
+    def _imperfections(self) -> tuple[Imperfection, ...]:
+        """Those of the recordings, and for what the model of the chosen rung leaves out."""
+        if self.start.left_out is None:
+            return self.start.imperfections
+        chosen = self._model(self.rungs[self.choice.index].solution.raw)
+        return (*self.start.imperfections, *self.start.left_out(chosen))
 
     @cached_property
     def _covariance(self) -> FloatArray:
@@ -190,7 +196,7 @@ class Assembly:
     def _estimates(self) -> dict[str, Estimate]:
         layout, together = self.problem.objective.layout, self._consensus
         settings = dict(zip(layout.names, layout.settings, strict=True))
-        budgets = self._budgets()
+        budgets = self._budgets
         return {
             name: Estimate.of(
                 float(together.values[k]),
@@ -224,13 +230,14 @@ class Assembly:
         with np.errstate(invalid="ignore"):
             return np.asarray(sum(self._parts.values()) + self._moved.T @ self._moved)
 
+    @cached_property
     def _budgets(self) -> list[tuple[Contribution, ...]]:
         """Return the uncertainty budget of every physical parameter."""
         shown = {source: np.sqrt(np.diag(part)) for source, part in self._parts.items()}
         return [
             budget(
                 {source: float(part[k]) for source, part in shown.items()},
-                self.start.imperfections,
+                self._imperfections,
                 self._moved[:, k],
             )
             for k in range(len(self.names))
@@ -281,6 +288,7 @@ class Assembly:
             if c.diverged
         ]
         warnings += self._unknown()
+        warnings += self._left_out()
         warnings += self.check.contradictions
         if self.check.interrupted:
             warnings.append(_UNFINISHED)
@@ -300,6 +308,18 @@ class Assembly:
                 named.setdefault(next(filter(None, reasons)), []).append(name)
         for reason, names in named.items():
             yield f"The interval of {', '.join(names)} is infinite: {reason}."
+
+    def _left_out(self) -> Iterator[str]:
+        """Yield of which parameters most of the variance is of what the model leaves out."""
+        for name, rows in zip(self.names, self._budgets, strict=True):
+            whole = sum(row.std**2 for row in rows)
+            for row in rows:
+                if row.source == LEFT_OUT and np.isfinite(whole) and row.std**2 > 0.5 * whole:
+                    size = f" ({row.accuracy})" if row.accuracy else ""
+                    yield (
+                        f"{name}: most of its uncertainty is what the model leaves out{size}. "
+                        f"{row.remedy}"
+                    )
 
     def _shortfall(self) -> str:
         reached, top = self.rungs[-1].horizon, self.plan.stages[-1].horizon

@@ -1,6 +1,6 @@
 """What the data determine of a physical parameter, before and beside any training."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -40,6 +40,8 @@ class Start:
         What the fit is examined for beside `penode.horizon.objections.CHECKS`.
     imperfections : tuple of Imperfection
         Of the recordings, by one standard deviation each; they join the uncertainty budget.
+    left_out : callable, optional
+        Takes the trained model; returns further imperfections for what it leaves out, if anything.
     """
 
     model: Model
@@ -51,6 +53,7 @@ class Start:
     penalties: tuple[Penalty, ...] = ()
     checks: tuple[Check, ...] = ()
     imperfections: tuple[Imperfection, ...] = ()
+    left_out: Callable[[Any], tuple[Imperfection, ...]] | None = None
 
     def with_penalties(self, plan: Plan) -> Plan:
         """Return a plan with what is known of the learned map in its loss."""

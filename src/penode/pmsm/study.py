@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment, require_recordings
@@ -18,6 +19,7 @@ from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.drift import Drift, drift_of
+from penode.pmsm.balance.left_over import left_over
 from penode.pmsm.balance.start import anchor_of, weak_start
 from penode.pmsm.balance.usable import left_out, require_samples, usable_stretches
 from penode.pmsm.conventions.check import Conventions, judge
@@ -217,8 +219,8 @@ class _Beginning:
         """Return the start with what is left of every imperfection, and what is examined after."""
         recordings, used = corrected.recordings, read.used.sentence
         checks = machine_checks(self.found.broken)
+        predictor = Predictor(recordings[0].time_step, plan.solver, plan.hold)
         if used:
-            predictor = Predictor(recordings[0].time_step, plan.solver, plan.hold)
             checks += (unused_samples(read.usable, self.calibration, predictor),)
         sentences = filter(None, (*reasons_of(read.usable), used))
         structure = [*sentences, *self.start.facts["structure"]]
@@ -228,7 +230,8 @@ class _Beginning:
             *budget_rows(self.drift.left, recordings, self.calibration.drive),
         )
         facts = {**self.start.facts, "structure": structure}
-        return replace(self.start, facts=facts, checks=checks, imperfections=left)
+        over = partial(left_over, recordings, predictor, left)
+        return replace(self.start, facts=facts, checks=checks, imperfections=left, left_out=over)
 
 
 def _start(recordings: Sequence[Experiment], study: Study, reasons: Sequence[str]) -> Start:

@@ -1,0 +1,212 @@
+"""What the voltage balance leaves over as a function of the currents: its part of the budget.
+
+A drive has laws that no candidate describes: another tail of the inverter's knee, iron that takes
+current by another power. What they add to the voltage is taken as an unknown function of (i_d, i_q)
+beside the model, a Gaussian process (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294). At one
+speed any vector field is the sum of a rotation omega J psi(i), which a flux map follows, and of a
+gradient, which R i is too: the process is of gradients. How large it is, the steps of the trained
+model say, weighed over whole periods: what they leave that no map, no term and no imperfection of
+the recordings explains is noise, alike everywhere, or such a function. The part of it that R
+follows is hidden; by its size the interval has to grow.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from penode.arrays import FloatArray, float64
+from penode.data.experiment import Experiment
+from penode.horizon.consensus import LEFT_OUT
+from penode.horizon.uncertainty_budget import Imperfection
+from penode.models.parameters import with_batch_axis
+from penode.pmsm.balance.doubt import CLEAR
+from penode.pmsm.balance.voltage_balance import BalanceForm, harmonic_window, joint_equations
+from penode.pmsm.machine.coenergy_map import CoenergySplines, columns
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.space_vectors import CURRENTS, less_voltage
+from penode.predictors.base import Predictor
+from penode.training.weak_form import OVERLAP, HannWindow
+from penode.validation.free_run import look_ahead
+
+#: Length over which the process varies, in largest currents; its functions, which have nine tenths
+#: of its variance, and the recorded currents that they are made from.
+_LENGTH, _FUNCTIONS, _POINTS = 0.5, 20, 400
+#: Samples whose functions are made at a time, which bounds memory.
+_BLOCK = 20_000
+#: Standard deviations of an imperfection by which its column is taken.
+_SMALL = 1e-3
+#: Singular values below this fraction of the largest are none, of columns of length 1.
+_RANK = 1e-10
+#: Share of its energy from which a function shows beside what explains most of it; of less, what
+#: is off elsewhere would seem large.
+_VISIBLE = 0.01
+#: Variances of the process over that of the noise, where the equations show it best.
+_RATIOS = 10.0 ** np.arange(-4.0, 8.1, 0.25)
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOver:
+    """A Gaussian process of a voltage over the currents, by functions that are independent."""
+
+    # V, the standard deviation along an axis at any current.
+    size: float
+    # Takes currents (time, 2), A; returns (time, axis, function), of variance 1 together.
+    functions: Callable[[FloatArray], FloatArray]
+    # A: i_d and i_q where most of it shows.
+    place: FloatArray
+
+    @property
+    def rows(self) -> tuple[Imperfection, ...]:
+        """The rows of the uncertainty budget, one a function."""
+        remedy = "Record another speed, and add to the model what its residual still shows."
+        return tuple(
+            Imperfection(LEFT_OUT, self._size, remedy, self._applied(k)) for k in range(_FUNCTIONS)
+        )
+
+    @property
+    def _size(self) -> str:
+        i_d, i_q = self.place
+        return f"{1e3 * self.size:.2g} mV, most at {i_d:.3g}, {i_q:.3g} A"
+
+    def _applied(self, k: int) -> Callable[[Experiment, float], Experiment]:
+        def applied(experiment: Experiment, count: float) -> Experiment:
+            voltage = self.functions(experiment.stack(CURRENTS))[:, :, k]
+            return less_voltage(experiment, count * self.size * voltage)
+
+        return applied
+
+
+def left_over(
+    experiments: Sequence[Experiment],
+    predictor: Predictor,
+    known: Sequence[Imperfection],
+    machine: Machine,
+) -> tuple[Imperfection, ...]:
+    """Return what a machine leaves over of corrected recordings; nothing if that is noise.
+
+    `known` are the rows of what else the recordings may be off by: what these explain is theirs.
+    """
+    left = _left(experiments, machine, predictor)
+    explained = [_columns(experiments, machine)]
+    for one in known:
+        moved = _left([one.applied(e, _SMALL) for e in experiments], machine, predictor)
+        explained.append((moved - left)[:, None] / _SMALL)
+    basis = _orthonormal(np.concatenate(explained, axis=1))
+    functions = _functions(np.concatenate([e.stack(CURRENTS) for e in experiments]))
+    shown = np.concatenate([_shown(e, functions) for e in experiments])
+    left, whole = (part - basis @ (basis.T @ part) for part in (left, shown))
+    free = len(left) / OVERLAP - basis.shape[1]
+    if free < whole.shape[1]:  # too few equations to say
+        return ()
+    likely = _most_likely(left, whole, free, float(np.mean(np.sum(shown**2, axis=0))))
+    if likely is None:
+        return ()
+    size, coefficients = likely
+    currents = np.concatenate([e.stack(CURRENTS) for e in experiments])
+    voltage = np.linalg.norm(functions(currents) @ coefficients, axis=1)
+    return LeftOver(size, functions, currents[int(np.argmax(voltage))]).rows
+
+
+def _columns(experiments: Sequence[Experiment], machine: Machine) -> FloatArray:
+    """Return the columns of the terms' physical parameters and of every map, (equation, .)."""
+    network = machine.flux.network
+    form = BalanceForm.of(experiments, True, machine.terms)
+    if not isinstance(network, CoenergySplines):
+        return form.equations(experiments).matrix
+    reach, scale = machine.flux.current_scale, machine.flux.flux_scale
+
+    def basis(experiment: Experiment) -> FloatArray:
+        places = experiment.stack(CURRENTS) / reach
+        return np.concatenate([scale * columns(part, places) for part in network.mean], axis=2)
+
+    return joint_equations(experiments, form.terms, basis, harmonic_window).matrix
+
+
+def _left(experiments: Sequence[Experiment], machine: Machine, predictor: Predictor) -> FloatArray:
+    """Return what a machine's steps leave over, weighed over whole periods, (equation,), Vs."""
+    batched, inductance = with_batch_axis(machine), machine.maps()["differential_inductance"]
+    parts = []
+    for experiment in experiments:
+        states, inputs = (experiment.stack(n).T for n in (machine.states, machine.inputs))
+        with float64():
+            ahead = look_ahead(predictor, batched, states, inputs, 1)
+        gap, reached = states[:, predictor.past :] - ahead, states[:, predictor.past :]
+        lost = np.einsum("ijt,jt->ti", inductance(*reached), gap) / experiment.time_step
+        held = np.pad(lost, ((predictor.past - 1, 1), (0, 0)))
+        window = HannWindow(experiment.time_step, harmonic_window(experiment))
+        parts.append(window.of_held(held).ravel())
+    return np.concatenate(parts)
+
+
+def _functions(currents: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Return the leading functions over recorded currents (time, 2), A, and axes.
+
+    Gradients of those of a squared-exponential kernel, by the Nystrom approximation.
+    """
+    reach = float(np.abs(currents).max())
+    chosen = np.linspace(0, len(currents) - 1, min(_POINTS, len(currents))).round().astype(int)
+    at = currents[chosen] / reach
+    values, vectors = np.linalg.eigh(_kernel(at, at))
+    weights = vectors[:, -_FUNCTIONS:] / np.sqrt(np.maximum(values[-_FUNCTIONS:], 1e-12))
+
+    def gradients(places: FloatArray) -> FloatArray:
+        blocks = np.array_split(places / reach, len(places) // _BLOCK + 1)
+        return np.concatenate([block(part) for part in blocks])
+
+    def block(scaled: FloatArray) -> FloatArray:
+        near = _kernel(scaled, at)
+        along = (
+            near @ (at[:, [axis]] * weights) - scaled[:, [axis]] * (near @ weights)
+            for axis in (0, 1)
+        )
+        return np.stack([*along], axis=1) / _LENGTH
+
+    return gradients
+
+
+def _kernel(one: FloatArray, other: FloatArray) -> FloatArray:
+    apart = np.sum(one**2, 1)[:, None] + np.sum(other**2, 1) - 2 * one @ other.T
+    return np.asarray(np.exp(-np.maximum(apart, 0.0) / (2 * _LENGTH**2)))
+
+
+def _shown(experiment: Experiment, functions: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Return what each function is in a recording's equations, (equation, function)."""
+    window = HannWindow(experiment.time_step, harmonic_window(experiment))
+    return window.of_supply(functions(experiment.stack(CURRENTS))).reshape(-1, _FUNCTIONS)
+
+
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis of what columns span."""
+    size = np.linalg.norm(columns, axis=0)
+    vectors, values, _ = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
+    return np.asarray(vectors[:, values > _RANK * values[0]])
+
+
+def _most_likely(
+    left: FloatArray, whole: FloatArray, free: float, energy: float
+) -> tuple[float, FloatArray] | None:
+    """Return the size of a process and its coefficients; None unless it clearly beats noise.
+
+    The likelihood of what is left (equation,) is that of noise with the process's columns
+    (equation, function) beside, of `energy` each before what else explains them was taken off;
+    equations overlap, and as many as are worth one count as one.
+    """
+    vectors, values, turn = np.linalg.svd(whole, full_matrices=False)
+    seen = values**2 > _VISIBLE * energy
+    if not seen.any():
+        return None
+    along, gains = vectors[:, seen].T @ left / np.sqrt(OVERLAP), values[seen] ** 2 / OVERLAP
+    whole_left = float(left @ left) / OVERLAP
+    rest = max(whole_left - float(along @ along), 1e-14 * whole_left)
+
+    def evidence(ratio: float) -> tuple[float, float]:
+        variance = (rest + float(np.sum(along**2 / (1 + ratio * gains)))) / free
+        return free * np.log(variance) + float(np.sum(np.log1p(ratio * gains))), variance
+
+    ratio = min(_RATIOS / gains[0], key=lambda one: evidence(one)[0])
+    best, variance = evidence(ratio)
+    if best > evidence(0.0)[0] - CLEAR:
+        return None
+    posterior = ratio * np.sqrt(gains) * along / (1 + ratio * gains)
+    return float(np.sqrt(ratio * variance)), turn[seen].T @ posterior

@@ -1,0 +1,68 @@
+"""What the balance leaves over as a function of the currents: planted, and not there."""
+
+import numpy as np
+import pytest
+
+from penode.bench.drive import Drive
+from penode.bench.machines import TRACTION_300A
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
+from penode.bench.sensors import CurrentSensors
+from penode.horizon.consensus import LEFT_OUT
+from penode.pmsm.balance.left_over import _functions, left_over
+from penode.pmsm.balance.start import weak_start
+from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES, less_voltage
+from penode.predictors.base import Predictor
+
+SIZE = 0.3
+
+
+@pytest.fixture(scope="module")
+def run():
+    """One second of a clean recording at one speed."""
+    drive = Drive(current_sensors=CurrentSensors(noise=0.1))
+    reference = Lissajous(200.0, 40.0, 43.0)
+    return simulate(TRACTION_300A, reference, speed_rpm=800, duration=1.0, drive=drive, seed=1)
+
+
+def planted(experiment):
+    """Return a voltage (time, 2), V, that is a gradient of the currents: no flux map makes it."""
+    d, q = experiment.stack(CURRENTS).T / 100.0
+    return SIZE * np.stack([-np.sin(2 * d) * np.cos(q), np.sin(d) ** 2 * np.sin(q)], axis=1)
+
+
+def found(experiment, known=()):
+    machine = weak_start([experiment], "coenergy", angle_orders=(6, 12)).machine
+    return left_over([experiment], Predictor(experiment.time_step), known, machine)
+
+
+def test_noise_is_not_taken_for_something_left_over(run):
+    assert found(run) == ()
+
+
+def test_a_planted_voltage_is_found_with_its_size(run):
+    rows = found(less_voltage(run, planted(run)))
+    assert {row.source for row in rows} == {LEFT_OUT}
+    size = float(rows[0].accuracy.split(" mV")[0]) / 1e3
+    true = np.sqrt(np.mean(planted(run) ** 2))
+    assert true / 3 < size < true * 3
+    # The rows together are a process of this deviation at every current.
+    moved = [row.applied(run, 1.0).stack(VOLTAGES) - run.stack(VOLTAGES) for row in rows]
+    deviation = np.sqrt(np.sum(np.square(moved), axis=0))
+    assert 0.9 * size < np.median(deviation) <= deviation.max() < 1.05 * size
+
+
+def test_what_a_known_imperfection_explains_is_its_own(run):
+    class Known:
+        @staticmethod
+        def applied(experiment, count):
+            return less_voltage(experiment, -count * planted(experiment))
+
+    assert found(less_voltage(run, planted(run)), (Known,)) == ()
+
+
+def test_the_functions_are_a_process_of_variance_one(run):
+    currents = run.stack(CURRENTS)
+    variance = np.sum(_functions(currents)(currents) ** 2, axis=2)
+    assert variance.max() <= 1 + 1e-6
+    assert np.median(variance) > 0.9
