@@ -311,15 +311,16 @@ class Assembly:
 
     def _left_out(self) -> Iterator[str]:
         """Yield of which parameters most of the variance is of what the model leaves out."""
+        named: dict[tuple[str, str], list[str]] = {}
         for name, rows in zip(self.names, self._budgets, strict=True):
             whole = sum(row.std**2 for row in rows)
             for row in rows:
                 if row.source == LEFT_OUT and np.isfinite(whole) and row.std**2 > 0.5 * whole:
-                    size = f" ({row.accuracy})" if row.accuracy else ""
-                    yield (
-                        f"{name}: most of its uncertainty is what the model leaves out{size}. "
-                        f"{row.remedy}"
-                    )
+                    named.setdefault((row.accuracy, row.remedy), []).append(name)
+        for (accuracy, remedy), names in named.items():
+            size = f" ({accuracy})" if accuracy else ""
+            what = f"is what the model leaves out{size}"
+            yield f"Most of the uncertainty of {', '.join(names)} {what}. {remedy}"
 
     def _shortfall(self) -> str:
         reached, top = self.rungs[-1].horizon, self.plan.stages[-1].horizon
