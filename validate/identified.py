@@ -11,6 +11,7 @@ from penode.data.save import save
 from penode.fit.fit import Fit
 from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY
 from validate.command import Ended, identify
+from validate.ledger import Record
 
 FOLDER = Path("out") / "validate"
 #: Exit statuses that the command promises: done, no answer, unusable input.
@@ -43,6 +44,22 @@ class Identified:
     why: str
     noted: str
     seconds: float
+
+    def resistance(self, truth: float) -> Record:
+        """Return R's error over a truth in ohm, whether it is covered, and objections; or nothing.
+
+        Error and deviation are fractions of the truth.
+        """
+        if self.fit is None:
+            return {}
+        estimate = self.fit.parameters["R"]
+        low, high = estimate.interval_95
+        return {
+            "objections": [one.name for one in self.fit.horizon.objections],
+            "error": estimate.value / truth - 1,
+            "covered": bool(low <= truth <= high),
+            "std": estimate.std / truth,
+        }
 
     @property
     def told(self) -> str:

@@ -108,15 +108,7 @@ def record_of(done: Identified, known: Identified, truth: float, there: frozense
         "told_std": np.inf if known.fit is None else known.fit.parameters["R"].std / truth,
         "seconds": done.seconds + known.seconds,
     }
-    if done.fit is None:
-        return record
-    estimate, (low, high) = done.fit.parameters["R"], done.fit.parameters["R"].interval_95
-    return record | {
-        "objections": [one.name for one in done.fit.horizon.objections],
-        "error": estimate.value / truth - 1,
-        "covered": bool(low <= truth <= high),
-        "std": estimate.std / truth,
-    }
+    return record | done.resistance(truth)
 
 
 def line_of(one: Record) -> str:

@@ -1,12 +1,12 @@
 """Coverage on drives that no candidate explains.
 
 ``python -m validate.misfitting_drives [N] [K]``: N draws from number K on. The drives are those of
-`validate.imperfect_drives`, but each has one law that penode does not know, in turn: a knee of the
-inverter ``x / (1 + |x|^p)^(1/p)``, neither tanh nor arctan nor the tail of a node; an iron current
-that grows with a power of the induced voltage that is not one, as hysteresis (less) and excess loss
-make it; angle harmonics of a coenergy at orders that are not 6, 12, 18 or 24. Each is one run of
-``penode identify`` from a file, nothing given, report included. Ctrl-C prints the table so far; the
-same command goes on.
+`validate.imperfect_drives` (delays of whole samples only, no gain of the voltages), but each has
+one law that penode does not know, in turn: a knee of the inverter ``x / (1 + |x|^p)^(1/p)``,
+neither tanh nor arctan nor the tail of a node; an iron current that grows with a power of the
+induced voltage that is not one, as hysteresis (less) and excess loss make it; angle harmonics of a
+coenergy at orders that are not 6, 12, 18 or 24. Each is one run of ``penode identify`` from a file,
+nothing given, report included. Ctrl-C prints the table so far; the same command goes on.
 """
 
 from dataclasses import replace
@@ -26,7 +26,6 @@ from penode.bench.winding import IronLoss
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.fit.outcome import AVERAGED
-from penode.horizon.consensus import LEFT_OUT
 from validate.drawn_recordings import draw_machine
 from validate.identified import Identified, identified
 from validate.imperfect_drives import draw_drive
@@ -125,16 +124,7 @@ def record_of(done: Identified, truth: float, law: str, told: str) -> Record:
     """Return what became of a draw."""
     made: Record = {"law": law, "there": told, "verdict": done.verdict, "why": done.why}
     made |= {"noted": done.noted, "seconds": done.seconds}
-    if done.fit is None:
-        return made
-    estimate, (low, high) = done.fit.parameters["R"], done.fit.parameters["R"].interval_95
-    return made | {
-        "objections": [one.name for one in done.fit.horizon.objections],
-        "error": estimate.value / truth - 1,
-        "covered": bool(low <= truth <= high),
-        "std": estimate.std / truth,
-        "left_out": [row.std / truth for row in estimate.budget if row.source == LEFT_OUT],
-    }
+    return made | done.resistance(truth)
 
 
 def line_of(one: Record) -> str:
