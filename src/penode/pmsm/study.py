@@ -26,7 +26,7 @@ from penode.pmsm.conventions.check import Conventions, judge
 from penode.pmsm.machine.dead_time import PhaseSigns
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.standstill import counted_from_zero
-from penode.pmsm.precheck.objections import machine_checks
+from penode.pmsm.precheck.objections import machine_checks, uncertain_resistance
 from penode.pmsm.precheck.unused_samples import unused_samples
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.recording.imperfections import budget_rows
@@ -103,7 +103,8 @@ def identify(
         observer=observer,
     )
     reason = " ".join(filter(None, [fit.horizon.reason, left_out(experiments, read.usable)]))
-    return counted_from_zero(replace(fit, horizon=replace(fit.horizon, reason=reason)))
+    fit = replace(fit, horizon=replace(fit.horizon, reason=reason))
+    return uncertain_resistance(counted_from_zero(fit))
 
 
 @dataclass(frozen=True, eq=False)

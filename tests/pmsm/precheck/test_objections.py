@@ -7,12 +7,17 @@ import pytest
 
 from penode import Experiment
 from penode.fit.fit import Estimate, HorizonChoice, HorizonSummary
-from penode.fit.outcome import Objection
+from penode.fit.outcome import Contribution, Objection
 from penode.horizon.objections import CHECKS, few_samples_decide, objections, with_objections
 from penode.pmsm.conventions.check import check_conventions, judge
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.machine.holds import turned_voltage
-from penode.pmsm.precheck.objections import machine_checks, per_unit, voltage_limit
+from penode.pmsm.precheck.objections import (
+    machine_checks,
+    per_unit,
+    uncertain_resistance,
+    voltage_limit,
+)
 from penode.pmsm.recording_check import check_recordings
 from penode.validation.comparison import Comparison
 
@@ -225,3 +230,29 @@ def test_a_verdict_without_an_answer_stays_and_the_objection_is_a_warning(fit, v
     said = with_objections(before, [Objection("first", "It is wrong.", "Mend it.")])
     assert said.horizon.verdict == verdict
     assert said.warnings[0].startswith("First: It is wrong.")
+
+
+def with_resistance(fit, deviation, verdict="plateau"):
+    rows = (
+        Contribution("tail of the knee", deviation, remedy="The inverter's data sheet."),
+        Contribution("statistics", 1e-5, remedy="Record longer."),
+    )
+    estimate = Estimate.of(0.01, deviation, "ohm", budget=rows)
+    horizon = replace(fit.horizon, verdict=verdict)
+    return replace(fit, parameters={**fit.parameters, "R": estimate}, horizon=horizon)
+
+
+def test_a_resistance_that_nobody_could_use_is_no_answer(fit):
+    said = uncertain_resistance(with_resistance(fit, 0.052 * 0.01)).horizon
+    assert (said.verdict, said.answered) == ("not identifiable", False)
+    assert "± 0.001 ohm only, more than 10 % of its value" in said.reason
+    assert said.reason.endswith("tail of the knee. The inverter's data sheet.")
+
+
+@pytest.mark.parametrize(
+    ("deviation", "verdict"),
+    [(0.05 * 0.01, "plateau"), (1.0, "fixed"), (1.0, "no plateau"), (1.0, "implausible")],
+)
+def test_any_other_verdict_on_the_resistance_stays(fit, deviation, verdict):
+    before = with_resistance(fit, deviation, verdict)
+    assert uncertain_resistance(before) is before

@@ -1,13 +1,14 @@
-"""Objections to the fit of a machine: a broken convention, the voltage limit, per unit."""
+"""Objections to a machine's fit: a convention, the voltage limit, per unit, an R too uncertain."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.fit.fit import Fit
-from penode.fit.outcome import Objection
+from penode.fit.outcome import AVERAGED, NORMAL_95, Objection
 from penode.horizon.objections import Check, recordings_trained_on
 from penode.pmsm.conventions.broken_convention import BrokenConvention
 from penode.pmsm.recording.stationary_frame import LINK
@@ -20,6 +21,8 @@ _LINK_TOO = "Record u_dc beside, with which the samples at the limit are left ou
 _MOST = 0.999
 #: A and V below which both currents and voltages look like fractions of a base.
 _PER_UNIT = 2.5
+#: Half width of the interval of R over R beyond which a recording does not determine it.
+_WIDE = 0.1
 
 
 def machine_checks(broken: Sequence[BrokenConvention] = ()) -> tuple[Check, ...]:
@@ -73,3 +76,20 @@ def voltage_limit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objec
                 "recorded command does not show.",
                 f"{link}Record the voltage behind the limiter, or stay below it.",
             )
+
+
+def uncertain_resistance(fit: Fit) -> Fit:
+    """Return the fit, not identifiable where its horizons agree on an R that nobody could use."""
+    resistance = fit.parameters.get("R")
+    if resistance is None or fit.horizon.verdict not in AVERAGED:
+        return fit
+    half = NORMAL_95 * resistance.std
+    if half <= _WIDE * abs(resistance.value):
+        return fit
+    most = resistance.budget[0]
+    reason = (
+        f"R is determined to ± {half:.2g} ohm only, more than {100 * _WIDE:.0f} % of its value; "
+        f"the largest contribution: {most.source}. {most.remedy}"
+    )
+    choice = replace(fit.horizon, verdict="not identifiable", reason=reason)
+    return replace(fit, horizon=choice)
