@@ -2,7 +2,8 @@
 
 RESULT is a folder that ``penode identify`` or ``penode demo`` wrote. Octave loads the MATLAB files
 and looks psi(i), i(psi) and T up by its own ``interp2``, the header is compiled by gcc,
-motulator's ``MagneticModel`` interpolates its archive, onnxruntime runs the graph. Printed is the
+motulator's ``MagneticModel`` interpolates its archive, openpyxl reads the workbook for SciPy to
+interpolate, onnxruntime runs the graph. Printed is the
 largest difference to the fit where the file says supported: at points of the table, where it
 belongs to the file, and over the cells, where it is that of linear interpolation. Programs that
 are not installed are left out by name.
@@ -17,6 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
 from penode.arrays import FloatArray
 from penode.fit.fit import Fit
@@ -39,6 +41,15 @@ at = dlmread('at.txt');
 psi = [interp2(Id, Iq, Fd, at(:,1), at(:,2)), interp2(Id, Iq, Fq, at(:,1), at(:,2))];
 dlmwrite('psi.txt', psi, 'precision', 17, 'delimiter', ' ');
 """
+_MOTORCAD = """
+load map.mat;
+at = dlmread('at.txt');
+id = Id_Peak(:,1);
+iq = Iq_Peak(1,:);
+psi = [interp2(iq, id, Flux_Linkage_D, at(:,2), at(:,1)), ...
+       interp2(iq, id, Flux_Linkage_Q, at(:,2), at(:,1))];
+dlmwrite('psi.txt', psi, 'precision', 17, 'delimiter', ' ');
+"""
 _C = """
 #include <stdio.h>
 #include "map.h"
@@ -59,7 +70,7 @@ def _octave(fit: Fit, folder: Path, to: str) -> Callable[[FloatArray], FloatArra
     suffix = ".m" if to == "m" else ".mat"
     export(fit, to, folder / f"map{suffix}", points=41)
     load = "map" if to == "m" else "load map.mat"
-    text = _SYRE if to == "syre" else _OCTAVE.format(load=load)
+    text = {"syre": _SYRE, "motorcad": _MOTORCAD}.get(to, _OCTAVE.format(load=load))
 
     def run(at: FloatArray) -> FloatArray:
         np.savetxt(folder / "at.txt", at, fmt="%.17g")
@@ -99,6 +110,24 @@ def _motulator(fit: Fit, folder: Path, to: str) -> Callable[[FloatArray], FloatA
     return run
 
 
+def _openpyxl(fit: Fit, folder: Path, to: str) -> Callable[[FloatArray], FloatArray]:
+    load = importlib.import_module("openpyxl").load_workbook
+    export(fit, to, folder / "map.xlsx", points=41)
+    book = load(folder / "map.xlsx", read_only=True)
+    tables = [
+        np.array([row[:] for row in book[name].iter_rows(values_only=True)][1:], float)
+        for name in ("psi_d in Vs", "psi_q in Vs")
+    ]
+    i_q = next(book["psi_d in Vs"].iter_rows(values_only=True))[1:]
+    axes = tables[0][:, 0], np.array(i_q, float)
+    made = [RegularGridInterpolator(axes, table[:, 1:]) for table in tables]
+
+    def run(at: FloatArray) -> FloatArray:
+        return np.stack([one(at) for one in made], axis=1)
+
+    return run
+
+
 def _onnx(fit: Fit, folder: Path, to: str) -> Callable[[FloatArray], FloatArray]:
     session = importlib.import_module("onnxruntime").InferenceSession
     export(fit, to, folder / "map.onnx")
@@ -114,8 +143,10 @@ _READERS = (
     ("mat", "octave-cli", _octave),
     ("m", "octave-cli", _octave),
     ("syre", "octave-cli", _octave),
+    ("motorcad", "octave-cli", _octave),
     ("c", "gcc", _compiled),
     ("npz", "motulator", _motulator),
+    ("xlsx", "openpyxl", _openpyxl),
     ("onnx", "onnxruntime", _onnx),
 )
 
@@ -131,17 +162,17 @@ def rows(fit: Fit) -> Iterator[str]:
     for to, reader, make in _READERS:
         with tempfile.TemporaryDirectory() as made:
             if shutil.which(reader) is None and reader in ("gcc", "octave-cli"):
-                yield f"{to:5s} {reader}: not installed"
+                yield f"{to:8s} {reader}: not installed"
                 continue
             try:
                 run = make(fit, Path(made), to)
             except ImportError as error:
-                yield f"{to:5s} {reader}: not installed ({error})"
+                yield f"{to:8s} {reader}: not installed ({error})"
                 continue
             ends = [np.abs(run(at) - fit.flux_map(*at.T).T).max() for at in (between, points)]
             largest = np.abs(fit.flux_map(*points.T)).max()
             line = (
-                f"{to:5s} {reader:11s} psi at points {ends[1] / largest:.1e}, over cells "
+                f"{to:8s} {reader:11s} psi at points {ends[1] / largest:.1e}, over cells "
                 f"{ends[0] / largest:.1e} of the largest"
             )
             if (Path(made) / "i.txt").exists():

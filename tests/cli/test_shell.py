@@ -41,7 +41,10 @@ def test_bash_completes_the_names_of_flux_maps():
     ("typed", "expected"),
     [
         ("penode ", set(COMMANDS)),
-        ("penode export result --to ", {"csv", "npz", "mat", "syre", "c", "c_fixed", "m", "onnx"}),
+        (
+            "penode export result --to ",
+            {"csv", "npz", "mat", "motorcad", "syre", "xlsx", "c", "c_fixed", "m", "onnx"},
+        ),
         ("penode identify run.csv --purpose s", {"simulation"}),
         ("penode identify run.csv --hold ", {"dq", "stationary"}),
         ("penode simulate w", {"well_designed"}),

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import onnxruntime
+import openpyxl
 import pytest
 from scipy.io import loadmat
 
@@ -108,6 +109,51 @@ def from_syre(path):
     torque, text = found["T"].ravel(), str(found["temperatures"])
     return Read(
         i_d, i_q, np.stack([psi_d, psi_q]), found["supported"].ravel(), None, torque, {}, text
+    )
+
+
+def from_motorcad(path):
+    """As Motor-CAD's files are read: i_d in the first column, i_q in the first row."""
+    found = loadmat(path)
+    i_d, i_q = found["Id_Peak"][:, 0], found["Iq_Peak"][0]
+    assert (np.diff(i_d) > 0).all()
+    assert (np.diff(i_q) > 0).all()
+    lead, length = np.deg2rad(found["Phase_Advance"]), found["Stator_Current_Phase_Peak"]
+    np.testing.assert_allclose(-length * np.sin(lead), found["Id_Peak"], atol=1e-9)
+    np.testing.assert_allclose(length * np.cos(lead), found["Iq_Peak"], atol=1e-9)
+    psi = np.stack([found["Flux_Linkage_D"].ravel(), found["Flux_Linkage_Q"].ravel()])
+    return Read(
+        found["Id_Peak"].ravel(),
+        found["Iq_Peak"].ravel(),
+        psi,
+        found["supported"].ravel(),
+        torque=found["Electromagnetic_Torque"].ravel(),
+        text=str(found["temperatures"][0]),
+    )
+
+
+def from_xlsx(path):
+    book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+    sheets = {sheet.title: list(sheet.iter_rows(values_only=True)) for sheet in book}
+    i_q = np.array(sheets["psi_d in Vs"][0][1:], float)
+    i_d = np.array([row[0] for row in sheets["psi_d in Vs"][1:]], float)
+    table = {
+        name: np.array([row[1:] for row in rows[1:]], float).ravel()
+        for name, rows in sheets.items()
+        if len(rows[0]) == len(i_q) + 1
+    }
+    facts = dict(row[:2] for row in sheets["facts"] if row[1] is not None)
+    names = {"R": "R in ohm", "T": "temperature of R in degC", "alpha": "coefficient of R in 1/K"}
+    names["p"] = "pole pairs"
+    inductance = [table[f"L_{name} in H"] for name in ("dd", "dq", "dq", "qq")]
+    return Read(
+        *(one.ravel() for one in np.meshgrid(i_d, i_q, indexing="ij")),
+        np.stack([table["psi_d in Vs"], table["psi_q in Vs"]]),
+        table["supported"],
+        np.stack(inductance),
+        table["torque in Nm"],
+        {key: float(facts[name]) for key, name in names.items() if name in facts},
+        " ".join(str(row[0]) for row in sheets["facts"]),
     )
 
 
@@ -210,6 +256,8 @@ READERS: dict[str, Callable[[Path], Read]] = {
     "csv": from_csv,
     "npz": from_npz,
     "mat": from_mat,
+    "motorcad": from_motorcad,
+    "xlsx": from_xlsx,
     "syre": from_syre,
     "m": from_m,
     "c": from_c,

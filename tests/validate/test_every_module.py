@@ -340,7 +340,9 @@ def test_flux_maps(done, campaign):
 def test_exports_are_read_back(done):
     """Of what is installed; those that need other programs say so."""
     lines = list(exports_read.rows(done.fit))
-    assert [line.split()[0] for line in lines] == ["mat", "m", "syre", "c", "npz", "onnx"]
+    assert [line.split()[0] for line in lines] == [
+        *("mat", "m", "syre", "motorcad", "c", "npz", "xlsx", "onnx")
+    ]
     read = [float(re.search(r"at points (\S+),", x)[1]) for x in lines if "at points" in x]
     assert len(read) >= 1
     assert max(read) < 1e-6

@@ -29,8 +29,9 @@ def export_command(
 ) -> None:
     """Write the flux map of a saved fit for a controller or another program.
 
-    csv: flux_map.csv; npz: motulator; syre: SyR-e's fdfq_idiq;
+    csv: flux_map.csv; npz: motulator; syre: SyR-e's fdfq_idiq; xlsx: a workbook;
     mat, m: tables for Simulink and Simscape, as a file and as a script, with i(psi) and MTPA;
+    motorcad: what reads a saturation map of Motor-CAD; over the rotor's angle too, as is mat;
     c, c_fixed: a C99 header with look-ups of psi, i(psi), torque and MTPA, in float or 16 bits;
     onnx: the map itself, as a graph.
 

@@ -8,14 +8,24 @@ from typing import Any
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.fit.fit import Fit
-from penode.pmsm.exports import c_header, mat, matlab_script, npz, onnx, syre
+from penode.pmsm.exports import (
+    c_header,
+    excel,
+    mat,
+    matlab_script,
+    motorcad,
+    npz,
+    onnx,
+    syre,
+)
 from penode.pmsm.exports.control_tables import (
     InverseMap,
     TorquePerAmpere,
     inverse_map,
     torque_per_ampere,
 )
-from penode.pmsm.exports.matlab_tables import variables
+from penode.pmsm.exports.matlab_tables import over_turn, variables
+from penode.pmsm.machine.angle_grid import over_angle
 from penode.pmsm.machine.flux_grid import FluxGrid, tabulate
 from penode.pmsm.result_files import flux_map_csv
 
@@ -40,12 +50,22 @@ def _variables(fit: Fit, grid: FluxGrid) -> dict[str, Any]:
     return variables(grid, *_control(fit, grid))
 
 
+def _mat(fit: Fit, grid: FluxGrid, name: str) -> bytes:
+    return mat.encode(_variables(fit, grid) | over_turn(over_angle(fit, grid)))
+
+
 #: To add a format, add one entry. CSV keeps the grid of ``flux_map.csv``.
 FORMATS: dict[str, Format] = {
     "csv": Format(".csv", lambda fit, grid, name: flux_map_csv(fit)),
     "npz": Format(".npz", lambda fit, grid, name: npz.encode(grid)),
-    "mat": Format(".mat", lambda fit, grid, name: mat.encode(_variables(fit, grid))),
+    "mat": Format(".mat", _mat),
     "m": Format(".m", lambda fit, grid, name: matlab_script.encode(_variables(fit, grid))),
+    "motorcad": Format(
+        ".mat", lambda fit, grid, name: motorcad.encode(grid, over_angle(fit, grid))
+    ),
+    "xlsx": Format(
+        ".xlsx", lambda fit, grid, name: excel.encode(grid, torque_per_ampere(fit, grid))
+    ),
     "syre": Format(".mat", lambda fit, grid, name: syre.encode(grid), points=256),
     "c": Format(".h", lambda fit, grid, name: c_header.encode(grid, name, *_control(fit, grid))),
     "c_fixed": Format(

@@ -4,6 +4,7 @@ from typing import Any
 
 from penode.arrays import FloatArray
 from penode.pmsm.exports.control_tables import InverseMap, TorquePerAmpere
+from penode.pmsm.machine.angle_grid import AngleGrid
 from penode.pmsm.machine.flux_grid import FluxGrid
 
 
@@ -46,6 +47,22 @@ def variables(grid: FluxGrid, inverse: InverseMap, mtpa: TorquePerAmpere | None)
         "temperatures": known.sentences,
     }
     return tables | {name: fact for name, fact in facts.items() if fact is not None}
+
+
+def over_turn(turned: AngleGrid | None) -> dict[str, Any]:
+    """Return what depends on the angle, by name; nothing where nothing does.
+
+    ``angleVec`` (electrical degrees, 0 to 360); over i_d, i_q and it ``fluxDOfAngle``,
+    ``fluxQOfAngle`` (Vs) and, with pole pairs, ``torqueOfAngle`` (Nm).
+    """
+    if turned is None:
+        return {}
+    tables = {
+        "angleVec": turned.angle,
+        "fluxDOfAngle": turned.psi[0],
+        "fluxQOfAngle": turned.psi[1],
+    }
+    return tables if turned.torque is None else tables | {"torqueOfAngle": turned.torque}
 
 
 def _entries(grid: FluxGrid) -> FloatArray:
