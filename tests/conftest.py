@@ -62,6 +62,9 @@ LONG = (
     "test_notebooks.py",
     "test_main.py",
     "test_calibration.py",
+    "test_outputs.py",
+    "test_kalman.py",
+    "test_measured_outputs.py",
 )
 
 

@@ -20,6 +20,8 @@ from penode.training.loss import Loss
 from penode.training.residuals import Objective
 from penode.validation.free_run import with_unmeasured
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
 STEP, COUNT, HORIZON = 0.05, 400, 60
 FINE = Predictor(STEP, Substeps(RungeKutta(RK4), 8))
 

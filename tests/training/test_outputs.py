@@ -134,7 +134,7 @@ QUICK = {(Identity, "every step"), (Renamed, "the last step")}
         for loss in LOSSES
     ],
 )
-@pytest.mark.usefixtures("exact")
+@pytest.mark.usefixtures("exact", "quickly_compiled")
 def test_an_output_that_is_the_identity_changes_no_term(like, loss):
     """Of windows whose measured first sample counts as any other."""
     plain, same = (
@@ -265,6 +265,7 @@ def one_step():
     return Twin(1), Objective(Predictor(STEP, DEFAULT_SOLVER), Seen(*SEEN), SCALE)
 
 
+@pytest.mark.usefixtures("quickly_compiled")
 @pytest.mark.parametrize("tabulated", [True, False])
 def test_joint_sums_are_those_of_the_twin(case, tabulated):
     """At corrections that are no minimum, the parameters and the starts being columns alike."""
@@ -300,7 +301,7 @@ def test_joint_sums_are_those_of_the_twin(case, tabulated):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
 
 
-@pytest.mark.usefixtures("exact")
+@pytest.mark.usefixtures("exact", "quickly_compiled")
 def test_terms_are_the_schur_complement_and_the_gradient_that_of_the_loss(case):
     twin, objective = case
     inputs = objective.predictor.prepared(twin.windows.inputs)
