@@ -1,4 +1,4 @@
-"""What the site needs beyond Markdown: formulas as MathML."""
+"""What the site needs beyond Markdown and theme: formulas as MathML, a name of the search."""
 
 import html
 import re
@@ -15,6 +15,11 @@ _FORMULA = re.compile(
 def on_page_content(content: str, **_: Any) -> str:
     """Replace the formulas of a page, marked by arithmatex, with MathML."""
     return _FORMULA.sub(_formula, content)
+
+
+def on_post_page(output: str, **_: Any) -> str:
+    """Give the theme's search its name."""
+    return output.replace('role="dialog"', 'role="dialog" aria-label="Search"')
 
 
 def _formula(found: re.Match[str]) -> str:

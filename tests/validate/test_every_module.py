@@ -45,6 +45,7 @@ from penode.predictors.one_step import RungeKutta, Substeps
 from penode.predictors.tableaus import RK4
 from penode.validation.free_run import compare
 from validate import (
+    accessibility,
     aliasing,
     conventions,
     exports_read,
@@ -82,8 +83,8 @@ ELSEWHERE = {
     "other_simulators.record": "motulator",
 }
 HERE = {
-    "aliasing", "bad_files", "conventions", "drawn_recordings", "examples", "exports_read",
-    "flux_maps", "full_disk", "horizon_choice", "identified", "imperfect_drives", "imperfections",
+    "accessibility", "aliasing", "bad_files", "conventions", "drawn_recordings", "examples",
+    "exports_read", "flux_maps", "full_disk", "horizon_choice", "identified", "imperfect_drives", "imperfections",
     "imported_machine", "interruption", "learned_sets", "ledger", "map_errors",
     "misfitting_drives", "noise_models", "operating_points", "other_simulators", "processes",
     "public_sets", "random_starts", "recordings_as_they_are", "repetition", "simulated_sets",
@@ -130,6 +131,19 @@ def ended(campaign, tmp_path_factory):
 @pytest.fixture(scope="module")
 def done(ended):
     return outcome(ended)
+
+
+def test_what_is_not_accessible_is_a_line_with_its_impact(tmp_path):
+    (tmp_path / "page.html").write_text("<head></head>")
+    found = [["serious", "image-alt", 2, "<img>"], ["minor", "region", 1, "<p>"]]
+    browser = tmp_path / "browser"
+    browser.write_text(f"#!/bin/sh\necho '<pre>AXE{json.dumps(found)}EXA</pre>'\n")
+    browser.chmod(0o755)
+    lines = list(accessibility.rows([tmp_path / "page.html"], str(browser), "axe"))
+    assert len(lines) == 8
+    line = "page.html 1400 px light: serious image-alt, 2 elements: <img>"
+    assert (lines[0][0].endswith(line), lines[0][1], lines[1][1]) == (True, True, False)
+    assert [one.name for one in tmp_path.iterdir() if one.is_dir()] == []
 
 
 REFUSED = Identified(None, "refused", "error: too short.", "", 0.1)
