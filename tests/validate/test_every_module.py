@@ -84,8 +84,8 @@ ELSEWHERE = {
 }
 HERE = {
     "accessibility", "aliasing", "bad_files", "conventions", "drawn_recordings", "examples",
-    "exports_read", "flux_maps", "full_disk", "horizon_choice", "identified", "imperfect_drives", "imperfections",
-    "imported_machine", "interruption", "learned_sets", "ledger", "map_errors",
+    "exports_read", "flux_maps", "full_disk", "horizon_choice", "identified", "imperfect_drives",
+    "imperfections", "imported_machine", "interruption", "learned_sets", "ledger", "map_errors",
     "misfitting_drives", "noise_models", "operating_points", "other_simulators", "processes",
     "public_sets", "random_starts", "recordings_as_they_are", "repetition", "simulated_sets",
     "sweep_interruption",
