@@ -1,5 +1,9 @@
 """Drawn benches measured at operating points: ``python -m validate.operating_points [COUNT]``.
 
+``... beside [COUNT]``: points with their torque and a recording of 1 s of the same machine with
+the same gains, by ``penode identify run.csv --points points.csv``, report included, beside what the
+recording and the points say alone (COUNT 20).
+
 Each of COUNT (200) draws is one of the bench's machines at 24 to 60 points over its currents, at
 one speed or at three, whose voltages, currents and torque are means over seconds. What the bench
 has of every imperfection is drawn from an ordinary bench's accuracy: gains of currents, voltages,
@@ -16,7 +20,7 @@ R and of the inverter's voltage cover, the median width and the largest error.
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jax
@@ -24,8 +28,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray, float64
+from penode.bench.drive import Drive
 from penode.bench.machines import MACHINES, Machine, machine
+from penode.bench.references import Lissajous
+from penode.bench.run import simulate
+from penode.bench.sensors import CurrentSensors
+from penode.data.experiment import Experiment
+from penode.data.save import save
 from penode.fit.fit import Fit
+from penode.fit.outcome import AVERAGED
 from penode.pmsm.points.identify import ANSWERED, identify_points
 from penode.pmsm.points.operating_points import load_runs
 from penode.pmsm.study_file import load_study
@@ -43,6 +54,9 @@ class Bench:
     pole_pairs: int
     # R in ohm and the inverter's voltage along the current in V.
     truth: Mapping[str, float]
+    of: Machine
+    # Gains of currents, voltages and speed.
+    gains: FloatArray
 
 
 def flux(of: Machine, currents: FloatArray) -> FloatArray:
@@ -97,7 +111,27 @@ def drawn(number: int) -> Bench:
         "omega_el": gains[2] * speed,
         "torque": gains[3] * torque + noise[2] * random.normal(size=count),
     }  # fmt: skip
-    return Bench(columns, of.pole_pairs, {"R": of.resistance, "inverter_voltage": lost})
+    truth = {"R": of.resistance, "inverter_voltage": lost}
+    return Bench(columns, of.pole_pairs, truth, of, gains[:3])
+
+
+def recorded(bench: Bench, number: int) -> Experiment:
+    """Return a recording of the machine, by sensors of the same gains."""
+    of, random = bench.of, np.random.default_rng([37, number])
+    rate = float(np.exp(random.uniform(np.log(12), np.log(120))))
+    reference = Lissajous(0.8 * of.current_limit, rate, rate * 13 / 12)
+    rated = of.dc_voltage / np.sqrt(3) / of.magnet_flux_linkage / of.pole_pairs
+    sensors = CurrentSensors(noise=2e-3 * of.current_limit)
+    speed_rpm = float(random.uniform(0.1, 0.6) * rated * 30 / np.pi)
+    what = {"speed_rpm": speed_rpm, "duration": 1.0, "seed": number}
+    run = simulate(of, reference, **what, drive=Drive(current_sensors=sensors))
+    kinds = (("i_d", "i_q"), ("u_d", "u_q"), ("omega_el",))
+    scaled = {
+        name: gain * run.channels[name]
+        for gain, names in zip(bench.gains, kinds, strict=True)
+        for name in names
+    }
+    return replace(run, channels={**run.channels, **scaled})
 
 
 @dataclass(frozen=True)
@@ -106,6 +140,7 @@ class Outcome:
 
     verdict: str
     resistance: bool
+    # Whether the interval of the inverter's voltage covers, where it is asked for.
     inverter: bool
     # Half width of the interval of R over R.
     width: float
@@ -121,7 +156,52 @@ class Outcome:
             inside.append(low <= true <= high)
         resistance, true = fit.parameters["R"], truth["R"]
         half = resistance.interval_95[1] - resistance.value
-        return cls(fit.horizon.verdict, *inside, half / true, resistance.value / true - 1)
+        covers = inside if len(inside) > 1 else [*inside, True]
+        return cls(fit.horizon.verdict, *covers, half / true, resistance.value / true - 1)
+
+
+def beside(number: int) -> dict[str, Outcome]:
+    """Identify a recording alone, its points alone, and both together, by the command."""
+    bench, found = drawn(number), {}
+    options = ["--pole-pairs", str(bench.pole_pairs)]
+    with tempfile.TemporaryDirectory() as folder:
+        run, points = Path(folder) / "run.csv", Path(folder) / "points.csv"
+        save(recorded(bench, number), run)
+        _write(points, bench.columns)
+        both = ["--points", str(points)]
+        cases = {"recording": (run, []), "points": (points, []), "both": (run, both)}
+        for name, (file, more) in cases.items():
+            ended = identify([file], Path(folder) / name, *options, *more)
+            found[name] = Outcome.of(ended.fit(), {"R": bench.truth["R"]})
+    return found
+
+
+def _write(file: Path, columns: Mapping[str, FloatArray]) -> None:
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(file, rows, "%.9g", ",", header=",".join(columns), comments="")
+
+
+def main_beside(count: int) -> None:
+    """Print a line a draw, and how many intervals cover, how wide in the median, how many wider."""
+    every = []
+    for number in range(count):
+        every.append(beside(number))
+        parts = [
+            f"{name} {o.verdict} {100 * o.error:+.2f} ± {100 * o.width:.2f} %"
+            f"{'' if o.resistance else ' *'}"
+            for name, o in every[-1].items()
+        ]
+        print(f"{number:3d} {'; '.join(parts)}", flush=True)
+    for name in every[0]:
+        sure = [one[name] for one in every if one[name].verdict in (ANSWERED, *AVERAGED)]
+        covered = np.mean([one.resistance for one in sure])
+        width = np.median([one.width for one in sure])
+        print(
+            f"{name}: {len(sure)} of {count} positive, {100 * covered:.0f} % cover, half width "
+            f"{100 * width:.2f} %"
+        )
+    wider = [one["both"].width / min(one["recording"].width, one["points"].width) for one in every]
+    print(f"both over the narrower of either: {np.median(wider):.2f}, at most {max(wider):.2f}")
 
 
 def identified(bench: Bench, torque: bool, command: bool) -> Outcome:
@@ -129,8 +209,7 @@ def identified(bench: Bench, torque: bool, command: bool) -> Outcome:
     columns = {n: v for n, v in bench.columns.items() if torque or n != "torque"}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "points.csv"
-        rows = np.column_stack(list(columns.values()))
-        np.savetxt(file, rows, "%.9g", ",", header=",".join(columns), comments="")
+        _write(file, columns)
         options = ["--pole-pairs", str(bench.pole_pairs)]
         if command:
             return Outcome.of(identify([file], Path(folder) / "out", *options).fit(), bench.truth)
@@ -174,4 +253,7 @@ def print_table(found: Mapping[bool, Sequence[Outcome]]) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else COUNT)
+    if sys.argv[1:2] == ["beside"]:
+        main_beside(int(sys.argv[2]) if len(sys.argv) > 2 else 20)
+    else:
+        main(int(sys.argv[1]) if len(sys.argv) > 1 else COUNT)

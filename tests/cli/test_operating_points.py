@@ -5,8 +5,11 @@ import json
 import numpy as np
 import pytest
 from tests.pmsm.points.test_operating_points import PAIRS, R, measured
+from validate.operating_points import flux
 
-from penode import Fit
+from penode import Experiment, Fit
+from penode.bench.machines import TRACTION_300A
+from penode.data.save import save
 from penode.pmsm import export
 
 
@@ -37,11 +40,42 @@ def test_the_command_reads_a_table_and_writes_a_whole_result(tmp_path, penode):
     export(again, "c", tmp_path / "machine.h")
 
 
+def test_points_beside_a_recording_narrow_its_answer(tmp_path, penode, slow_run):
+    """Of the machine of the recording: its flux linkage at the recording's own currents."""
+    save(slow_run, tmp_path / "run.csv")
+    chosen = np.linspace(100, len(slow_run) - 100, 30).astype(int)
+    i = slow_run.stack(("i_d", "i_q"))[chosen]
+    psi_d, psi_q = flux(TRACTION_300A, i[:, 0] + 1j * i[:, 1]).view(float).reshape(-1, 2).T
+    speed = np.where(np.arange(30) % 2, 100.0, 500.0)
+    resistance = TRACTION_300A.resistance
+    voltages = {
+        "u_d": resistance * i[:, 0] - speed * psi_q,
+        "u_q": resistance * i[:, 1] + speed * psi_d,
+    }
+    noise = 0.02 * np.random.default_rng(1).normal(size=(2, 30))
+    voltages = {n: v + own for (n, v), own in zip(voltages.items(), noise, strict=True)}
+    channels = {**voltages, "i_d": i[:, 0], "i_q": i[:, 1], "omega_el": speed}
+    file = written(tmp_path, Experiment("points.csv", 1.0, channels))
+    options = ("--horizon", 2, "--hold", "dq", "--no-inverter", "--angle-orders", "none")
+    run, out = tmp_path / "run.csv", tmp_path / "out"
+    ended = penode("identify", run, "--points", file, *options, "--out", out)
+    assert ended.returncode == 0, ended.stderr
+    again = Fit.load(out)
+    low, high = again.parameters["R"].interval_95
+    assert low < resistance < high
+    assert "operating points" in [row.source for row in again.parameters["R"].budget]
+    assert "30 operating points narrow R and the map" in (out / "result.json").read_text()
+    page = (out / "report.html").read_text()
+    assert "Points against the model" in page
+    assert "This section is left out" not in page
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
         (("identify", "{file}", "{file}", "--out", "{out}"), "must be the only file, got 2"),
         (("identify", "{file}", "--horizon", "5", "--out", "{out}"), "which has no horizon"),
+        (("identify", "{file}", "--points", "{file}", "--out", "{out}"), "which has no horizon"),
         (("check", "{file}"), "a table of operating points must be given to penode identify"),
     ],
 )

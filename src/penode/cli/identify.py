@@ -2,6 +2,7 @@
 
 import time
 import webbrowser
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -20,7 +21,7 @@ from penode.identify import Stopped
 from penode.pmsm.points.identify import identify_points
 from penode.pmsm.points.operating_points import load_runs
 from penode.pmsm.result_files import write_answer
-from penode.pmsm.study import identify
+from penode.pmsm.study import identify, identify_with_points
 from penode.pmsm.study_file import load_study
 
 
@@ -29,6 +30,10 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     out: options.OutFolder,
     validate: Annotated[
         list[Path] | None, typer.Option(help="Recording to predict, not to train on. Repeatable.")
+    ] = None,
+    points: Annotated[
+        Path | None,
+        typer.Option(help="Table of operating points of the same bench, which narrows R and map."),
     ] = None,
     config: options.Config = None,
     horizon: Annotated[
@@ -85,7 +90,8 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     Ctrl-C stops with the best so far, written as a whole result; the same command with --resume
     added goes on after the last finished horizon. Ctrl-C a second time leaves at once.
 
-    Exit status: 0 done, 1 the data cannot answer, 2 unusable input, 130 stopped.
+    Exit status: 0 done, 1 the data cannot answer, 2 unusable input, 70 a failure of penode, 130
+    stopped.
 
     Example: penode identify run.csv --validate other.csv --out result
     """
@@ -105,18 +111,22 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     asked = load_study(
         config, settings if horizon is None else {**settings, "horizon": _steps(horizon)}
     )
-    recordings, points = load_runs(runs, asked.mapping)
-    if points is not None:
-        _require_points_alone(horizon=horizon, validate=validate, hold=hold, purpose=purpose)
+    recordings, alone = load_runs(runs, asked.mapping)
+    if alone is not None:
+        _require_points_alone(
+            horizon=horizon, validate=validate, hold=hold, purpose=purpose, points=points
+        )
         with claimed(out):
-            fit = signed(identify_points(points, asked.study), began)
+            fit = signed(identify_points(alone, asked.study), began)
             write_answer(fit, out)
         return _ended(fit, out, as_json, show)
+    beside = None if points is None else asked.load_points(points)
     unseen = [stretch for run in validate or [] for stretch in asked.load_stretches(run)]
     stopped = False
     with watched(out, ERRORS, checkpoint) as observer:
         try:
-            fit = identify(
+            train = identify if beside is None else partial(identify_with_points, points=beside)
+            fit = train(
                 recordings,
                 study=asked.study,
                 validation=unseen,

@@ -76,14 +76,29 @@ class LearnedUncertainty:
         if layout.linear_members[~ours].all():
             gap = self.agreeing - self.weights @ self.agreeing
             covariance = covariance + (self.weights * gap.T) @ gap
-        with float64():
-            slopes = np.asarray(_physical_slopes(model, on_device(layout.raw(model))))
+        slopes = physical_slopes(model)
         inverse = np.linalg.inv(slopes[:, ours])
         within = covariance[np.ix_(ours, ours)]
         follow = covariance[:, ours] @ np.linalg.pinv(within, rcond=_NO_VARIANCE, hermitian=True)
         follow[ours] = np.eye(ours.sum())
         change = inverse @ reported @ inverse.T - within
         return np.asarray(covariance + follow @ change @ follow.T)
+
+
+def physical_slopes(model: Model) -> FloatArray:
+    """Return d(physical)/d(raw) of a model without batch axis, (physical, parameter)."""
+    layout: Layout[Model] = Layout(model)
+    with float64():
+        return np.asarray(_physical_slopes(model, on_device(layout.raw(model))))
+
+
+def map_slopes(model: Model, points: FloatArray) -> FloatArray:
+    """Return d(map)/d(raw) at points (point, state), (point, output, parameter)."""
+    layout: Layout[Model] = Layout(model)
+    with float64():
+        at = on_device(np.asarray(points, dtype=float).T)
+        slopes = np.asarray(_slopes(model, on_device(layout.raw(model)), at))
+    return np.moveaxis(slopes, 1, 0)
 
 
 @jax.jit

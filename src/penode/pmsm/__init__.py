@@ -2,7 +2,8 @@
 
 From a recording to a result
     `load_study` or `guess_study`, `check_recordings`; `identify` with a `Study` and the
-    `Accuracy` of the bench, `identify_points` where all stand still; `write`.
+    `Accuracy` of the bench, `identify_points` where all stand still, `identify_with_points`
+    where both were recorded; `write`.
 What the result is used for
     `export`, `ControlledMachine`, `control_loci`, `mtpa` and `operating_points`, `compare_maps`,
     `torque_of` a recording.
@@ -30,7 +31,7 @@ from penode.pmsm.recording_check import check_recordings
 from penode.pmsm.report.line_causes import named_lines
 from penode.pmsm.result_files import write
 from penode.pmsm.simulation.simulated_drive import torque_of
-from penode.pmsm.study import identify
+from penode.pmsm.study import identify, identify_with_points
 from penode.pmsm.study_file import load_study
 from penode.pmsm.study_settings import Study
 
@@ -53,6 +54,7 @@ __all__ = [
     "guess_study",
     "identify",
     "identify_points",
+    "identify_with_points",
     "load_study",
     "mtpa",
     "named_lines",

@@ -26,6 +26,8 @@ from penode.pmsm.conventions.check import Conventions, judge
 from penode.pmsm.machine.dead_time import PhaseSigns
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.standstill import counted_from_zero
+from penode.pmsm.points.beside import with_points
+from penode.pmsm.points.identify import balances_of
 from penode.pmsm.precheck.objections import machine_checks, uncertain_resistance
 from penode.pmsm.precheck.unused_samples import unused_samples
 from penode.pmsm.recording.channels import drive_recording
@@ -43,7 +45,6 @@ _SKEWED = (
 )
 
 
-@one_blas_thread
 def identify(
     experiments: Sequence[Experiment],
     *,
@@ -86,6 +87,59 @@ def identify(
         On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """
     asked = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
+    fit = identified(experiments, asked, validation, observer, checkpoint)
+    return uncertain_resistance(counted_from_zero(fit))
+
+
+def identify_with_points(
+    experiments: Sequence[Experiment],
+    points: Experiment,
+    *,
+    study: Study = DEFAULT_STUDY,
+    validation: Sequence[Experiment] = (),
+    observer: Observer = ignore_events,
+    checkpoint: Checkpoint | None = None,
+) -> Fit:
+    """Identify a machine from drive recordings and a table of operating points of the same bench.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        As `identify` takes them.
+    points : Experiment
+        As `penode.pmsm.identify_points` takes them.
+    study, validation, observer, checkpoint
+        As `identify` takes them; the flux map must be ``coenergy``.
+
+    Returns
+    -------
+    Fit
+        That of the recordings, R and map narrowed by the points, with ``fit.stationary``; where no
+        horizon was preferred it is that of the recordings alone. Recordings are predicted without
+        the points.
+
+    Raises
+    ------
+    InputError
+        As from `identify`; if the map is another one, a channel that the points need is missing, or
+        they lie beyond the currents of the recordings.
+    Stopped
+        As from `identify`, of the recordings alone.
+    """
+    balances = balances_of(points, study)
+    fit = identified(experiments, study, validation, observer, checkpoint)
+    return uncertain_resistance(counted_from_zero(with_points(fit, balances)))
+
+
+@one_blas_thread
+def identified(
+    experiments: Sequence[Experiment],
+    asked: Study,
+    validation: Sequence[Experiment],
+    observer: Observer,
+    checkpoint: Checkpoint | None,
+) -> Fit:
+    """Return the fit before its verdict says whether R is known well enough."""
     read = _Read.of(experiments, validation, asked)
     words = {entry.name.replace("_", " "): getattr(asked, entry.name) for entry in fields(asked)}
     kept = None if checkpoint is None else checkpoint.begun(words)
@@ -103,8 +157,7 @@ def identify(
         observer=observer,
     )
     reason = " ".join(filter(None, [fit.horizon.reason, left_out(experiments, read.usable)]))
-    fit = replace(fit, horizon=replace(fit.horizon, reason=reason))
-    return uncertain_resistance(counted_from_zero(fit))
+    return replace(fit, horizon=replace(fit.horizon, reason=reason))
 
 
 @dataclass(frozen=True, eq=False)

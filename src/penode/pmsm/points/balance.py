@@ -7,7 +7,7 @@ deviations of the declared accuracy as priors, the map that of a smooth coenergy
 the noise of voltages and torque are what makes the points most likely.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -151,14 +151,52 @@ class PointsBalance:
         both = slice(0, voltages, 2), slice(1, voltages, 2)
         return (*both, slice(voltages, None)) if self.torque else both
 
-    def solve(self) -> Solved:
-        """Solve for map, parameters and imperfections, which follow each other."""
+    @cached_property
+    def likeliest(self) -> tuple[PointsSolution, "_Search"]:
+        """The solution with the most likely noise; map and imperfections follow each other."""
         drive: KnownDrive | None = None
         for _ in range(_ROUNDS):
-            search = _Search.of(self, self._matrix(drive))
+            search = _Search.of(self, self._matrix(drive, self._basis))
             likeliest = search.solution(self._most_likely(search))
             drive = self._drive(likeliest)
+        return likeliest, search
+
+    def solve(self) -> Solved:
+        """Solve for map, parameters and imperfections."""
+        likeliest, search = self.likeliest
         return Solved(search.around(self._most_likely(search)), likeliest, search.matrix)
+
+    @property
+    def noise(self) -> FloatArray:
+        """Deviation of the noise of u_d and u_q in V, and of the torque in Nm."""
+        return self.likeliest[0].noise
+
+    def rows(self, psi: FloatArray) -> FloatArray:
+        """Return what each coefficient adds to each equation, of another map.
+
+        `psi` (point, 2, coefficient) is what its coefficients add to the flux linkage in Vs.
+        """
+        return self._matrix(self._drive(self.likeliest[0]), psi)
+
+    def prior_deviations(self, flat: float) -> FloatArray:
+        """Return those of all coefficients but the map's, SI units.
+
+        Of what nothing is believed `flat` times the largest current, voltage or torque.
+        """
+        return np.where(self._precision > 0, np.maximum(self._precision, 1e-300) ** -0.5, flat)
+
+    def left(self, psi: FloatArray, values: Mapping[str, float]) -> FloatArray:
+        """Return what psi (point, 2) in Vs and parameters by name leave of each equation."""
+        _, by_parameter, by_psi = self._columns
+        names = list(physical_values(self.terms))
+        known = np.array([values.get(name, 0.0) for name in names])
+        said = by_parameter @ known + np.einsum("pij,pj->pi", by_psi, psi)
+        left = (self._voltages - self.known - said).ravel()
+        if not self.torque:
+            return left
+        i_d, i_q = self.points.stack(CURRENTS).T
+        torque = 1.5 * (self.pole_pairs or 0) * (psi[:, 0] * i_q - psi[:, 1] * i_d)
+        return np.concatenate([left, self.points.channels[TORQUE] - torque])
 
     def _drive(self, solution: PointsSolution) -> KnownDrive:
         place = self.names.index("R") if "R" in self.names else None
@@ -175,10 +213,14 @@ class PointsBalance:
     def _columns(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         return term_columns(self.points, self.terms)
 
-    def _matrix(self, drive: KnownDrive | None) -> FloatArray:
-        """Return what each coefficient adds to voltages and torques; the imperfections' last."""
+    @cached_property
+    def _basis(self) -> FloatArray:
+        """What each coefficient of the own map adds to psi, (point, 2, coefficient), Vs."""
+        return self.scales[1] * columns(self.part, self.points.stack(CURRENTS) / self.scales[0])
+
+    def _matrix(self, drive: KnownDrive | None, basis: FloatArray) -> FloatArray:
+        """Return what each coefficient adds to voltages and torques; the map's last."""
         _, by_parameter, by_psi = self._columns
-        basis = self.scales[1] * columns(self.part, self.points.stack(CURRENTS) / self.scales[0])
         count, outer = len(self.points), by_parameter.shape[2]
         zeros = np.zeros((count, 2, 2 * self.torque))
         changes = [self._changed(one, std, drive) for one, std in self.imperfections.values()]

@@ -81,7 +81,7 @@ def identify_points(points: Experiment, study: Study = DEFAULT_STUDY) -> Fit:
         are missing.
     """
     began = time.monotonic()
-    balances = _balances(points, study)
+    balances = balances_of(points, study)
     solved = [one.solve() for one in balances]
     best = min(range(len(solved)), key=lambda k: solved[k].solution.evidence)
     balance, solution = balances[best], mixed(one.solution for one in solved)
@@ -95,7 +95,7 @@ def identify_points(points: Experiment, study: Study = DEFAULT_STUDY) -> Fit:
         model=machine,
         parameters=estimates,
         horizon=choice,
-        excited=_between(points.stack(CURRENTS)),
+        excited=between(points.stack(CURRENTS)),
         comparisons=(),
         stationary=stationary,
         learned_uncertainty=_uncertainty(balance, solution, machine),
@@ -103,7 +103,7 @@ def identify_points(points: Experiment, study: Study = DEFAULT_STUDY) -> Fit:
     )
 
 
-def _balances(points: Experiment, study: Study) -> list[PointsBalance]:
+def balances_of(points: Experiment, study: Study) -> list[PointsBalance]:
     """Return the balance with each width of the inverter's knee, which few points show."""
     largest = float(np.abs(points.stack(CURRENTS)).max())
     if TORQUE in points.channels and study.pole_pairs is None:
@@ -133,7 +133,7 @@ def _balances(points: Experiment, study: Study) -> list[PointsBalance]:
     return balances
 
 
-def _between(currents: FloatArray) -> FloatArray:
+def between(currents: FloatArray) -> FloatArray:
     """Return currents (point, 2) with some between neighbours, where a smooth map interpolates."""
     try:
         corners = currents[Delaunay(currents).simplices]
@@ -179,8 +179,37 @@ def _comparison(balance: PointsBalance, solved: Solved) -> StationaryComparison:
         deviation[rows] = own
     fitted = matrix @ solution.mean
     without, spread = left_out(matrix, balance.target, solution, deviation)
+    return _beside(balance, balance.target, fitted, without, spread)
+
+
+def compared(
+    balance: PointsBalance, left: FloatArray, expected: FloatArray
+) -> StationaryComparison:
+    """Return the points beside a model that leaves `left`, of covariance `expected`, of them.
+
+    The model knew none of them: each is told by it and by all other points (Rasmussen and Williams,
+    Gaussian Processes for Machine Learning, 5.4.2).
+    """
+    precision = np.linalg.inv(expected)
+    spread = np.diag(precision) ** -0.5
+    without = balance.target - precision @ left * spread**2
+    noise = np.ones(len(left))
+    for rows, own in zip(balance.outputs, balance.noise, strict=True):
+        noise[rows] = own
+    fitted = balance.target - noise**2 * (precision @ left)
+    return _beside(balance, balance.target, fitted, without, spread)
+
+
+def _beside(
+    balance: PointsBalance,
+    target: FloatArray,
+    fitted: FloatArray,
+    without: FloatArray,
+    spread: FloatArray,
+) -> StationaryComparison:
+    """Return equations as the quantities that were measured."""
     count = len(balance.points)
-    known = np.concatenate([balance.known.ravel(), np.zeros(len(balance.target) - 2 * count)])
+    known = np.concatenate([balance.known.ravel(), np.zeros(len(target) - 2 * count)])
 
     def table(values: FloatArray) -> FloatArray:
         voltages, torque = values[: 2 * count].reshape(count, 2), values[2 * count :]
@@ -192,7 +221,7 @@ def _comparison(balance: PointsBalance, solved: Solved) -> StationaryComparison:
         name=balance.points.name,
         quantities=names[:shown],
         units=units[:shown],
-        measured=table(balance.target + known),
+        measured=table(target + known),
         fitted=table(fitted + known),
         without=table(without + known),
         deviation=table(spread),

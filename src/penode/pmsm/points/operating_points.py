@@ -53,7 +53,7 @@ def load_runs(
         elif len(paths) > 1:
             raise InputError(
                 f"{path}: a table of operating points (no column {TIME}) must be the only file, "
-                f"got {len(paths)}; identify it on its own."
+                f"got {len(paths)}; beside recordings give it with --points."
             )
         else:
             return [], points_of(path, mapping, table, source)

@@ -82,6 +82,7 @@ def _times(order: float) -> str:
 
 #: Sections of a machine's report in place of those of any fit.
 _OWN: dict[Part, tuple[Part, ...]] = {
+    uncertainty_budget: (uncertainty_budget, points_balance),
     sections.learned_maps: (flux_linkage, inductances, torque_and_operating_points),
     sections.residual_section: (residual,),
     sections.loss_weighting: (loss_weighting,),
@@ -135,7 +136,7 @@ def machine_report(fit: Fit, against: Against | None = None) -> str:
     str
         The page; save it as UTF-8.
     """
-    page = MACHINE_PAGE if fit.stationary is None else POINTS_PAGE
+    page = POINTS_PAGE if fit.stationary is not None and not fit.comparisons else MACHINE_PAGE
     if against is not None:
         maps = (*page.own.get(sections.learned_maps, ()), against.second_map)
         page = replace(page, own={**page.own, sections.learned_maps: maps})

@@ -1,0 +1,271 @@
+"""Operating points beside recordings: what points say narrows what recordings have shown.
+
+A fit of recordings is a Gaussian belief about R and the coefficients of the map; points are linear
+in both. What only the points may be wrong by (the inverter along the current, the angle, when the
+voltages act, friction) is open within its prior. The gains of the sensors are those of the
+recordings: both were measured on one bench, and no number of points makes them surer.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from penode.arrays import BoolArray, FloatArray, float64
+from penode.errors import InputError
+from penode.fit.fit import Estimate, Fit
+from penode.fit.learned_uncertainty import LearnedUncertainty, map_slopes, physical_slopes
+from penode.fit.outcome import Contribution, Objection
+from penode.horizon.objections import with_objections
+from penode.models.layout import Layout
+from penode.pmsm.machine.coenergy_map import CoenergySplines
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.space_vectors import CURRENTS
+from penode.pmsm.machine.term_registry import physical_values
+from penode.pmsm.points.balance import PointsBalance
+from penode.pmsm.points.identify import between, compared
+
+#: Gains that points and recordings share.
+_SHARED = ("current_gain", "voltage_gain", "speed_gain")
+#: Deviation of the points' angle, rad, which the map of the recordings shows; and that of what
+#: nothing is believed of, over the largest value of its kind.
+_ANGLE, _FLAT = np.deg2rad(3.0), 1e3
+#: Distance of points from recordings over what both allow beyond which they contradict each other.
+_APART = 2.0
+_SOURCE, _REMEDY = "operating points", "Record more operating points."
+
+
+def with_points(fit: Fit, balances: Sequence[PointsBalance]) -> Fit:
+    """Return the fit of recordings, narrowed by operating points; the same without a verdict.
+
+    `balances` are of the points, one a width of the inverter's knee. What the fit says of the
+    recordings stays: a gain that the points show is one of its channels too. Refuses another map
+    than ``coenergy``, and points beyond its currents.
+    """
+    machine, points = fit.model, balances[0].points
+    if not isinstance(machine, Machine) or not isinstance(machine.flux.network, CoenergySplines):
+        raise InputError("operating points beside recordings need the flux map coenergy.")
+    if not fit.horizon.answered or not np.isfinite(fit.covariance).all():
+        return fit
+    inside = np.abs(points.stack(CURRENTS)).max(axis=1) <= machine.flux.current_scale
+    if inside.sum() < 2:
+        raise InputError(
+            f"{points.name}: points must lie within the currents of the recordings, "
+            f"{machine.flux.current_scale:.3g} A, got {inside.sum()} of {len(points)}; record "
+            "larger currents."
+        )
+    used = replace(points, channels={n: v[inside] for n, v in points.channels.items()})
+    updates = [_Update(fit, machine, replace(balance, points=used)) for balance in balances]
+    likely = np.array([one.evidence for one in updates])
+    weight = np.exp(likely - likely.max())
+    weight /= weight.sum()
+    best = updates[int(weight.argmax())]
+    raw = np.tensordot(weight, np.stack([one.raw for one in updates]), axes=1)
+    apart = np.stack([one.raw - raw for one in updates])
+    spread = (weight * apart.T) @ apart
+    within = np.tensordot(weight, np.stack([one.covariance for one in updates]), axes=1)
+    return _narrowed(fit, best, raw, within + spread, spread)
+
+
+@dataclass(frozen=True, eq=False)
+class _Update:
+    """A fit of recordings, narrowed by points with one width of the inverter's knee."""
+
+    fit: Fit
+    machine: Machine
+    balance: PointsBalance
+
+    @cached_property
+    def layout(self) -> Layout[Machine]:
+        """Of the machine."""
+        return Layout(self.machine)
+
+    @cached_property
+    def before(self) -> FloatArray:
+        """Raw parameters of the recordings' fit (parameter,)."""
+        return self.layout.raw(self.machine)
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """Physical parameters by raw ones, (physical, parameter)."""
+        return physical_slopes(self.machine)
+
+    @cached_property
+    def belief(self) -> FloatArray:
+        """Covariance of the raw parameters that the recordings show, without the shared gains."""
+        joint = self.fit.learned_uncertainty.joint(self.machine, self.fit.covariance)
+        size = np.sqrt(np.maximum(np.diag(joint), 1e-300))
+        own = (joint - self.moved @ self.moved.T) / np.outer(size, size)
+        values, vectors = np.linalg.eigh(own)
+        root = vectors * np.sqrt(np.maximum(values, 0.0)) * size[:, None]
+        return np.asarray(root @ root.T)
+
+    @cached_property
+    def moved(self) -> FloatArray:
+        """What a deviation of each shared gain moves the raw parameters by, (parameter, gain)."""
+        return np.stack(list(self.shared.values()), axis=1)
+
+    @cached_property
+    def shared(self) -> dict[str, FloatArray]:
+        """The same by the name of the gain."""
+        learned = self.layout.members(("learned",))
+        of_map = np.where(learned, self.before, 0.0)
+        place = self.layout.physical.index("R")
+        of_resistance = np.zeros_like(self.before)
+        at = int(np.abs(self.slopes[place]).argmax())
+        of_resistance[at] = self.fit.parameters["R"].value / self.slopes[place, at]
+        moved = {
+            "current_gain": of_resistance + self._map_over_current(learned),
+            "voltage_gain": -of_resistance - of_map,
+            "speed_gain": of_map,
+        }
+        found = self.balance.imperfections
+        return {n: found[n][1] * moved[n] for n in _SHARED if n in found}
+
+    def _map_over_current(self, learned: BoolArray) -> FloatArray:
+        """Return raw coefficients of the map L i, by which a gain of the currents changes psi."""
+        at = self.fit.excited
+        inductance = self.machine.maps()["differential_inductance"](*at.T)
+        target = np.einsum("djm,mj->md", inductance, at).ravel()
+        columns = map_slopes(self.machine, at).reshape(target.size, -1)[:, learned]
+        moved = np.zeros_like(self.before)
+        moved[learned] = np.linalg.lstsq(columns, target, rcond=1e-6)[0]
+        return moved
+
+    @cached_property
+    def matrix(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What raw parameters, shared gains and all else of the points add to each equation.
+
+        The last are scaled to deviations of 1.
+        """
+        balance = self.balance
+        psi = map_slopes(self.machine, balance.points.stack(CURRENTS))
+        rows = balance.rows(psi)
+        names, count = balance.names, len(balance.names)
+        terms = list(physical_values(balance.terms))
+        of_model = rows[:, count:].copy()
+        for k, name in enumerate(terms):
+            if name in self.layout.physical:
+                of_model += np.outer(rows[:, k], self.slopes[self.layout.physical.index(name)])
+        own = [k for k, n in enumerate(names) if n not in (*self.layout.physical, *_SHARED)]
+        scale = balance.prior_deviations(_FLAT)[own]
+        angle = [names[k] == "angle" for k in own]
+        widened = np.where(angle, _ANGLE / balance.imperfections["angle"][1], 1.0)
+        shared = [names.index(name) for name in self.shared]
+        return of_model, rows[:, shared], rows[:, own] * scale * widened
+
+    @cached_property
+    def noise(self) -> FloatArray:
+        """Deviation of each equation's noise, as the points alone show it."""
+        deviation = np.ones(len(self.balance.target))
+        for rows, own in zip(self.balance.outputs, self.balance.noise, strict=True):
+            deviation[rows] = own
+        return deviation
+
+    @cached_property
+    def left(self) -> FloatArray:
+        """What the recordings' fit leaves of each equation."""
+        psi = np.asarray(self.machine.maps()["flux_map"](*self.balance.points.stack(CURRENTS).T))
+        values = {name: self.fit.parameters[name].value for name in self.layout.physical}
+        return self.balance.left(psi.T, values)
+
+    @cached_property
+    def gain(self) -> tuple[FloatArray, FloatArray]:
+        """The gain of the update (parameter, equation), and the covariance of what is left."""
+        of_model, of_gains, own = self.matrix
+        # The gains moved the recordings' estimate too.
+        apart = of_gains - of_model @ self.moved
+        by_map = self.belief @ of_model.T
+        crossed = by_map - self.moved @ apart.T
+        expected = of_model @ by_map + apart @ apart.T + own @ own.T + np.diag(self.noise**2)
+        return np.asarray(np.linalg.solve(expected, crossed.T).T), expected
+
+    @cached_property
+    def raw(self) -> FloatArray:
+        """Raw parameters (parameter,)."""
+        return np.asarray(self.before + self.gain[0] @ self.left)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Covariance of the raw parameters."""
+        gain, expected = self.gain
+        before = self.belief + self.moved @ self.moved.T
+        return np.asarray(before - gain @ expected @ gain.T)
+
+    @cached_property
+    def evidence(self) -> float:
+        """Log likelihood of the points, given the recordings."""
+        expected = self.gain[1]
+        squares = self.left @ np.linalg.solve(expected, self.left)
+        return float(-0.5 * (squares + np.linalg.slogdet(expected)[1]))
+
+    @property
+    def distance(self) -> float:
+        """How far the points are from the recordings, over what both allow; about 1."""
+        squares = self.left @ np.linalg.solve(self.gain[1], self.left)
+        return float(np.sqrt(squares / len(self.left)))
+
+    def budget(self, place: int, total: float, spread: float) -> tuple[Contribution, ...]:
+        """Return the budget of a physical parameter of variance `total`, `spread` by the knees."""
+        name, slope = self.layout.physical[place], self.slopes[place]
+        before = self.fit.parameters[name].budget
+        of_model, of_gains, own = self.matrix
+        of_equations = slope @ self.gain[0]
+        sources = {self.balance.imperfections[n][0].source: k for k, n in enumerate(self.shared)}
+        by_gain = slope @ self.moved + of_equations @ (of_gains - of_model @ self.moved)
+        of_points = np.sum((of_equations @ own) ** 2) + np.sum((of_equations * self.noise) ** 2)
+        rest = max(total - spread - of_points - np.sum(by_gain**2), 0.0)
+        others = sum(row.std**2 for row in before if row.source not in sources)
+        part = np.sqrt(rest / others) if others else 0.0
+        rows = [
+            replace(row, std=abs(float(by_gain[sources[row.source]])))
+            if row.source in sources
+            else replace(row, std=float(part * row.std))
+            for row in before
+        ]
+        rows.append(Contribution(_SOURCE, float(np.sqrt(of_points + spread)), remedy=_REMEDY))
+        return tuple(sorted(rows, key=lambda row: -row.std))
+
+
+def _narrowed(
+    fit: Fit, best: _Update, raw: FloatArray, covariance: FloatArray, spread: FloatArray
+) -> Fit:
+    """Return the fit at raw parameters; `spread` is the part of their covariance by the knees."""
+    layout, slopes, points = best.layout, best.slopes, best.balance.points
+    with float64():
+        model: Machine = layout.plain_model(raw)
+    values = slopes @ (raw - best.before)
+    estimates = {}
+    for k, name in enumerate(layout.physical):
+        old, (total, knees) = (
+            fit.parameters[name],
+            (float(slopes[k] @ part @ slopes[k]) for part in (covariance, spread)),
+        )
+        rows, std = best.budget(k, total, knees), float(np.sqrt(total))
+        shown = old.identifiability, old.meaning, rows
+        estimates[name] = Estimate.of(old.value + float(values[k]), std, old.unit, *shown)
+    about = (
+        f"{points.name}: {len(points)} operating points narrow R and the map; recordings are "
+        "predicted without them."
+    )
+    structure = [*fit.provenance.get("structure", ()), about]
+    narrowed = replace(
+        fit,
+        model=model,
+        parameters=estimates,
+        excited=np.concatenate([between(points.stack(CURRENTS)), fit.excited]),
+        stationary=compared(best.balance, best.left, *best.gain[1:]),
+        covariance=slopes @ covariance @ slopes.T,
+        learned_uncertainty=LearnedUncertainty(covariance, raw[None], np.ones(1)),
+        provenance={**fit.provenance, "structure": structure},
+    )
+    if best.distance <= _APART:
+        return narrowed
+    objection = Objection(
+        "points contradict",
+        f"{points.name}: the points are {best.distance:.1f} times as far from what the recordings "
+        "say as the accuracy of both allows.",
+        "Check units, signs and temperature of both, or identify them one by one.",
+    )
+    return with_objections(narrowed, [objection])

@@ -1,0 +1,144 @@
+"""Points beside recordings: the update against stacked least squares, gains that both share."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.pmsm.points.test_operating_points import STUDY, R, measured
+
+from penode import InputError
+from penode.arrays import float64
+from penode.fit.fit import Estimate, HorizonChoice
+from penode.fit.learned_uncertainty import LearnedUncertainty, map_slopes
+from penode.fit.outcome import Contribution
+from penode.models.layout import Layout
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.machine.terms import Resistance
+from penode.pmsm.points.beside import _SHARED, _Update, with_points
+from penode.pmsm.points.identify import balances_of, identify_points
+
+STD = 0.004 * R
+
+
+@pytest.fixture(scope="module")
+def fit():
+    """Return what recordings of the same machine might have shown: R to 0.4 %, the map to 1 mVs."""
+    points = measured(count=60, seed=5)
+    alone = identify_points(points, STUDY)
+    model = Machine(alone.model.flux, (Resistance(R),))
+    layout = Layout(model)
+    slopes = map_slopes(model, points.stack(("i_d", "i_q"))).reshape(-1, layout.size)
+    precision = slopes.T @ slopes / 1e-3**2 + 10.0 * np.eye(layout.size)
+    at = layout.physical_members
+    precision[at, at] = STD**-2
+    fit = replace(
+        alone,
+        model=model,
+        parameters={"R": Estimate.of(R, STD, "ohm", 0.9)},
+        horizon=HorizonChoice(50, "plateau", "Horizons agree.", ()),
+        stationary=None,
+    )
+    return believed(fit, np.linalg.inv(precision), points)
+
+
+def believed(fit, statistics, points, study=STUDY):
+    """Return a fit whose covariance is that of statistics and of the gains."""
+    one = _Update(fit, fit.model, balances_of(points, study)[1])
+    covariance, at = statistics + one.moved @ one.moved.T, one.layout.physical_members
+    place = int(np.flatnonzero(at)[0])
+    rows = [Contribution("statistics", float(np.sqrt(statistics[place, place])))]
+    for name, moved in one.shared.items():
+        rows.append(Contribution(one.balance.imperfections[name][0].source, abs(moved[place])))
+    std, value = float(np.sqrt(covariance[place, place])), fit.parameters["R"].value
+    return replace(
+        fit,
+        parameters={"R": Estimate.of(value, std, "ohm", 0.9, "", tuple(rows))},
+        covariance=covariance[np.ix_(at, at)],
+        learned_uncertainty=LearnedUncertainty(covariance, one.before[None], np.ones(1)),
+    )
+
+
+def update(fit, points, study=STUDY):
+    return _Update(fit, fit.model, balances_of(points, study)[1])
+
+
+def test_it_is_least_squares_of_recordings_gains_and_points_together(fit):
+    one = update(fit, measured(count=25, seed=3))
+    of_model, of_gains, own = one.matrix
+    size, gains, rest = one.layout.size, of_gains.shape[1], own.shape[1]
+    values, vectors = np.linalg.eigh(one.belief)
+    root = vectors.T / np.sqrt(np.maximum(values, 1e-14 * values[-1]))[:, None]
+    none = np.zeros
+    stacked = np.block(
+        [
+            [root, root @ one.moved, none((size, rest))],
+            [none((gains, size)), np.eye(gains), none((gains, rest))],
+            [none((rest, size + gains)), np.eye(rest)],
+            [np.hstack([of_model, of_gains, own]) / one.noise[:, None]],
+        ]
+    )
+    target = np.concatenate([none(size + gains + rest), one.left / one.noise])
+    found = np.linalg.lstsq(stacked, target, rcond=None)[0]
+    covariance = np.linalg.inv(stacked.T @ stacked)[:size, :size]
+    at = one.layout.physical_members
+    assert one.raw[at] - one.before[at] == pytest.approx(found[:size][at], rel=1e-5)
+    assert one.covariance[at, at] == pytest.approx(covariance[at, at], rel=1e-5)
+    slopes = map_slopes(fit.model, np.array([[-50.0, 80.0]]))[0]
+    np.testing.assert_allclose(
+        slopes @ (one.raw - one.before), slopes @ found[:size], rtol=1e-4, atol=1e-8
+    )
+
+
+def test_points_narrow_resistance_and_map_and_the_budget_adds_up(fit):
+    points = measured(count=40, seed=7)
+    both = with_points(fit, balances_of(points, STUDY))
+    alone = identify_points(points, STUDY)
+    found = both.parameters["R"]
+    assert found.std < fit.parameters["R"].std
+    assert found.std < 1.05 * alone.parameters["R"].std  # which believes more of the map
+    assert abs(found.value - R) < 1.96 * found.std
+    assert "operating points" in [row.source for row in found.budget]
+    assert found.std**2 == pytest.approx(both.covariance[0, 0], rel=1e-6)
+    at = np.array([[-50.0, 80.0]])
+    assert (both.learned_deviation(at) < fit.learned_deviation(at)).all()
+    assert min(both.stationary.covered.values()) > 0.85
+    assert both.horizon == fit.horizon
+
+
+@pytest.mark.parametrize("gain", _SHARED)
+def test_a_gain_that_both_have_is_not_narrowed_by_points(fit, gain):
+    """Each is 2 % too large in both: nothing contradicts, and without torque nothing shows it."""
+    points, scale = measured(count=40, seed=9, torque=False), 1.02
+    channels = {"current_gain": ("i_d", "i_q"), "voltage_gain": ("u_d", "u_q")}
+    changed = channels.get(gain, ("omega_el",))
+    wrong = {n: scale * v if n in changed else v for n, v in points.channels.items()}
+    declared = replace(STUDY, accuracy=type(STUDY.accuracy)(**{gain: 0.02}))
+    wrong = replace(points, channels=wrong)
+    one = update(fit, wrong, declared)
+    with float64():
+        model = one.layout.plain_model(one.before - one.shared[gain])
+    value = float(model.terms[0].R)
+    recorded = replace(fit, model=model, parameters={"R": Estimate.of(value, STD, "ohm", 0.9)})
+    both = update(believed(recorded, one.belief, wrong, declared), wrong, declared)
+    assert both.distance < 1.5
+    place = int(np.flatnonzero(both.layout.physical_members)[0])
+    assert both.covariance[place, place] > 0.9 * one.shared[gain][place] ** 2
+
+
+def test_points_of_another_machine_contradict(fit):
+    found = with_points(fit, balances_of(measured(count=40, seed=7, resistance=3 * R), STUDY))
+    assert found.horizon.verdict == "implausible"
+    assert "Points contradict: points.csv" in found.horizon.reason
+
+
+def test_a_fit_without_an_answer_stays_as_it_is(fit):
+    refused = replace(fit, horizon=replace(fit.horizon, verdict="no plateau"))
+    assert with_points(refused, balances_of(measured(count=12), STUDY)) is refused
+
+
+def test_points_beyond_the_recordings_are_refused(fit):
+    points = measured(count=12)
+    far = {n: 20 * v if n in ("i_d", "i_q") else v for n, v in points.channels.items()}
+    balances = balances_of(replace(points, channels=far), STUDY)
+    with pytest.raises(InputError, match="must lie within the currents of the recordings"):
+        with_points(fit, balances)
