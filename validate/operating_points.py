@@ -119,10 +119,10 @@ def recorded(bench: Bench, number: int) -> Experiment:
     """Return a recording of the machine, by sensors of the same gains."""
     of, random = bench.of, np.random.default_rng([37, number])
     rate = float(np.exp(random.uniform(np.log(12), np.log(120))))
-    reference = Lissajous(0.8 * of.current_limit, rate, rate * 13 / 12)
+    reference = Lissajous(0.7 * of.current_limit, rate, rate * 13 / 12)
     rated = of.dc_voltage / np.sqrt(3) / of.magnet_flux_linkage / of.pole_pairs
     sensors = CurrentSensors(noise=2e-3 * of.current_limit)
-    speed_rpm = float(random.uniform(0.1, 0.6) * rated * 30 / np.pi)
+    speed_rpm = float(random.uniform(0.05, 0.25) * rated * 30 / np.pi)
     what = {"speed_rpm": speed_rpm, "duration": 1.0, "seed": number}
     run = simulate(of, reference, **what, drive=Drive(current_sensors=sensors))
     kinds = (("i_d", "i_q"), ("u_d", "u_q"), ("omega_el",))

@@ -285,7 +285,7 @@ def test_a_recording_where_a_result_is_wanted_is_refused_with_what_to_type(
     file = "run.parquet" if command == "compare with" else "run.csv"
     sentence = " ".join(done.stderr.split())
     assert f"{file}: this is a file where the folder of a result was wanted" in sentence
-    assert f"`penode identify {file} --out run`, then give run." in sentence
+    assert f"`penode identify {file} --out run`, with --config where it has" in sentence
 
 
 @pytest.mark.parametrize("name", ["result.json", "flux_map.csv", "fit/fit.json"])

@@ -218,7 +218,7 @@ def test_damaged_files_are_refused_in_a_sentence(archive, name, damage):
 @pytest.mark.parametrize("name", ["fit.json", "fit.npz"])
 def test_a_missing_file_is_named(archive, name):
     (archive / name).unlink()
-    with pytest.raises(InputError, match=rf"{name}: no such file; give the folder"):
+    with pytest.raises(InputError, match=rf"{name}: no such file or folder; give the folder"):
         read_archive(archive)
 
 

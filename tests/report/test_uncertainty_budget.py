@@ -51,7 +51,7 @@ def test_sensors_are_not_spoken_of_where_nothing_was_assumed(fit):
 
 def test_the_sentence_names_the_main_contributions():
     assert budget_sentence(R) == (
-        "half width 0.98 %: gain of the currents 0.78 (assumed 0.4 %), the data alone 0.59"
+        "half width 0.98 %: gain of the currents 0.78 % (assumed 0.4 %), the data alone 0.59 %"
     )
     assert budget_sentence(replace(R, value=0.0)) == ""
 
@@ -81,7 +81,7 @@ def test_a_source_is_named_from_a_fifth_of_the_largest_contribution_up(size, nam
     sentence = budget_sentence(Estimate.of(-10e-3, 1.02e-4, "ohm", budget=rows))
     assert ("delay" in sentence) == named
     assert sentence.startswith("half width 2.0 %: ")
-    assert sentence.endswith("the data alone 2.0")
+    assert sentence.endswith("the data alone 2.0 %")
 
 
 def test_what_is_unbounded_has_all_of_the_variance(fit):

@@ -88,8 +88,8 @@ def _coverage(check: RecordingCheck) -> list[Row]:
     speeds = ", ".join(dict.fromkeys(number(s * 30 / np.pi) for s in cover.speeds))
     summary = (
         f"Currents up to {number(cover.largest_current)} A over {number(100 * cover.fraction)} % "
-        f"of that disc, moving at up to {number(cover.current_rate)} rad/s; speed {speeds} rpm "
-        f"electrical."
+        f"of that disc, whose vector changes at up to {number(cover.current_rate)} rad/s; "
+        f"electrical speed {speeds} rpm."
     )
     return [("coverage", sentence) for sentence in (summary, *cover.advice)]
 
@@ -101,7 +101,7 @@ def _identifiability(check: RecordingCheck) -> list[Row]:
     rhos = ", ".join(f"{name} {rho:.2g}" for name, rho in judged.independence.items())
     summary = (
         f"Independence with the {judged.flux_map} map: {rhos} "
-        "(1 its own, below 0.01 not identifiable)."
+        "(1: nothing in the map looks like it; below 0.01: not identifiable)."
     )
     told = filter(None, (summary, judged.alarm, judged.repair and f"Repair: {judged.repair}"))
     return [

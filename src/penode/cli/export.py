@@ -10,6 +10,7 @@ from penode.cli.console import Row, print_rows
 from penode.cli.fits import load_machine, warn_if_unanswered
 from penode.cli.options import SavedFit, TrustClasses
 from penode.pmsm.exports.formats import FORMATS, export
+from penode.pmsm.exports.motorcad import reference_resistance
 from penode.pmsm.machine.flux_grid import interpolation_error
 from penode.report.quantities import number
 
@@ -51,6 +52,8 @@ def export_command(
                 f"interpolation is within {error} mVs",
             ),
         ]
+    if to == "motorcad" and reference_resistance(grid) is None:
+        rows.append(("note", "R is left out: this form has it at 20 degC, which is not known"))
     print_rows(rows)
     warn_if_unanswered(fit)
 

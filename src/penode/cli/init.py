@@ -32,7 +32,7 @@ def init_command(
 
     Example: penode init bench.mf4 --out bench.toml
     """
-    if out.exists():
+    if out.exists() and recording.exists():
         raise InputError(f"{out}: this file exists; remove it, or give another name with --out.")
     table, _ = read(recording)
     guess = guess_study(table)

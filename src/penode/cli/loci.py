@@ -152,9 +152,14 @@ def _figures(loci: ControlLoci) -> list[Row]:
     (i_d, i_q), torque = full.current[:, -1], full.torque[-1]
     beyond = ", beyond the recordings"
     most = f"{number(torque)} Nm at i_d {number(i_d)} A, i_q {number(i_q)} A"
+    if full.supported[0] and not full.supported[-1]:
+        last = int(np.argmin(full.supported)) - 1
+        beyond_mtpa = f"{beyond}, which support it up to {number(full.torque[last])} Nm"
+    else:
+        beyond_mtpa = "" if full.supported[-1] else beyond
     current = f"{number(float(np.hypot(*short.current)[0]))} A"
     rows: list[Row] = [
-        ("MTPA", most + ("" if full.supported[-1] else beyond)),
+        ("MTPA", most + beyond_mtpa),
         ("characteristic", current + ("" if short.supported[0] else beyond)),
     ]
     if not loci.mtpv.torque.size:

@@ -72,8 +72,9 @@ for _name in _NAMES.split():
 def _usage(error: Any) -> BaseException:
     """Return the refusal of wrong usage; the page of help that `penode` alone shows is none."""
     message = error.format_message().strip()
-    if "\n" in message:
-        error.show()
+    if "\n" in message or not message:
+        if message:
+            error.show()
         return SystemExit(error.exit_code)
     message = message.replace(". Did you mean", ", did you mean").rstrip(".?")
     page = error.ctx.command_path if error.ctx is not None else "penode"

@@ -147,8 +147,10 @@ def read_archive(folder: Path) -> tuple[dict[str, Any], dict[str, FloatArray]]:
     except InputError:
         raise
     except FileNotFoundError as error:
+        missing = error.filename if folder.parent.is_dir() else folder.parent
         raise InputError(
-            f"{error.filename}: no such file; give the folder that `penode identify --out` wrote."
+            f"{missing}: no such file or folder; give the folder that `penode identify --out` "
+            "wrote."
         ) from error
     except (ValueError, OSError, EOFError, RecursionError, *_BROKEN_ZIP) as error:
         raise InputError(

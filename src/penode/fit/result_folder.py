@@ -109,8 +109,8 @@ def _not_a_folder(file: Path) -> InputError:
     else:
         out = file.name.split(".")[0]
         repair = (
-            f"if it is a recording, identify it first: `penode identify {file} --out {out}`, then "
-            f"give {out}."
+            f"if it is a recording, identify it first: `penode identify {file} --out {out}`, with "
+            f"--config where it has a study file, then give {out}."
         )
     return InputError(f"{file}: this is a file where the folder of a result was wanted; {repair}")
 

@@ -65,7 +65,7 @@ _WORDS = (
     ("Horizon H", "How many samples ahead the model predicts by itself during training, from the "
      "measured states at the start and the inputs after that."),
     ("One step ahead", "Each sample predicted from what was measured before it (H = 1). Easy to "
-     "do well, and therefore a weak test."),
+     "do well, and therefore a weak test; noise counts twice in it, as it starts from a sample."),
     ("Free run", "A whole recording predicted from its first sample, without the measured states "
      "after it. The hardest test: errors may add up."),
     ("Plateau", "Neighbouring horizons whose estimates agree within their uncertainty. The "

@@ -42,8 +42,8 @@ def budget_sentence(estimate: Estimate) -> str:
     each = NORMAL_95 * 100 / abs(estimate.value)
     own = _assumed(estimate)
     main = [row for row in own if row.std >= _MINOR * estimate.budget[0].std]
-    parts = [f"{row.source} {number(each * row.std, 2)} (assumed {row.accuracy})" for row in main]
-    shown = f"the data alone {number(each * estimate.statistical_std, 2)}"
+    parts = [f"{row.source} {number(each * row.std, 2)} % (assumed {row.accuracy})" for row in main]
+    shown = f"the data alone {number(each * estimate.statistical_std, 2)} %"
     whole = f"half width {number(each * estimate.std, 2)} %"
     return f"{whole}: {', '.join([*parts, shown])}"
 
@@ -58,7 +58,7 @@ def _table(name: str, estimate: Estimate) -> Table:
     fractions = _fractions([row.std for row in shown])
     columns: list[Column] = [
         ("source", [row.source for row in shown]),
-        ("standard deviation assumed", [row.accuracy or "from the data" for row in shown]),
+        ("standard deviation of it", [row.accuracy or "from the data" for row in shown]),
         (
             f"contribution in {scale.unit}".rstrip(),
             [numeric(number(row.std * scale.factor, 2), row.std) for row in shown],
@@ -68,7 +68,8 @@ def _table(name: str, estimate: Estimate) -> Table:
     ]
     caption = (
         "Contributions are standard deviations; their squares add (JCGM 100:2008). The 95 % "
-        f"interval is the value ± {NORMAL_95} times their root sum of squares."
+        f"interval is the value ± {NORMAL_95} times their root sum of squares. Where recordings "
+        "show more of a source than was assumed of the bench, its deviation is what they leave."
     )
     return table(f"Standard uncertainty of {name}", columns, caption)
 

@@ -55,7 +55,7 @@ def test_every_map_and_hold_that_is_named_exists():
 
 
 def test_the_accuracies_are_those_assumed_and_each_can_be_given(study):
-    own = re.sub(r"^# (\[accuracy\]|\w+ = [\d.]+)$", r"\1", TEXT, flags=re.MULTILINE)
+    own = re.sub(r"^# (\[accuracy\]|\w+ = [\d.]+  # [\w ,]+)$", r"\1", TEXT, flags=re.MULTILINE)
     assert set(tomllib.loads(own)["accuracy"]) == set(DEFAULT_ACCURACY.declared)
     assert study(own).study.accuracy == DEFAULT_ACCURACY
 

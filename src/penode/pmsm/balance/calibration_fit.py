@@ -363,7 +363,8 @@ def _timing_sentences(
 ) -> Iterator[str]:
     """Yield what was found of the timing where it is corrected; delay and deviation in samples."""
     middle = timing.drive.ripple != 0.0
-    taken = [f"a delay of {timing['delay']:.3g}"] if timing["delay"] else []
+    late = timing["delay"]
+    taken = [f"a delay of {late:.3g} (`delay = {-late:.3g}` in a study file)"] if late else []
     taken += [f"a turn of {timing['turn']:.3g}"] if timing["turn"] and not middle else []
     if timing.drive.hold == "stationary":
         about = " about the middle of the sample" if middle else ""

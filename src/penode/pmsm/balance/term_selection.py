@@ -139,8 +139,11 @@ def _orders(
     kept = tuple(n for n in shown if _SAMPLES * n * fastest < 2 * np.pi)
     reasons = []
     if kept:
-        named = " and ".join(f"{n} ({_rounded(power[n] / floor[n])}-fold)" for n in kept)
-        reasons.append(f"Angle harmonics were included: orders {named} stand out of the residual.")
+        named = " and ".join(f"{n} ({_rounded(power[n] / floor[n])} times)" for n in kept)
+        reasons.append(
+            f"Angle harmonics were included: orders {named} stand out of the power of the residual "
+            "beside them."
+        )
     missed = [n for n in shown if n not in kept]
     if missed:
         reasons.append(

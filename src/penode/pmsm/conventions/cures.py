@@ -86,14 +86,21 @@ class Cure:
 
 
 AS_RECORDED = Cure("", (), "")
+#: A channel may have a sign in the study file already.
+_GIVEN = ", or take that away where it is given"
 #: The first of equals is named first.
 _SIGNS = (
-    Cure("reversed speed", (_SPEED,), "give omega_el sign = -1", factor=-1.0),
-    Cure("negative q current", ("i_q",), "give i_q sign = -1", _Q),
-    Cure("negative q voltage", ("u_q",), "give u_q sign = -1", voltages=_Q),
-    Cure("negative d current", ("i_d",), "give i_d sign = -1", _D),
-    Cure("negative d voltage", ("u_d",), "give u_d sign = -1", voltages=_D),
-    Cure("currents counted out of the machine", CURRENTS, "give i_d and i_q sign = -1", _BOTH),
+    Cure("reversed speed", (_SPEED,), f"give omega_el sign = -1{_GIVEN}", factor=-1.0),
+    Cure("negative q current", ("i_q",), f"give i_q sign = -1{_GIVEN}", _Q),
+    Cure("negative q voltage", ("u_q",), f"give u_q sign = -1{_GIVEN}", voltages=_Q),
+    Cure("negative d current", ("i_d",), f"give i_d sign = -1{_GIVEN}", _D),
+    Cure("negative d voltage", ("u_d",), f"give u_d sign = -1{_GIVEN}", voltages=_D),
+    Cure(
+        "currents counted out of the machine",
+        CURRENTS,
+        f"give i_d and i_q sign = -1{_GIVEN}",
+        _BOTH,
+    ),
     Cure("exchanged currents", CURRENTS, "exchange the columns of i_d and i_q", _SWAP),
     Cure("exchanged voltages", VOLTAGES, "exchange the columns of u_d and u_q", voltages=_SWAP),
     Cure(
@@ -184,7 +191,7 @@ def _as_recorded(experiment: Experiment, standing: Trial, angle: int) -> Judged:
         experiment.name,
         ("theta_el",),
         "the angle turns against the speed, which the voltage balance confirms",
-        "give theta_el sign = -1",
+        f"give theta_el sign = -1{_GIVEN}",
     )
     return finding, with_channels(experiment, {"theta_el": -experiment.channels["theta_el"]})
 

@@ -121,6 +121,8 @@ def export(
         raise InputError(
             f"{path}: suffix must be {target.suffix!r} for the format {to}, got {path.suffix!r}."
         )
+    if points is not None and to == "csv":
+        raise InputError("the format csv has the grid of flux_map.csv; leave the points out.")
     if points is not None and points > _MOST_POINTS:
         raise InputError(f"points a side must be <= {_MOST_POINTS}, got {points}.")
     grid = tabulate(fit, target.points if points is None else points, pole_pairs)

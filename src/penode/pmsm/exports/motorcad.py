@@ -41,8 +41,13 @@ def encode(grid: FluxGrid, turned: AngleGrid | None) -> bytes:
         tables["Angular_Flux_Linkage_D"], tables["Angular_Flux_Linkage_Q"] = turned.psi
         if turned.torque is not None:
             tables["Angular_Electromagnetic_Torque"] = turned.torque
-    if grid.resistance is not None and grid.temperatures.resistance == _REFERENCE:
-        tables["Phase_Resistance_DC_at_20C"] = grid.resistance
+    if (resistance := reference_resistance(grid)) is not None:
+        tables["Phase_Resistance_DC_at_20C"] = resistance
     content = io.BytesIO()
     savemat(content, tables, do_compression=True)
     return content.getvalue()
+
+
+def reference_resistance(grid: FluxGrid) -> float | None:
+    """Return R in ohm where it is that at 20 degC."""
+    return grid.resistance if grid.temperatures.resistance == _REFERENCE else None

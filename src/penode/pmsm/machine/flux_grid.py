@@ -199,7 +199,8 @@ def _read_columns(path: Path) -> dict[str, FloatArray]:
         cells = dict(zip(header, zip(*rows, strict=True), strict=True))
     except (OSError, ValueError, csv.Error) as error:
         raise InputError(
-            f"{path}: cannot be read as CSV ({type(error).__name__}); it must be a flux_map.csv."
+            f"{path}: cannot be read as a table of a flux map; give a folder that `penode "
+            "identify` wrote, or its flux_map.csv."
         ) from error
     missing = [name for name in _COLUMNS if name not in cells]
     if missing:

@@ -196,9 +196,10 @@ class _Angle(DriveImperfection):
         return [Change(linkage=1j * (psi_d + 1j * psi_q) - turned).column(experiment, drive)]
 
     def sentence(self, size: complex, deviation: float, drive: KnownDrive) -> str:
+        side = "before" if size.real >= 0 else "behind"
         return (
-            f"The d axis lies {np.rad2deg(size.real):.3f} ± {np.rad2deg(deviation):.3f}° before "
-            "that of the recording: currents, voltages and angle are turned by it."
+            f"The d axis lies {abs(np.rad2deg(size.real)):.3f} ± {np.rad2deg(deviation):.3f}° "
+            f"{side} that of the recording: currents, voltages and angle are turned by it."
         )
 
 

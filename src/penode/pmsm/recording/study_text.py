@@ -9,6 +9,12 @@ from penode.pmsm.recording.guess import StudyGuess
 from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY
 from penode.pmsm.recording.stationary_frame import LINK
 
+#: What the numbers of an accuracy are, where they are no fraction of the reading.
+_ACCURACY_UNITS = {
+    "current_offset": "as a fraction of the largest current",
+    "angle": "electrical degrees, of the d axis",
+    "delay": "samples, of the voltages",
+}
 _HEAD = """\
 # Study file, begun by penode init from {recording}. Use it with
 #
@@ -75,7 +81,10 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
 
 def _accuracy() -> str:
     """Return the accuracies that are assumed, for the user to replace."""
-    lines = [f"# {name} = {value}\n" for name, value in DEFAULT_ACCURACY.declared.items()]
+    lines = [
+        f"# {name} = {value}  # {_ACCURACY_UNITS.get(name, 'as a fraction of the reading')}\n"
+        for name, value in DEFAULT_ACCURACY.declared.items()
+    ]
     return "".join(
         ["\n# Standard deviations assumed of your bench; give your own:\n# [accuracy]\n", *lines]
     )
