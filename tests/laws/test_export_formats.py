@@ -22,7 +22,7 @@ from penode.pmsm.exports.formats import FORMATS, export
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.temperatures import RECORDED
-from penode.pmsm.machine.terms import Resistance, TemperatureResistance
+from penode.pmsm.machine.terms import MagnetTemperature, Resistance, TemperatureResistance
 
 POINTS = 9
 #: Formats that cannot state a temperature, and why.
@@ -269,7 +269,7 @@ READERS: dict[str, Callable[[Path], Read]] = {
 def read(fit: Any, to: str, folder: Path) -> Read:
     assert to in READERS, f"the format {to} has no reader in this test; write one"
     path = folder / f"map{FORMATS[to].suffix}"
-    export(fit, to, path, points=POINTS, pole_pairs=4)
+    export(fit, to, path, points=None if to == "csv" else POINTS, pole_pairs=4)
     return READERS[to](path)
 
 
@@ -336,6 +336,14 @@ def test_the_temperature_of_r_and_of_the_map_is_stated(machine_fit, to, tmp_path
         assert "R is that of the winding at 63 degC" in plain.text
     silent = read(machine_fit, to, tmp_path)
     assert "The map is that of the magnets as recorded, at a temperature not known." in silent.text
+
+
+@pytest.mark.parametrize("to", [to for to in FORMATS if to not in NO_TEMPERATURE])
+def test_what_magnets_lose_a_kelvin_is_stated(machine_fit, to, tmp_path):
+    terms = (Resistance(0.01), MagnetTemperature(-6.4e-5))
+    model = Machine(machine_fit.model.flux, terms)
+    found = read(replace(machine_fit, model=model), to, tmp_path)
+    assert "magnets at 20 degC; at T its flux linkage in d is -6.4e-05 Vs/K" in found.text
 
 
 def test_formats_without_a_temperature_exist_and_have_a_reason():

@@ -13,12 +13,13 @@ from typer.testing import CliRunner
 from penode.bench.drive import Drive
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
-from penode.bench.run import record
+from penode.bench.run import record, simulate
 from penode.bench.winding import Warming, Winding
 from penode.cli.main import app
 from penode.data.save import save
 from penode.errors import InputError
-from penode.pmsm.machine.terms import TemperatureResistance
+from penode.pmsm.machine.temperatures import temperatures_of
+from penode.pmsm.machine.terms import MagnetTemperature, TemperatureResistance
 from penode.pmsm.study import identify
 from penode.pmsm.study_file import load_study
 from penode.pmsm.study_settings import Study
@@ -135,3 +136,24 @@ def test_words_of_the_study_file(tmp_path):
     path.write_text('terms = ["resistance", "temperature_resistance"]\n')
     with pytest.raises(InputError, match="both describe the resistance"):
         load_study(path)
+
+
+def test_what_magnets_lose_a_kelvin_is_found_from_a_cold_and_a_hot_recording():
+    runs = []
+    for temperature in (20.0, 100.0):
+        run = simulate(
+            TRACTION_300A,
+            Lissajous(200.0, rate_d=140.0, rate_q=150.0),
+            speed_rpm=900.0,
+            duration=0.2,
+            drive=Drive(magnet_temperature=temperature),
+        )
+        warm = {"magnet_temperature": 0.0 * run.channels["i_d"] + temperature}
+        runs.append(replace(run, name=f"{temperature:.0f}C", channels={**run.channels, **warm}))
+    study = Study(horizon=1, terms=(MagnetTemperature(),), candidates=(), angle_orders=())
+    fit = identify(runs, study=study)
+    truth = TRACTION_300A.magnet_coefficient * TRACTION_300A.magnet_flux_linkage
+    found = fit.parameters["magnet_coefficient"]
+    assert abs(found.value / truth - 1) < 0.05
+    assert found.unit == "Vs/K"
+    assert "The map is that of the magnets at 20 degC" in temperatures_of(fit).of_map

@@ -171,6 +171,11 @@ def test_csv_reads_back_as_a_grid(machine_fit, tmp_path):
     np.testing.assert_allclose(grid.psi, machine_fit.flux_map(*grid.mesh), rtol=1e-7, atol=1e-9)
 
 
+def test_points_of_a_csv_file_are_refused(machine_fit, tmp_path):
+    with pytest.raises(InputError, match=r"has the grid of flux_map.csv; leave the points out"):
+        export(machine_fit, "csv", tmp_path / "map.csv", points=11)
+
+
 def test_more_points_than_a_table_should_have_are_refused(machine_fit, tmp_path):
     with pytest.raises(InputError, match=r"^points a side must be <= 2000, got 1000000\.$"):
         export(machine_fit, "npz", tmp_path / "map.npz", points=1_000_000)

@@ -134,6 +134,12 @@ def warm_resistance(term, run, psi):
 FORMULAS = {
     "resistance": lambda term, run, psi: term.R * run.stack(("i_d", "i_q")).T,
     "temperature_resistance": warm_resistance,
+    "magnet_temperature": lambda term, run, psi: (
+        term.magnet_coefficient
+        * run.channels["omega_el"]
+        * (run.channels["magnet_temperature"] - 20.0)
+        * np.array([[0.0], [1.0]])
+    ),
     "dead_time": dead_time_in_numpy,
     "phase_dead_time": dead_time_in_numpy,
     "soft dead time": dead_time_in_numpy,

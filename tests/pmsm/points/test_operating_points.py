@@ -6,6 +6,7 @@ import pytest
 from penode import Experiment, InputError
 from penode.fit.outcome import IMPLAUSIBLE, NORMAL_95
 from penode.pmsm import Accuracy, Study, TemperatureResistance
+from penode.pmsm.machine.terms import MagnetTemperature
 from penode.pmsm.points.balance import PointsSolution, contributions, left_out, mixed
 from penode.pmsm.points.identify import ANSWERED, identify_points
 
@@ -130,3 +131,19 @@ def test_a_mixture_has_the_spread_of_what_it_mixes():
 def test_what_cannot_be_used_is_refused(points, study, sentence):
     with pytest.raises(InputError, match=sentence):
         identify_points(points, study)
+
+
+def test_what_magnets_lose_a_kelvin_is_in_voltages_and_torque():
+    """Points at two temperatures; with the torque's part left out the torque would contradict."""
+    points, coefficient = measured(count=40), -6e-5
+    warm = np.where(np.arange(40) % 4 < 2, 20.0, 100.0)
+    more = coefficient * (warm - 20.0)
+    channels = {**points.channels, "magnet_temperature": warm}
+    channels["u_q"] = channels["u_q"] + channels["omega_el"] * more
+    channels["torque"] = channels["torque"] + 1.5 * PAIRS * more * channels["i_q"]
+    study = Study(pole_pairs=PAIRS, terms=(MagnetTemperature(),))
+    fit = identify_points(Experiment("points.csv", 1.0, channels), study)
+    found = fit.parameters["magnet_coefficient"]
+    assert abs(found.value - coefficient) < NORMAL_95 * found.std
+    assert found.std < 0.1 * abs(coefficient)
+    assert min(fit.stationary.covered.values()) > 0.85

@@ -17,7 +17,7 @@ from penode.data.stretches import recording_numbers
 from penode.pmsm.balance.doubt import probability
 from penode.pmsm.balance.voltage_balance import BalanceForm
 from penode.pmsm.machine.dead_time import DeadTime
-from penode.pmsm.machine.terms import ANGLE, TEMPERATURE, Term
+from penode.pmsm.machine.terms import ANGLE, MAGNETS, TEMPERATURE, Term
 from penode.pmsm.recording.imperfection import UNKNOWN_DRIVE, Column, KnownDrive
 from penode.pmsm.recording.imperfections import IMPERFECTIONS
 from penode.training.weak_form import OVERLAP
@@ -52,7 +52,7 @@ def drift_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> D
     """Estimate the drift of recordings.
 
     A dead time is allowed for where the angle was recorded. A term that follows the winding's
-    temperature leaves no drift of R.
+    temperature leaves no drift of R, one that follows the magnets' none of theirs.
     """
     angle = all(ANGLE.name in e.channels for e in experiments)
     extra = (DeadTime(),) if angle and all(t.role != DeadTime.role for t in terms) else ()
@@ -98,6 +98,7 @@ def drift_columns(experiments: Sequence[Experiment], terms: Sequence[Term]) -> l
 
 
 def _drifting(terms: Sequence[Term]) -> list[str]:
-    known = any(TEMPERATURE in term.channels for term in terms)
+    followed = {channel for term in terms for channel in term.channels}
+    by = {"resistance_drift": TEMPERATURE, "magnet_drift": MAGNETS}
     drifts = [name for name, one in IMPERFECTIONS.items() if one.drifts]
-    return [name for name in drifts if not (known and name == "resistance_drift")]
+    return [name for name in drifts if by.get(name) not in followed]

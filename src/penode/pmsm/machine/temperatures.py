@@ -7,12 +7,19 @@ import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
-from penode.pmsm.machine.terms import REFERENCE, TEMPERATURE, TemperatureResistance, Term
+from penode.pmsm.machine.terms import (
+    MAGNETS,
+    REFERENCE,
+    TEMPERATURE,
+    MagnetTemperature,
+    TemperatureResistance,
+    Term,
+)
 
 #: Entry of the provenance: of each temperature that was recorded mean, lowest and highest in degC.
 RECORDED = "recorded_temperatures"
 #: How the name of a channel ends that is one, and the one that the map belongs to.
-_CHANNELS, _MAGNET = "_temperature", "magnet_temperature"
+_CHANNELS, _MAGNET = "_temperature", MAGNETS.name
 
 Range = tuple[float, float, float]
 
@@ -67,6 +74,14 @@ def temperatures_of(fit: Fit) -> Temperatures:
     terms: Sequence[Term] = getattr(fit.model, "terms", ())
     winding, magnets = recorded.get(TEMPERATURE.name), recorded.get(_MAGNET)
     known = _resistance(terms, winding)
+    warm = next((t for t in terms if isinstance(t, MagnetTemperature)), None)
+    if warm is not None:
+        slope = f"{float(warm.magnet_coefficient):.6g} Vs/K"
+        text = (
+            f"The map is that of the magnets at {REFERENCE:g} degC; at T its flux linkage in d is "
+            f"{slope} times T - {REFERENCE:g} more."
+        )
+        return Temperatures(*known[:2], REFERENCE, known[2], text)
     beside = next((t for t in terms if _MAGNET in [c.name for c in t.channels]), None)
     if beside is not None:
         text = f"The map is what is left beside the term {type(beside).__name__} of {_MAGNET}."

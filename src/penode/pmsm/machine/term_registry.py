@@ -8,6 +8,7 @@ from penode.errors import InputError
 from penode.pmsm.machine.dead_time import DeadTime, MeanDeadTime, PhaseDeadTime
 from penode.pmsm.machine.terms import (
     Channel,
+    MagnetTemperature,
     Resistance,
     Rotation,
     TemperatureResistance,
@@ -18,6 +19,7 @@ from penode.pmsm.machine.terms import (
 TERMS: dict[str, type[Term]] = {
     "resistance": Resistance,
     "temperature_resistance": TemperatureResistance,
+    "magnet_temperature": MagnetTemperature,
     "dead_time": DeadTime,
     "phase_dead_time": PhaseDeadTime,
     "mean_dead_time": MeanDeadTime,

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import JaxArray, Leaf
@@ -55,6 +56,7 @@ ANGLE = Channel("theta_el", "rad", "the electrical angle of the rotor", rate="om
 #: Temperature in degC that a resistance over temperature is stated at.
 REFERENCE = 20.0
 TEMPERATURE = Channel("winding_temperature", "degC", "the temperature of the winding", -60, 300)
+MAGNETS = Channel("magnet_temperature", "degC", "the temperature of the magnets", -60, 300)
 
 
 class Term(eqx.Module):
@@ -71,11 +73,14 @@ class Term(eqx.Module):
         The same at the beginning of a sentence.
     channels : tuple of Channel
         Inputs that `drop` reads beside u_d and u_q.
+    induced : bool
+        Whether turning induces the drop, so that its power over the speed is torque.
     """
 
     role: ClassVar[str]
     title: ClassVar[str]
     channels: ClassVar[tuple[Channel, ...]] = ()
+    induced: ClassVar[bool] = False
 
     @abstractmethod
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
@@ -152,12 +157,37 @@ class TemperatureResistance(Term):
         return self.R * (1.0 + self.alpha * (u[TEMPERATURE.name] - REFERENCE)) * x
 
 
+class MagnetTemperature(Term):
+    """omega J k (T - 20): what magnets at T in degC add to the induced voltage of those at 20 degC.
+
+    Attributes
+    ----------
+    magnet_coefficient : array, shape ()
+        k, by which the magnets' flux linkage grows a kelvin, in Vs/K; below zero for most.
+    """
+
+    role: ClassVar[str] = "temperature of the magnets"
+    title: ClassVar[str] = "The magnets' flux linkage over temperature"
+    channels: ClassVar[tuple[Channel, ...]] = (SPEED, MAGNETS)
+    induced: ClassVar[bool] = True
+
+    magnet_coefficient: Leaf = physical(
+        "Vs/K", default=0.0, meaning="flux linkage of the magnets a kelvin"
+    )
+
+    def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
+        """Return omega J (k (T - 20), 0) in V; see `Term.drop`."""
+        more = self.magnet_coefficient * (u[MAGNETS.name] - REFERENCE)
+        return u[SPEED.name] * jnp.stack([jnp.zeros_like(more), more])
+
+
 class Rotation(Term):
     """omega (J psi + d psi / d theta): the voltage that turning induces."""
 
     role: ClassVar[str] = "rotation"
     title: ClassVar[str] = "The induced voltage"
     channels: ClassVar[tuple[Channel, ...]] = (SPEED,)
+    induced: ClassVar[bool] = True
 
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:
         """Return omega (J psi + d psi / d theta) in V; see `Term.drop`."""

@@ -221,7 +221,7 @@ class PointsBalance:
     def _matrix(self, drive: KnownDrive | None, basis: FloatArray) -> FloatArray:
         """Return what each coefficient adds to voltages and torques; the map's last."""
         _, by_parameter, by_psi = self._columns
-        count, outer = len(self.points), by_parameter.shape[2]
+        count = len(self.points)
         zeros = np.zeros((count, 2, 2 * self.torque))
         changes = [self._changed(one, std, drive) for one, std in self.imperfections.values()]
         supplied = np.stack([-voltage for voltage, _ in changes], axis=2)
@@ -230,8 +230,13 @@ class PointsBalance:
         if not self.torque:
             return rows
         own = np.stack([-np.ones(count), -_TORQUE_GAIN * self.points.channels[TORQUE]], axis=1)
-        parts = [np.zeros((count, outer)), own, np.stack([t for _, t in changes], axis=1)]
         i_d, i_q = self.points.stack(CURRENTS).T[:, :, None]
+        speed = self.points.channels[SPEED.name][:, None]
+        power = by_parameter[:, 0] * i_d + by_parameter[:, 1] * i_q
+        by_speed = np.divide(power, speed, out=np.zeros_like(power), where=speed != 0)
+        induced = [term.induced for term in self.terms for _ in physical_values((term,))]
+        of_terms = 1.5 * (self.pole_pairs or 0) * by_speed * np.array(induced)
+        parts = [of_terms, own, np.stack([t for _, t in changes], axis=1)]
         crossed = 1.5 * (self.pole_pairs or 0) * (basis[:, 0] * i_q - basis[:, 1] * i_d)
         return np.concatenate([rows, np.concatenate([*parts, crossed], axis=1)])
 

@@ -22,7 +22,6 @@ from penode.pmsm.recording.stationary_frame import (
 CANONICAL = {
     **{"u_d": "V", "u_q": "V", "i_d": "A", "i_q": "A", "omega_el": "rad/s", "theta_el": "rad"},
     **{c.name: c.unit for kind in TERMS.values() for c in kind.channels},
-    "magnet_temperature": "degC",
 }
 
 #: Electrical angle turned in one sample beyond which the recording cannot be what it says.
