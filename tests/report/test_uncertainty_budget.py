@@ -51,7 +51,7 @@ def test_sensors_are_not_spoken_of_where_nothing_was_assumed(fit):
 
 def test_the_sentence_names_the_main_contributions():
     assert budget_sentence(R) == (
-        "half width 0.98 %: gain of the currents 0.78 % (assumed 0.4 %), the data alone 0.59 %"
+        "half width 0.98 %: gain of the currents 0.78 % (deviation 0.4 %), the data alone 0.59 %"
     )
     assert budget_sentence(replace(R, value=0.0)) == ""
 

@@ -61,7 +61,9 @@ def check_command(
 
 def _recordings(check: RecordingCheck) -> list[Row]:
     """Return what stands in the recordings, and which conventions are broken."""
-    quality = [f.sentence for f in check.quality] or ["No channel stands still or is clipped."]
+    quality = [f.sentence for f in check.quality] or [
+        "No voltage, current or angle stands still or is clipped."
+    ]
     conventions = [b.sentence for b in check.broken] or [
         "Signs, units, order, timing and angle of the channels agree with physics."
     ]

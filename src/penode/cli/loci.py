@@ -152,14 +152,13 @@ def _figures(loci: ControlLoci) -> list[Row]:
     (i_d, i_q), torque = full.current[:, -1], full.torque[-1]
     beyond = ", beyond the recordings"
     most = f"{number(torque)} Nm at i_d {number(i_d)} A, i_q {number(i_q)} A"
-    if full.supported[0] and not full.supported[-1]:
-        last = int(np.argmin(full.supported)) - 1
-        beyond_mtpa = f"{beyond}, which support it up to {number(full.torque[last])} Nm"
-    else:
-        beyond_mtpa = "" if full.supported[-1] else beyond
+    if not full.supported.all() and full.supported.any():
+        most += f"; recordings support {_supported(full)} Nm"
+    elif not full.supported[-1]:
+        most += beyond
     current = f"{number(float(np.hypot(*short.current)[0]))} A"
     rows: list[Row] = [
-        ("MTPA", most + beyond_mtpa),
+        ("MTPA", most),
         ("characteristic", current + ("" if short.supported[0] else beyond)),
     ]
     if not loci.mtpv.torque.size:
@@ -192,3 +191,13 @@ def _last(locus: Locus) -> dict[str, float | bool] | None:
     i_d, i_q = map(float, locus.current[:, -1])
     torque = float(locus.torque[-1])
     return {"i_d": i_d, "i_q": i_q, "torque": torque, "supported": bool(locus.supported[-1])}
+
+
+def _supported(locus: Locus) -> str:
+    """Return the ranges of torque, Nm, in which recordings support a locus."""
+    edges = np.flatnonzero(np.diff(locus.supported.astype(int), prepend=0, append=0))
+    ranges = [
+        f"{number(locus.torque[first])} to {number(locus.torque[end - 1])}"
+        for first, end in edges.reshape(-1, 2)
+    ]
+    return " and ".join(ranges)

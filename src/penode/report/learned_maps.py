@@ -25,8 +25,8 @@ _BESIDE = 2
 _MARGIN = 0.08
 #: How to read a map's outline, of recorded states or currents.
 OUTLINE = (
-    "Inside the dashed outline lie the recorded {} (dots). Outside it, greyed, the map is an "
-    "extrapolation that no recording supports."
+    "Inside the dashed outline lie the recorded {} (dots). Outside it and in outlined holes, "
+    "greyed, the map is an extrapolation that no recording supports."
 )
 _BAND = (
     "It allows for residuals that are correlated in time and for the spread over the horizons that "

@@ -163,7 +163,8 @@ def residual_section(
             title = over_channel_title(shown)
             blocks.append(picture(title, _OVER_CAPTION, over_channel, tests, shown, states))
     lead = (
-        "Pure noise would give a flat floor. A line is something periodic that the model lacks, "
+        "Noise of the sensors gives a floor that rises with the frequency. A line is something "
+        "periodic that the model lacks, "
         f"and a rise towards low frequencies a slow error of the map or a parameter. {cause}"
     )
     return Section("What the model does not explain", lead.rstrip(), blocks) if blocks else None

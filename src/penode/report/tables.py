@@ -54,7 +54,8 @@ def parameter_table(fit: Fit) -> Table:
     columns: list[Column] = [*zip(heads, zip(*rows, strict=True), strict=True)]
     caption = (
         "The standard deviation allows for residuals that are correlated in time and for the "
-        "spread over the horizons that agree, and for the sensors where their accuracy was given."
+        "spread over the horizons that agree, and for the sensors, whose accuracy is given or "
+        "assumed."
         if fit.horizon.ladder
         else "The standard deviation allows for everything that the uncertainty budget names."
     )

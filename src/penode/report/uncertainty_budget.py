@@ -42,7 +42,9 @@ def budget_sentence(estimate: Estimate) -> str:
     each = NORMAL_95 * 100 / abs(estimate.value)
     own = _assumed(estimate)
     main = [row for row in own if row.std >= _MINOR * estimate.budget[0].std]
-    parts = [f"{row.source} {number(each * row.std, 2)} % (assumed {row.accuracy})" for row in main]
+    parts = [
+        f"{row.source} {number(each * row.std, 2)} % (deviation {row.accuracy})" for row in main
+    ]
     shown = f"the data alone {number(each * estimate.statistical_std, 2)} %"
     whole = f"half width {number(each * estimate.std, 2)} %"
     return f"{whole}: {', '.join([*parts, shown])}"

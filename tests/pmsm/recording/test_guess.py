@@ -376,6 +376,30 @@ def test_names(channel):
         assert hint.channel == channel, name
 
 
+#: Names that loggers of motor controls give, and the channel of each.
+LOGGERS = {
+    "VESC": ("d_axis_current", "q_axis_current", "d_axis_voltage", "q_axis_voltage", "erpm"),
+    "ODrive": ("foc.Id_measured", "foc.Iq_measured", "foc.Vd_setpoint", "foc.Vq_setpoint",
+               "axis0.motor.foc.phase_vel"),
+    "moteus": ("servo_stats.d_A", "servo_stats.q_A", "servo_control.d_V", "servo_control.q_V",
+               "servo_stats.velocity"),
+    "TI": ("motorVars_M1.Idq_in_A.value[0]", "motorVars_M1.Idq_in_A.value[1]",
+           "motorVars_M1.Vdq_out_V.value[0]", "motorVars_M1.Vdq_out_V.value[1]",
+           "motorVars_M1.speed_Hz"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("logger", LOGGERS)
+def test_names_of_loggers(logger):
+    found = [read_name(name).channel for name in LOGGERS[logger]]
+    assert found == ["i_d", "i_q", "u_d", "u_q", "omega_el"]
+
+
+@pytest.mark.parametrize("name", ["phase", "axis0.encoder.phase"])
+def test_a_phase_alone_is_the_angle(name):
+    assert read_name(name).channel == "theta_el"
+
+
 @pytest.mark.parametrize(
     "name",
     [
@@ -398,6 +422,12 @@ def test_names_of_something_else(name):
         ("speed_el_rad/s", "rad/s", "electrical", False),
         ("Id*", "", "", True),
         ("n_soll", "", "", True),
+        ("servo_stats.q_A", "A", "", False),
+        ("motorVars_M1.Idq_in_A.value[0]", "A", "", False),
+        ("motorVars_M1.IdqRef_A.value[1]", "A", "", True),
+        ("axis0.motor.foc.Vd_setpoint", "", "", True),
+        ("axis0.motor.foc.phase_vel", "", "electrical", False),
+        ("erpm", "", "electrical", False),
     ],
 )
 def test_what_else_a_name_says(name, unit, side, asked_for):

@@ -369,11 +369,15 @@ def _timing_sentences(
     if timing.drive.hold == "stationary":
         about = " about the middle of the sample" if middle else ""
         taken.append(f"a hold in the stationary frame{about}")
+    turned = (
+        f", turned by the rotation of {free['turn']:.3f} ± {free.deviation['turn']:.3f} samples"
+        if len(taken) > bool(late)
+        else ""
+    )
     if taken:
         yield (
-            f"The voltage acts {delay[0]:.3f} ± {delay[1]:.3f} samples after it is recorded, "
-            f"turned by the rotation of {free['turn']:.3f} ± {free.deviation['turn']:.3f} "
-            f"samples: taken into account as {', '.join(taken)}."
+            f"The voltage acts {delay[0]:.3f} ± {delay[1]:.3f} samples after it is recorded"
+            f"{turned}: taken into account as {', '.join(taken)}."
         )
 
 

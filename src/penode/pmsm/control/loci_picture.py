@@ -44,7 +44,7 @@ def _draw_plane(axes: Axes, machine: ControlledMachine, loci: ControlLoci) -> No
     smooth = ndimage.gaussian_filter(supported.astype(np.float64), 1.2, mode="nearest")
     axes.contourf(*mesh, smooth, levels=[-1.0, 0.5], colors=[_VEIL])
     torque = np.where(np.hypot(*mesh) <= limit, machine.torque(mesh), np.nan)
-    lines = axes.contour(*mesh, torque, levels=9, colors=_MUTED, linewidths=0.7)
+    lines = axes.contour(*mesh, torque, levels=9, colors=_MUTED, linewidths=0.7, linestyles="solid")
     axes.clabel(lines, fontsize=7, fmt="%.3g")
     angle = np.linspace(-np.pi, np.pi, 181)
     axes.plot(limit * np.cos(angle), limit * np.sin(angle), color=_INK, lw=0.8)

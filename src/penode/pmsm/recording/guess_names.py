@@ -2,7 +2,9 @@
 
 English and German names are read, such as ``id_A``, ``Iq_meas``, ``ud_ref``, ``Strom_d``,
 ``Spannung q``, ``n_mech``, ``Drehzahl [1/min]``, ``omegaEl``, ``theta``, ``i_U``, ``u_alpha``,
-``V_UV``, ``duty_a``, ``Udc``, ``idmeas``, ``Udref``, ``Uqs``, ``TempMagnet``.
+``V_UV``, ``duty_a``, ``Udc``, ``idmeas``, ``Udref``, ``Uqs``, ``TempMagnet``; so are the names that
+VESC (``d_axis_current``, ``erpm``), ODrive (``foc.Vd_setpoint``, ``phase_vel``), moteus
+(``servo_stats.d_A``) and TI's motor control (``Idq_in_A.value[0]``) give.
 """
 
 import re
@@ -16,7 +18,21 @@ _WORDS = {
     _CURRENT: {"i", "is", "curr", "amps"},
     _VOLTAGE: {"u", "v", "us", "vs", "volt"},
     _DUTY: {"pwm", "mod"},
-    _SPEED: {"n", "w", "om", "rpm", "nmech", "nm", "wm", "wmech", "wel", "we", "omegae"},
+    _SPEED: {
+        "n",
+        "w",
+        "om",
+        "rpm",
+        "nmech",
+        "nm",
+        "wm",
+        "wmech",
+        "wel",
+        "we",
+        "omegae",
+        "erpm",
+        "vel",
+    },
     _ANGLE: {"pos", "phi", "gamma", "eps", "epsilon", "rho", "th", "thetae"},
 }
 _PARTS = {
@@ -51,7 +67,19 @@ _JOINED = re.compile(r"(i|is|u|us|v|vs)([dqabcuvw]|s[dq]|[dq]s|alpha|beta|ab|bc|
 _LONE_DUTY = re.compile(r"d [abc123]")
 _SIDES = {
     "mechanical": ("mech", "shaft", "welle", "nmech", "nm", "wm", "wmech", "m"),
-    "electrical": ("el", "elec", "elek", "electric", "wel", "we", "omegae", "thetae", "e"),
+    "electrical": (
+        "el",
+        "elec",
+        "elek",
+        "electric",
+        "wel",
+        "we",
+        "omegae",
+        "thetae",
+        "erpm",
+        "phase",
+        "e",
+    ),
 }
 _ASKED = {"ref", "soll", "set", "cmd", "command", "target", "setpoint", "desired", "des", "star"}
 _MEASURED = {"meas", "measured", "act", "actual", "ist", "mess", "fb", "sens"}
@@ -67,6 +95,10 @@ _HEATED = {
 }
 _OTHER = ("temp", "torque", "moment", "power", "leistung", "limit", "error", "fault", "status")
 _OTHER_WORDS = {"max", "min", "flag", "idc", "rms", "eff"}
+
+# Two axes as one array: Idq_in_A.value[0], Vdq_out_V.value[1]; an axis that its unit says more of.
+_ARRAY = re.compile(r"(.*?)([iuv])dq(\w*)\.value\[([01])\]", re.IGNORECASE)
+_OF_UNIT = {"A": _CURRENT, "V": _VOLTAGE}
 
 # Splits camel case and digits: IqMeas, omegaEl, I1, IDRef.
 _TOKEN = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöü]+|\d+")
@@ -91,12 +123,18 @@ def read_name(column: str) -> NameHint | None:
 
     Of ``struct.field`` and ``group/name`` the last part counts.
     """
+    array = _ARRAY.fullmatch(column)
+    if array:
+        column = f"{array[2]}{'dq'[int(array[4])]}{array[3]}"
     bare, unit = _split_unit(column)
     # A last letter may be an axis, not a unit: in i_A and u_V it alone names the phase.
     for name, its_unit in ((bare, unit), (column, "")):
         found = (token.lower() for token in _TOKEN.findall(re.split(r"[./]", name)[-1]))
         tokens = [part for token in found for part in _apart(token)]
-        channel = _channel(tokens)
+        if tokens in (["d"], ["q"]) and its_unit in _OF_UNIT:
+            tokens = [_OF_UNIT[its_unit], *tokens]
+        lone_phase = tokens == ["phase"] and its_unit not in _OF_UNIT
+        channel = _ANGLE if lone_phase else _channel(tokens)
         if channel is not None:
             asked_for = bool(_ASKED & set(tokens)) or name.endswith("*")
             return NameHint(channel, its_unit, _side(tokens, channel), asked_for)
