@@ -125,6 +125,16 @@ def test_a_gain_that_both_have_is_not_narrowed_by_points(fit, gain):
     assert both.covariance[place, place] > 0.9 * one.shared[gain][place] ** 2
 
 
+def test_on_an_exact_bench_no_gain_is_shared(fit):
+    exact = replace(STUDY, accuracy=type(STUDY.accuracy).exact())
+    points = measured(count=40, seed=7)
+    both = with_points(fit, balances_of(points, exact))
+    assert (
+        both.parameters["R"].std < with_points(fit, balances_of(points, STUDY)).parameters["R"].std
+    )
+    assert abs(both.parameters["R"].value - R) < 4 * both.parameters["R"].std
+
+
 def test_points_of_another_machine_contradict(fit):
     found = with_points(fit, balances_of(measured(count=40, seed=7, resistance=3 * R), STUDY))
     assert found.horizon.verdict == "implausible"

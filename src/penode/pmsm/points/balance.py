@@ -179,10 +179,7 @@ class PointsBalance:
         return self._matrix(self._drive(self.likeliest[0]), psi)
 
     def prior_deviations(self, flat: float) -> FloatArray:
-        """Return those of all coefficients but the map's, SI units.
-
-        Of what nothing is believed `flat` times the largest current, voltage or torque.
-        """
+        """Return those of all coefficients but the map's; `flat` of what nothing is believed of."""
         return np.where(self._precision > 0, np.maximum(self._precision, 1e-300) ** -0.5, flat)
 
     def left(self, psi: FloatArray, values: Mapping[str, float]) -> FloatArray:

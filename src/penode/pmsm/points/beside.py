@@ -29,7 +29,7 @@ from penode.pmsm.points.identify import between, compared
 #: Gains that points and recordings share.
 _SHARED = ("current_gain", "voltage_gain", "speed_gain")
 #: Deviation of the points' angle, rad, which the map of the recordings shows; and that of what
-#: nothing is believed of, over the largest value of its kind.
+#: nothing is believed of, SI units.
 _ANGLE, _FLAT = np.deg2rad(3.0), 1e3
 #: Distance of points from recordings over what both allow beyond which they contradict each other.
 _APART = 2.0
@@ -104,7 +104,7 @@ class _Update:
     @cached_property
     def moved(self) -> FloatArray:
         """What a deviation of each shared gain moves the raw parameters by, (parameter, gain)."""
-        return np.stack(list(self.shared.values()), axis=1)
+        return np.stack([np.zeros_like(self.before), *self.shared.values()], axis=1)[:, 1:]
 
     @cached_property
     def shared(self) -> dict[str, FloatArray]:
@@ -150,8 +150,8 @@ class _Update:
                 of_model += np.outer(rows[:, k], self.slopes[self.layout.physical.index(name)])
         own = [k for k, n in enumerate(names) if n not in (*self.layout.physical, *_SHARED)]
         scale = balance.prior_deviations(_FLAT)[own]
-        angle = [names[k] == "angle" for k in own]
-        widened = np.where(angle, _ANGLE / balance.imperfections["angle"][1], 1.0)
+        believed = {n: std for n, (_, std) in balance.imperfections.items()}
+        widened = [_ANGLE / believed[names[k]] if names[k] == "angle" else 1.0 for k in own]
         shared = [names.index(name) for name in self.shared]
         return of_model, rows[:, shared], rows[:, own] * scale * widened
 
