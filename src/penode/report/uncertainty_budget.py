@@ -43,7 +43,9 @@ def budget_sentence(estimate: Estimate) -> str:
     own = _assumed(estimate)
     main = [row for row in own if row.std >= _MINOR * estimate.budget[0].std]
     parts = [
-        f"{row.source} {number(each * row.std, 2)} % (deviation {row.accuracy})" for row in main
+        f"{row.source} {number(each * row.std, 2)} % ({'deviation ' * row.accuracy[:1].isdigit()}"
+        f"{row.accuracy})"
+        for row in main
     ]
     shown = f"the data alone {number(each * estimate.statistical_std, 2)} %"
     whole = f"half width {number(each * estimate.std, 2)} %"

@@ -150,7 +150,7 @@ def test_a_doubt_takes_the_voltage_of_its_term_off_the_recording(sharp_run):
     """Half probable: its root mean square over acting and not acting is 0.707 of it."""
     term, other = DeadTime(2.0, 5.0), DeadTime(1.0, 5.0)
     doubt = Doubt("dead time", "Record longer.", term, None, np.sqrt(0.5))
-    assert doubt.imperfection.accuracy == "50 % probable"
+    assert doubt.imperfection.accuracy == "left out, 50 % probable"
     change = doubt.applied(sharp_run, 1.0).stack(VOLTAGES) - sharp_run.stack(VOLTAGES)
     current = sharp_run.stack(("i_d", "i_q"))
     along = np.sum(change * current, axis=1) / np.hypot(*current.T)

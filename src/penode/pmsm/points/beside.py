@@ -31,6 +31,8 @@ _SHARED = ("current_gain", "voltage_gain", "speed_gain")
 #: Deviation of the points' angle, rad, which the map of the recordings shows; and that of what
 #: nothing is believed of, SI units.
 _ANGLE, _FLAT = np.deg2rad(3.0), 1e3
+#: Noise of the points over what they show alone, whose map follows a part of it.
+_NOISE = (1.0, 1.5, 2.2, 3.3)
 #: Distance of points from recordings over what both allow beyond which they contradict each other.
 _APART = 2.0
 _SOURCE, _REMEDY = "operating points", "Record more operating points."
@@ -56,7 +58,11 @@ def with_points(fit: Fit, balances: Sequence[PointsBalance]) -> Fit:
             "larger currents."
         )
     used = replace(points, channels={n: v[inside] for n, v in points.channels.items()})
-    updates = [_Update(fit, machine, replace(balance, points=used)) for balance in balances]
+    updates = [
+        _Update(fit, machine, balance, more)
+        for balance in (replace(one, points=used) for one in balances)
+        for more in _NOISE
+    ]
     likely = np.array([one.evidence for one in updates])
     weight = np.exp(likely - likely.max())
     weight /= weight.sum()
@@ -70,11 +76,12 @@ def with_points(fit: Fit, balances: Sequence[PointsBalance]) -> Fit:
 
 @dataclass(frozen=True, eq=False)
 class _Update:
-    """A fit of recordings, narrowed by points with one width of the inverter's knee."""
+    """A fit of recordings, narrowed by points with one knee of the inverter and one noise."""
 
     fit: Fit
     machine: Machine
     balance: PointsBalance
+    more: float = 1.0
 
     @cached_property
     def layout(self) -> Layout[Machine]:
@@ -157,10 +164,10 @@ class _Update:
 
     @cached_property
     def noise(self) -> FloatArray:
-        """Deviation of each equation's noise, as the points alone show it."""
+        """Deviation of each equation's noise."""
         deviation = np.ones(len(self.balance.target))
         for rows, own in zip(self.balance.outputs, self.balance.noise, strict=True):
-            deviation[rows] = own
+            deviation[rows] = self.more * own
         return deviation
 
     @cached_property
@@ -255,7 +262,7 @@ def _narrowed(
         model=model,
         parameters=estimates,
         excited=np.concatenate([between(points.stack(CURRENTS)), fit.excited]),
-        stationary=compared(best.balance, best.left, *best.gain[1:]),
+        stationary=compared(best.balance, best.left, best.gain[1], best.noise),
         covariance=slopes @ covariance @ slopes.T,
         learned_uncertainty=LearnedUncertainty(covariance, raw[None], np.ones(1)),
         provenance={**fit.provenance, "structure": structure},

@@ -183,9 +183,11 @@ def _comparison(balance: PointsBalance, solved: Solved) -> StationaryComparison:
 
 
 def compared(
-    balance: PointsBalance, left: FloatArray, expected: FloatArray
+    balance: PointsBalance, left: FloatArray, expected: FloatArray, noise: FloatArray
 ) -> StationaryComparison:
     """Return the points beside a model that leaves `left`, of covariance `expected`, of them.
+
+    `noise` is the deviation of each equation's own.
 
     The model knew none of them: each is told by it and by all other points (Rasmussen and Williams,
     Gaussian Processes for Machine Learning, 5.4.2).
@@ -193,9 +195,6 @@ def compared(
     precision = np.linalg.inv(expected)
     spread = np.diag(precision) ** -0.5
     without = balance.target - precision @ left * spread**2
-    noise = np.ones(len(left))
-    for rows, own in zip(balance.outputs, balance.noise, strict=True):
-        noise[rows] = own
     fitted = balance.target - noise**2 * (precision @ left)
     return _beside(balance, balance.target, fitted, without, spread)
 
