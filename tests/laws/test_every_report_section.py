@@ -147,4 +147,4 @@ def test_the_head_of_the_page_renders(kind, of):
 def test_a_good_fit_has_every_section(kind):
     fit, page = kind
     absent = [part.__name__ for part in page.all_parts() if part(fit) is None]
-    assert set(absent) <= {"uncertainty_budget", "loss_weighting"}
+    assert set(absent) <= {"uncertainty_budget", "loss_weighting", "points_balance"}

@@ -47,6 +47,7 @@ def spectrum():
 @pytest.fixture
 def fit(choice, comparison, spectrum):
     return SimpleNamespace(
+        stationary=None,
         parameters={
             "mass": Estimate(1.018, 0.004, (1.010, 1.026), "kg", 0.9),
             "friction": Estimate(3.2e-3, 1e-4, (3.0e-3, 3.4e-3), "Ns/m"),

@@ -160,8 +160,9 @@ def _first_paragraph(fit: Fit, names: Sequence[str], page: Page) -> str:
         both = [f"{span} for {name}" for name, span in zip(names, spans, strict=True)]
         intervals = f"The horizons tried gave values from {listed(spans if single else both)}. "
     trained = [one.name for one in fit.recordings if one.role == "train"]
-    trained += [fit.stationary.name] if fit.stationary else []
     source = trained[0] if len(trained) == 1 else f"{len(trained) or 'the training'} recordings"
+    if fit.stationary:
+        source = f"{source} and {fit.stationary.name}" if trained else fit.stationary.name
     subject = "Each was" if not answered else "It was" if len(names) < 2 else "They were"
     return f"{intervals}{subject} fitted to {source} {page.method}."
 

@@ -44,12 +44,15 @@ _CENTRES = {
     True: "around the mean of the plateau, weighted by precision",
     False: "the bar of the selected horizon",
 }
+#: What became of it behind the ladder, where operating points were given.
+_MOVED = ", after the operating points have moved and narrowed it"
 
 
 def parameters(fit: Fit) -> Section | None:
     """Return the section on the physical parameters over the horizons."""
     if not fit.parameters:
         return None
+    moved = _MOVED if fit.stationary else ""
     figures = [
         picture(
             ladder_title(fit, name),
@@ -57,7 +60,8 @@ def parameters(fit: Fit) -> Section | None:
             "deviations. Where neighbouring points agree, the value no longer depends on how "
             "far ahead the model predicted; that is the plateau. Shaded blue is the 95 % "
             f"interval that the data show: {_CENTRES[fit.horizon.verdict in AVERAGED]}, widened "
-            "by the spread between horizons.",
+            f"by the spread between horizons{moved}. The interval of the answer is wider by what "
+            "is assumed of the sensors.",
             parameter_over_ladder,
             fit,
             name,
