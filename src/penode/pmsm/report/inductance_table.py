@@ -47,10 +47,12 @@ def inductance_table(fit: Fit) -> Table:
         "L_dq": (slope[0, 1] + slope[1, 0]) / 2,
         "L_qq": slope[1, 1],
     }
+    with np.errstate(invalid="ignore"):  # no real number where the map is indefinite
+        root = np.sqrt(slope[0, 0] * slope[1, 1])
     ratios = {
         "apparent saliency": apparent[1] / apparent[0],
         "differential saliency": slope[1, 1] / slope[0, 0],
-        f"coupling in{_SPACE}%": 100 * inductances["L_dq"] / np.sqrt(slope[0, 0] * slope[1, 1]),
+        f"coupling in{_SPACE}%": 100 * inductances["L_dq"] / root,
     }
     columns: list[Column] = [
         ("at", names),
