@@ -120,7 +120,9 @@ def _openpyxl(fit: Fit, folder: Path, to: str) -> Callable[[FloatArray], FloatAr
     ]
     i_q = next(book["psi_d in Vs"].iter_rows(values_only=True))[1:]
     axes = tables[0][:, 0], np.array(i_q, float)
-    made = [RegularGridInterpolator(axes, table[:, 1:]) for table in tables]
+    # The cells have 16 digits: a point of the edge may lie beyond it by rounding.
+    kept = {"bounds_error": False, "fill_value": None}
+    made = [RegularGridInterpolator(axes, table[:, 1:], **kept) for table in tables]
 
     def run(at: FloatArray) -> FloatArray:
         return np.stack([one(at) for one in made], axis=1)
