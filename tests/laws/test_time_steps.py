@@ -216,6 +216,7 @@ def test_one_fit_of_both_covers_the_truth_and_is_surer_than_either(runs):
     assert all(error < 2 * NOISE for one in both.comparisons for error in [one.free_run_rmse])
 
 
+@pytest.mark.slow  # so does the how-to on recordings as they are
 def test_the_default_plan_takes_them(runs):
     fit = identify(Pendulum(pull=25.0, damping=0.6), runs, validation=[runs[1].part(100, 300)])
     assert fit.horizon.verdict == "plateau"

@@ -199,6 +199,7 @@ def test_with_much_of_it_every_step_begins_at_the_sample_before(run):
     assert filtered.loss == pytest.approx(every.loss, rel=1e-6)
 
 
+@pytest.mark.slow  # the how-to on recordings as they are makes such a fit
 def test_a_fit_keeps_its_filter(run, tmp_path):
     model = ExtendedKalman(Spring(3.5, 0.6), **NOISE)
     fit = identify(model, [run], plan=ladder_plan((40,)))

@@ -159,6 +159,7 @@ def test_an_output_that_is_the_identity_changes_no_term(like, loss):
     np.testing.assert_allclose(second, first, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow  # the terms of which it is made are compared above
 @pytest.mark.parametrize(
     ("plain", "same"),
     [pytest.param(Oscillator, Identity, marks=pytest.mark.slow), (Hidden, Position)],
