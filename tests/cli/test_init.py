@@ -192,6 +192,8 @@ def test_init_never_overwrites(recording, penode, tmp_path):
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "study.toml: this file exists" in done.stderr
+    wrong = penode("init", tmp_path / "recordnig.csv", "--out", config)
+    assert "recordnig.csv: file not found" in " ".join(wrong.stderr.split())
     assert config.read_text() == "mine"
 
 

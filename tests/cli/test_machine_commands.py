@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from penode.bench.config import load_config
+from penode.cli.loci import _supported
 from penode.data.save import save
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
+from penode.pmsm.control.loci import Locus
 from penode.pmsm.exports.formats import FORMATS
 from penode.pmsm.result_files import flux_map_csv
 from penode.pmsm.simulation.simulated_drive import deviation
@@ -43,6 +45,13 @@ def test_points_and_pole_pairs_are_taken(result, penode, tmp_path):
     assert "9 x 9" in done.stdout
     with np.load(out) as arrays:
         assert arrays["n_p"] == 3
+
+
+def test_every_range_of_torque_that_recordings_support_is_said():
+    none = np.zeros((2, 6))
+    supported = np.array([1, 1, 0, 1, 1, 0], dtype=bool)
+    locus = Locus(none, none, np.array([0.0, 20.0, 40.0, 60.0, 100.0, 120.0]), supported)
+    assert _supported(locus) == "0 to 20 and 60 to 100"
 
 
 def test_loci_are_told_drawn_and_tabulated(result, penode, tmp_path):

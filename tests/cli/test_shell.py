@@ -116,3 +116,4 @@ def test_no_words_at_all_show_the_help(penode):
     done = penode()
     assert done.returncode == 2
     assert "identify" in done.stdout + done.stderr
+    assert "error" not in done.stderr

@@ -222,6 +222,11 @@ def test_a_missing_file_is_named(archive, name):
         read_archive(archive)
 
 
+def test_a_missing_folder_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"resultt: no such file or folder"):
+        read_archive(tmp_path / "resultt" / "fit")
+
+
 def test_a_new_document_beside_old_arrays_is_refused(archive):
     new = archived({"schema": "y"}, {"a.b[0]": np.zeros(500)})
     (archive / "fit.json").write_bytes(new["fit.json"])

@@ -90,7 +90,7 @@ def _coverage(check: RecordingCheck) -> list[Row]:
     speeds = ", ".join(dict.fromkeys(number(s * 30 / np.pi) for s in cover.speeds))
     summary = (
         f"Currents up to {number(cover.largest_current)} A over {number(100 * cover.fraction)} % "
-        f"of that disc, whose vector changes at up to {number(cover.current_rate)} rad/s; "
+        f"of that disc; the current vector changes at up to {number(cover.current_rate)} rad/s; "
         f"electrical speed {speeds} rpm."
     )
     return [("coverage", sentence) for sentence in (summary, *cover.advice)]

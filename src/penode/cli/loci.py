@@ -197,7 +197,7 @@ def _supported(locus: Locus) -> str:
     """Return the ranges of torque, Nm, in which recordings support a locus."""
     edges = np.flatnonzero(np.diff(locus.supported.astype(int), prepend=0, append=0))
     ranges = [
-        f"{number(locus.torque[first])} to {number(locus.torque[end - 1])}"
+        f"{locus.torque[first]:.3g} to {locus.torque[end - 1]:.3g}"
         for first, end in edges.reshape(-1, 2)
     ]
     return " and ".join(ranges)

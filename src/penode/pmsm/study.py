@@ -114,18 +114,23 @@ def identify_with_points(
     Returns
     -------
     Fit
-        That of the recordings, R and map narrowed by the points, with ``fit.stationary``; where no
-        horizon was preferred it is that of the recordings alone. Recordings are predicted without
-        the points.
+        That of the recordings, R and map narrowed by the points, with ``fit.stationary``.
+        Recordings are predicted without the points. Where no horizon was preferred, or fewer than
+        two points lie within the currents of the recordings, it is that of the recordings alone,
+        with a warning.
 
     Raises
     ------
     InputError
-        As from `identify`; if the map is another one, a channel that the points need is missing, or
-        they lie beyond the currents of the recordings.
+        As from `identify`; if the map is another one, or a channel that the points need is missing.
     Stopped
         As from `identify`, of the recordings alone.
     """
+    if study.flux_map != "coenergy":
+        raise InputError(
+            f"flux_map must be coenergy with operating points beside recordings, got "
+            f"{study.flux_map}."
+        )
     balances = balances_of(points, study)
     fit = identified(experiments, study, validation, observer, checkpoint)
     return uncertain_resistance(counted_from_zero(with_points(fit, balances)))

@@ -144,6 +144,7 @@ def test_an_angle_offset_is_estimated_beside_the_timing(fast_run):
         assert np.rad2deg(result["angle"]) == pytest.approx(2.0, abs=0.05)
         assert (result["delay"], result["turn"], result.drive.hold) == (delay, 0.0, "dq")
         assert result.reasons[-1].startswith("The d axis lies ")
+        assert "° before that of the recording" in result.reasons[-1]
     corrected = Calibration({"angle": np.deg2rad(2.0)}).applied(behind)
     for name, values in fast_run.channels.items():
         np.testing.assert_allclose(corrected.channels[name], values, atol=1e-9)

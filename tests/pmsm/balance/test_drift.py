@@ -8,8 +8,8 @@ import pytest
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
-from penode.pmsm.balance.drift import Drift, drift_of
-from penode.pmsm.machine.terms import TemperatureResistance
+from penode.pmsm.balance.drift import Drift, _drifting, drift_of
+from penode.pmsm.machine.terms import MagnetTemperature, TemperatureResistance
 from penode.pmsm.recording.imperfection import KnownDrive
 from penode.pmsm.recording.imperfections import budget_rows
 
@@ -99,3 +99,12 @@ def test_stretches_of_a_recording_share_its_clock(steady_run):
     for steady, place in zip(known.applied(stretches), ((0, 1800), (3100, 5000)), strict=True):
         expected = steady_run.stack(VOLTAGES)[slice(*place)]
         np.testing.assert_allclose(steady.stack(VOLTAGES), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("term", "left"),
+    [(TemperatureResistance(), "magnet_drift"), (MagnetTemperature(), "resistance_drift")],
+)
+def test_a_term_that_follows_a_temperature_leaves_the_drift_of_the_other_part(term, left):
+    assert _drifting(()) == ["resistance_drift", "magnet_drift"]
+    assert _drifting((term,)) == [left]

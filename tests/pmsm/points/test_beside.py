@@ -12,6 +12,7 @@ from penode.fit.fit import Estimate, HorizonChoice
 from penode.fit.learned_uncertainty import LearnedUncertainty, map_slopes
 from penode.fit.outcome import Contribution
 from penode.models.layout import Layout
+from penode.pmsm import identify_with_points
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.terms import Resistance
 from penode.pmsm.points.beside import _SHARED, _Update, with_points
@@ -141,14 +142,28 @@ def test_points_of_another_machine_contradict(fit):
     assert "Points contradict: points.csv" in found.horizon.reason
 
 
-def test_a_fit_without_an_answer_stays_as_it_is(fit):
+def test_a_fit_without_an_answer_stays_and_a_warning_says_so(fit):
     refused = replace(fit, horizon=replace(fit.horizon, verdict="no plateau"))
-    assert with_points(refused, balances_of(measured(count=12), STUDY)) is refused
+    found = with_points(refused, balances_of(measured(count=12), STUDY))
+    assert found.model is refused.model
+    assert "the recordings alone have no answer" in found.warnings[-1]
 
 
-def test_points_beyond_the_recordings_are_refused(fit):
-    points = measured(count=12)
-    far = {n: 20 * v if n in ("i_d", "i_q") else v for n, v in points.channels.items()}
-    balances = balances_of(replace(points, channels=far), STUDY)
-    with pytest.raises(InputError, match="must lie within the currents of the recordings"):
-        with_points(fit, balances)
+def test_points_beyond_the_recordings_are_left_out_by_their_number(fit):
+    points = measured(count=20)
+    few, all_of_them = np.where(np.arange(20) < 3, 20.0, 1.0), np.full(20, 20.0)
+    found = []
+    for far in (few, all_of_them):
+        channels = {n: far * v if n in ("i_d", "i_q") else v for n, v in points.channels.items()}
+        found.append(with_points(fit, balances_of(replace(points, channels=channels), STUDY)))
+    some, none = found
+    assert len(some.stationary.measured) == 17
+    assert "17 of 20 operating points lie within the currents" in some.warnings[-1]
+    assert none.model is fit.model
+    assert none.stationary is None
+    assert "0 of 20 operating points lie within" in none.warnings[-1]
+
+
+def test_another_map_is_refused_before_anything_is_trained():
+    with pytest.raises(InputError, match=r"flux_map must be coenergy .* got mlp"):
+        identify_with_points([], measured(count=12), study=replace(STUDY, flux_map="mlp"))

@@ -61,7 +61,8 @@ FORMATS: dict[str, Format] = {
     "mat": Format(".mat", _mat),
     "m": Format(".m", lambda fit, grid, name: matlab_script.encode(_variables(fit, grid))),
     "motorcad": Format(
-        ".mat", lambda fit, grid, name: motorcad.encode(grid, over_angle(fit, grid))
+        ".mat",
+        lambda fit, grid, name: mat.encode(motorcad.variables(grid, over_angle(fit, grid))),
     ),
     "xlsx": Format(
         ".xlsx", lambda fit, grid, name: excel.encode(grid, torque_per_ampere(fit, grid))

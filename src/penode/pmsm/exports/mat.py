@@ -8,7 +8,7 @@ from scipy.io import savemat
 
 
 def encode(variables: Mapping[str, Any]) -> bytes:
-    """Return the file of what `penode.pmsm.exports.matlab_tables.variables` gives."""
+    """Return the file of variables by name."""
     content = io.BytesIO()
     savemat(content, variables, do_compression=True)
     return content.getvalue()

@@ -1,20 +1,16 @@
-"""MATLAB file in the form of a saturation map as Motor-CAD exports it over d and q currents."""
+"""Variables of a saturation map as Motor-CAD exports it over d and q currents."""
 
-import io
 from typing import Any
 
 import numpy as np
-from scipy.io import savemat
 
 from penode.pmsm.machine.angle_grid import AngleGrid
 from penode.pmsm.machine.flux_grid import FluxGrid
-
-#: Temperature that Motor-CAD states a resistance at, degC.
-_REFERENCE = 20.0
+from penode.pmsm.machine.terms import REFERENCE
 
 
-def encode(grid: FluxGrid, turned: AngleGrid | None) -> bytes:
-    """Return the file: i_d along the rows, i_q along the columns, the angle along the third axis.
+def variables(grid: FluxGrid, turned: AngleGrid | None) -> dict[str, Any]:
+    """Return them by name: i_d along the rows, i_q along the columns, the angle along a third axis.
 
     ``Id_Peak``, ``Iq_Peak``, ``Stator_Current_Phase_Peak`` (A), ``Phase_Advance`` (degrees by which
     the current leads the q axis), ``Flux_Linkage_D``, ``Flux_Linkage_Q`` (Vs), and with pole pairs
@@ -43,11 +39,9 @@ def encode(grid: FluxGrid, turned: AngleGrid | None) -> bytes:
             tables["Angular_Electromagnetic_Torque"] = turned.torque
     if (resistance := reference_resistance(grid)) is not None:
         tables["Phase_Resistance_DC_at_20C"] = resistance
-    content = io.BytesIO()
-    savemat(content, tables, do_compression=True)
-    return content.getvalue()
+    return tables
 
 
 def reference_resistance(grid: FluxGrid) -> float | None:
     """Return R in ohm where it is that at 20 degC."""
-    return grid.resistance if grid.temperatures.resistance == _REFERENCE else None
+    return grid.resistance if grid.temperatures.resistance == REFERENCE else None

@@ -9,17 +9,16 @@ recordings: both were measured on one bench, and no number of points makes them 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
 from penode.arrays import BoolArray, FloatArray, float64
-from penode.errors import InputError
 from penode.fit.fit import Estimate, Fit
 from penode.fit.learned_uncertainty import LearnedUncertainty, map_slopes, physical_slopes
 from penode.fit.outcome import Contribution, Objection
 from penode.horizon.objections import with_objections
 from penode.models.layout import Layout
-from penode.pmsm.machine.coenergy_map import CoenergySplines
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import physical_values
@@ -39,24 +38,25 @@ _SOURCE, _REMEDY = "operating points", "Record more operating points."
 
 
 def with_points(fit: Fit, balances: Sequence[PointsBalance]) -> Fit:
-    """Return the fit of recordings, narrowed by operating points; the same without a verdict.
+    """Return the fit of recordings with the map ``coenergy``, narrowed by operating points.
 
     `balances` are of the points, one a width of the inverter's knee. What the fit says of the
-    recordings stays: a gain that the points show is one of its channels too. Refuses another map
-    than ``coenergy``, and points beyond its currents.
+    recordings stays: a gain that the points show is one of its channels too. Points beyond the
+    currents of the recordings are left out, as all are where nothing can be narrowed; a warning
+    says so.
     """
-    machine, points = fit.model, balances[0].points
-    if not isinstance(machine, Machine) or not isinstance(machine.flux.network, CoenergySplines):
-        raise InputError("operating points beside recordings need the flux map coenergy.")
+    machine, points = cast(Machine, fit.model), balances[0].points
+    reach = machine.flux.current_scale
+    inside = np.abs(points.stack(CURRENTS)).max(axis=1) <= reach
+    within = (
+        f"{points.name}: {inside.sum()} of {len(points)} operating points lie within the currents "
+        f"of the recordings, {reach:.3g} A"
+    )
     if not fit.horizon.answered or not np.isfinite(fit.covariance).all():
-        return fit
-    inside = np.abs(points.stack(CURRENTS)).max(axis=1) <= machine.flux.current_scale
+        alone = "the recordings alone have no answer with an interval"
+        return _warned(fit, f"{points.name}: the operating points were left out: {alone}")
     if inside.sum() < 2:
-        raise InputError(
-            f"{points.name}: points must lie within the currents of the recordings, "
-            f"{machine.flux.current_scale:.3g} A, got {inside.sum()} of {len(points)}; record "
-            "larger currents."
-        )
+        return _warned(fit, f"{within}; they were left out")
     used = replace(points, channels={n: v[inside] for n, v in points.channels.items()})
     updates = [
         _Update(fit, machine, balance, more)
@@ -70,8 +70,13 @@ def with_points(fit: Fit, balances: Sequence[PointsBalance]) -> Fit:
     raw = np.tensordot(weight, np.stack([one.raw for one in updates]), axes=1)
     apart = np.stack([one.raw - raw for one in updates])
     spread = (weight * apart.T) @ apart
-    within = np.tensordot(weight, np.stack([one.covariance for one in updates]), axes=1)
-    return _narrowed(fit, best, raw, within + spread, spread)
+    own = np.tensordot(weight, np.stack([one.covariance for one in updates]), axes=1)
+    narrowed = _narrowed(fit, best, raw, own + spread, spread)
+    return narrowed if inside.all() else _warned(narrowed, f"{within}; the others were left out")
+
+
+def _warned(fit: Fit, sentence: str) -> Fit:
+    return replace(fit, warnings=(*fit.warnings, f"{sentence}."))
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,14 +205,13 @@ class _Update:
         before = self.belief + self.moved @ self.moved.T
         return np.asarray(before - gain @ expected @ gain.T)
 
-    @cached_property
+    @property
     def evidence(self) -> float:
         """Log likelihood of the points, given the recordings."""
-        expected = self.gain[1]
-        squares = self.left @ np.linalg.solve(expected, self.left)
-        return float(-0.5 * (squares + np.linalg.slogdet(expected)[1]))
+        volume = np.linalg.slogdet(self.gain[1])[1]
+        return float(-0.5 * (len(self.left) * self.distance**2 + volume))
 
-    @property
+    @cached_property
     def distance(self) -> float:
         """How far the points are from the recordings, over what both allow; about 1."""
         squares = self.left @ np.linalg.solve(self.gain[1], self.left)

@@ -179,7 +179,7 @@ def _comparison(balance: PointsBalance, solved: Solved) -> StationaryComparison:
         deviation[rows] = own
     fitted = matrix @ solution.mean
     without, spread = left_out(matrix, balance.target, solution, deviation)
-    return _beside(balance, balance.target, fitted, without, spread)
+    return _beside(balance, fitted, without, spread)
 
 
 def compared(
@@ -196,19 +196,15 @@ def compared(
     spread = np.diag(precision) ** -0.5
     without = balance.target - precision @ left * spread**2
     fitted = balance.target - noise**2 * (precision @ left)
-    return _beside(balance, balance.target, fitted, without, spread)
+    return _beside(balance, fitted, without, spread)
 
 
 def _beside(
-    balance: PointsBalance,
-    target: FloatArray,
-    fitted: FloatArray,
-    without: FloatArray,
-    spread: FloatArray,
+    balance: PointsBalance, fitted: FloatArray, without: FloatArray, spread: FloatArray
 ) -> StationaryComparison:
     """Return equations as the quantities that were measured."""
     count = len(balance.points)
-    known = np.concatenate([balance.known.ravel(), np.zeros(len(target) - 2 * count)])
+    known = np.concatenate([balance.known.ravel(), np.zeros(len(balance.target) - 2 * count)])
 
     def table(values: FloatArray) -> FloatArray:
         voltages, torque = values[: 2 * count].reshape(count, 2), values[2 * count :]
@@ -220,7 +216,7 @@ def _beside(
         name=balance.points.name,
         quantities=names[:shown],
         units=units[:shown],
-        measured=table(target + known),
+        measured=table(balance.target + known),
         fitted=table(fitted + known),
         without=table(without + known),
         deviation=table(spread),
