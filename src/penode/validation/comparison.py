@@ -133,6 +133,8 @@ class StationaryComparison:
         Of the table.
     quantities, units : tuple of str
         Names and SI units of the columns.
+    states : ndarray, shape (point, state)
+        Where the points are, SI units.
     measured, fitted, without : ndarray, shape (point, quantity)
         Measured; said by the model; said by a model fitted without the point.
     deviation : ndarray, shape (point, quantity)
@@ -142,6 +144,7 @@ class StationaryComparison:
     name: str
     quantities: tuple[str, ...]
     units: tuple[str, ...]
+    states: FloatArray
     measured: FloatArray
     fitted: FloatArray
     without: FloatArray

@@ -104,6 +104,8 @@ def test_points_narrow_resistance_and_map_and_the_budget_adds_up(fit):
     assert (both.learned_deviation(at) < fit.learned_deviation(at)).all()
     assert min(both.stationary.covered.values()) > 0.85
     assert both.horizon == fit.horizon
+    assert both.excited is fit.excited
+    np.testing.assert_array_equal(both.stationary.states, points.stack(("i_d", "i_q")))
 
 
 @pytest.mark.parametrize("gain", _SHARED)
@@ -134,6 +136,19 @@ def test_on_an_exact_bench_no_gain_is_shared(fit):
         both.parameters["R"].std < with_points(fit, balances_of(points, STUDY)).parameters["R"].std
     )
     assert abs(both.parameters["R"].value - R) < 4 * both.parameters["R"].std
+
+
+def test_the_map_moves_hardly_more_beyond_the_recorded_currents_than_within(fit):
+    points = measured(count=40, seed=7)
+    both = with_points(fit, balances_of(points, STUDY))
+    reach = 1.3 * fit.model.flux.current_scale * np.array([-1.0, 1.0])
+    corners = np.stack(np.meshgrid(reach, reach)).reshape(2, -1)
+    moved = [
+        np.abs(both.flux_map(*at) - fit.flux_map(*at)).max()
+        for at in (points.stack(("i_d", "i_q")).T, corners)
+    ]
+    assert moved[0] > 0
+    assert moved[1] < 4 * moved[0]
 
 
 def test_points_of_another_machine_contradict(fit):

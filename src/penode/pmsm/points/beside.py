@@ -23,7 +23,7 @@ from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import physical_values
 from penode.pmsm.points.balance import PointsBalance
-from penode.pmsm.points.identify import between, compared
+from penode.pmsm.points.identify import compared
 
 #: Gains that points and recordings share.
 _SHARED = ("current_gain", "voltage_gain", "speed_gain")
@@ -32,6 +32,9 @@ _SHARED = ("current_gain", "voltage_gain", "speed_gain")
 _ANGLE, _FLAT = np.deg2rad(3.0), 1e3
 #: Noise of the points over what they show alone, whose map follows a part of it.
 _NOISE = (1.0, 1.5, 2.2, 3.3)
+#: Square of currents in which the map moves least, in reaches of the map, points a side, and the
+#: weight of that beside what it should move at recorded currents.
+_SQUARE, _SIDE, _BEYOND = 1.5, 25, 3e-2
 #: Distance of points from recordings over what both allow beyond which they contradict each other.
 _APART = 2.0
 _SOURCE, _REMEDY = "operating points", "Record more operating points."
@@ -41,9 +44,9 @@ def with_points(fit: Fit, balances: Sequence[PointsBalance]) -> Fit:
     """Return the fit of recordings with the map ``coenergy``, narrowed by operating points.
 
     `balances` are of the points, one a width of the inverter's knee. What the fit says of the
-    recordings stays: a gain that the points show is one of its channels too. Points beyond the
-    currents of the recordings are left out, as all are where nothing can be narrowed; a warning
-    says so.
+    recordings stays, and where it is supported: a gain that the points show is one of its channels
+    too. Points beyond the currents of the recordings are left out, as all are where nothing can be
+    narrowed; a warning says so.
     """
     machine, points = cast(Machine, fit.model), balances[0].points
     reach = machine.flux.current_scale
@@ -217,6 +220,25 @@ class _Update:
         squares = self.left @ np.linalg.solve(self.gain[1], self.left)
         return float(np.sqrt(squares / len(self.left)))
 
+    def within_support(self, step: FloatArray) -> FloatArray:
+        """Return a step of the raw parameters that moves the map least beyond recorded currents.
+
+        There points say nothing, and a belief with a wide band could give an inductance below zero.
+        """
+        square = _SQUARE * self.machine.flux.current_scale * np.linspace(-1, 1, _SIDE)
+        beyond = np.stack(np.meshgrid(square, square), axis=-1).reshape(-1, 2)
+        at = np.concatenate([self.fit.excited, self.balance.points.stack(CURRENTS)])
+        learned = self.layout.members(("learned",))
+        inside, outside = (
+            map_slopes(self.machine, places).reshape(2 * len(places), -1) for places in (at, beyond)
+        )
+        mean = learned & (np.abs(outside).max(axis=0) > 0)
+        stacked = np.concatenate([inside[:, mean], _BEYOND * outside[:, mean]])
+        wanted = np.concatenate([inside[:, mean] @ step[mean], np.zeros(len(outside))])
+        kept = step.copy()
+        kept[mean] = np.linalg.lstsq(stacked, wanted, rcond=None)[0]
+        return kept
+
     def budget(self, place: int, total: float, spread: float) -> tuple[Contribution, ...]:
         """Return the budget of a physical parameter of variance `total`, `spread` by the knees."""
         name, slope = self.layout.physical[place], self.slopes[place]
@@ -244,6 +266,7 @@ def _narrowed(
 ) -> Fit:
     """Return the fit at raw parameters; `spread` is the part of their covariance by the knees."""
     layout, slopes, points = best.layout, best.slopes, best.balance.points
+    raw = best.before + best.within_support(raw - best.before)
     with float64():
         model: Machine = layout.plain_model(raw)
     values = slopes @ (raw - best.before)
@@ -265,7 +288,6 @@ def _narrowed(
         fit,
         model=model,
         parameters=estimates,
-        excited=np.concatenate([between(points.stack(CURRENTS)), fit.excited]),
         stationary=compared(best.balance, best.left, best.gain[1], best.noise),
         covariance=slopes @ covariance @ slopes.T,
         learned_uncertainty=LearnedUncertainty(covariance, raw[None], np.ones(1)),

@@ -95,7 +95,7 @@ def identify_points(points: Experiment, study: Study = DEFAULT_STUDY) -> Fit:
         model=machine,
         parameters=estimates,
         horizon=choice,
-        excited=between(points.stack(CURRENTS)),
+        excited=_between(points.stack(CURRENTS)),
         comparisons=(),
         stationary=stationary,
         learned_uncertainty=_uncertainty(balance, solution, machine),
@@ -133,7 +133,7 @@ def balances_of(points: Experiment, study: Study) -> list[PointsBalance]:
     return balances
 
 
-def between(currents: FloatArray) -> FloatArray:
+def _between(currents: FloatArray) -> FloatArray:
     """Return currents (point, 2) with some between neighbours, where a smooth map interpolates."""
     try:
         corners = currents[Delaunay(currents).simplices]
@@ -216,6 +216,7 @@ def _beside(
         name=balance.points.name,
         quantities=names[:shown],
         units=units[:shown],
+        states=balance.points.stack(CURRENTS),
         measured=table(balance.target + known),
         fitted=table(fitted + known),
         without=table(without + known),

@@ -56,9 +56,10 @@ def _farthest(fit: Fit, one: StationaryComparison) -> Table:
     return table(
         "Points farthest from what all others say",
         [
-            ("row", [numeric(str(k + 1)) for k in order]),
-            ("i_d in A", [plain(fit.excited[k, 0]) for k in order]),  # the points come first
-            ("i_q in A", [plain(fit.excited[k, 1]) for k in order]),
+            # Of all rows; beside recordings some of them may be left out.
+            *([] if fit.comparisons else [("row", [numeric(str(k + 1)) for k in order])]),
+            ("i_d in A", [plain(one.states[k, 0]) for k in order]),
+            ("i_q in A", [plain(one.states[k, 1]) for k in order]),
             ("quantity", [one.quantities[q] for _, q in pairs]),
             (
                 "measured less expected",
