@@ -74,13 +74,15 @@ from validate import (
 #: Modules with tests of their own, and those that run in an environment of other simulators.
 TESTED = {
     "command", "golden", "drawn_logs", "drawn_physics", "physics", "through_command",
-    "sampled_drive", "standstill",
+    "sampled_drive", "standstill", "pmsm_id",
 }  # fmt: skip
 ELSEWHERE = {
     "other_simulators.control_loci": "motulator",
     "other_simulators.gem_drive": "gym_electric_motor",
     "other_simulators.motulator_drive": "motulator",
     "other_simulators.record": "motulator",
+    "pmsm_id.of_motulator": "motulator",
+    "pmsm_id.peers": "jax_sysid",
 }
 HERE = {
     "accessibility", "aliasing", "bad_files", "conventions", "drawn_recordings", "examples",
@@ -99,7 +101,7 @@ def test_every_module_has_a_case():
 
 
 @pytest.mark.parametrize("name", ELSEWHERE)
-def test_what_needs_other_simulators_is_imported_where_they_are(name):
+def test_what_needs_other_libraries_is_imported_where_they_are(name):
     source = Path(validate.__file__).parent / f"{name.replace('.', '/')}.py"
     compile(source.read_text(), source, "exec")
     if importlib.util.find_spec(ELSEWHERE[name]) is None:

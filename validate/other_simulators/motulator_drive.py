@@ -16,6 +16,12 @@ from validate.other_simulators.plan import Planned
 from validate.other_simulators.references import Profile, Reference
 from validate.other_simulators.sensors import Sensors
 
+#: Machines without saturation, by the first word of their names.
+_LINEAR = {
+    "IPM": {"L_d": 0.036, "L_q": 0.051, "psi_f": 0.545},
+    "SPM": {"L_d": 0.033, "L_q": 0.033, "psi_f": 0.545},
+}
+
 
 class Follower(control.CurrentVectorController):
     """motulator's current-vector control with references of current over time."""
@@ -56,8 +62,8 @@ def maps(name: str, thor: Path | None) -> tuple[Any, Any]:
 def _parameters(machine: Machine, thor: Path | None, **changes: float) -> tuple[Any, Any]:
     """Return the parameters that are simulated and those of the controller."""
     shared = {"n_p": machine.pole_pairs, "R_s": machine.resistance}
-    if machine.name.startswith("IPM"):
-        linear = {"L_d": 0.036, "L_q": 0.051, "psi_f": 0.545}
+    linear = _LINEAR.get(machine.name.split(" ")[0])
+    if linear:
         simulated = model.SynchronousMachinePars(**shared, **linear, **changes)
         return simulated, control.SynchronousMachinePars(**shared, **linear)
     currents, flux = maps(machine.name, thor)
