@@ -53,6 +53,19 @@ def test_a_linear_machine_is_found_with_its_inverter(fit):
     assert fit.provenance["friction_torque"].startswith(("0.7", "0.8", "0.9"))
 
 
+@pytest.mark.parametrize(("pairs", "sign"), [(PAIRS + 1, 1.0), (PAIRS - 1, 1.0), (PAIRS, -1.0)])
+def test_a_torque_that_is_not_the_map_s_is_named_with_the_pole_pairs_that_fit(pairs, sign):
+    points = measured()
+    turned = points.channels | {"torque": sign * points.channels["torque"]}
+    points = Experiment("points.csv", 1.0, turned)
+    choice = identify_points(points, Study(pole_pairs=pairs)).horizon
+    assert choice.verdict == IMPLAUSIBLE
+    (objection,) = choice.objections
+    assert objection.name == "torque"
+    assert f"is {sign * PAIRS / pairs:.1g}" in objection.reason
+    assert f"({PAIRS} would fit)" in objection.repair
+
+
 def test_the_torque_makes_the_answer_surer_where_the_voltages_are_late():
     late = {"late": 40e-6, "count": 30}
     with_torque = identify_points(measured(**late), STUDY).parameters["R"]

@@ -53,6 +53,8 @@ from penode.validation.comparison import StationaryComparison
 ANSWERED = "operating points"
 #: Parts of a triangle's side at which currents between points are taken for visited.
 _FINE = 6
+#: From so much beside 1 on a torque is another than the map's: no sensor is as wrong.
+_TORQUE_OFF = 0.1
 #: Widths of the inverter's knee over the largest current, one as likely as the other.
 _KNEES = (0.01, 0.03, 0.1, 0.2)
 
@@ -258,6 +260,9 @@ def _choice(
             "Check signs and units of the columns, and whether voltages are measured or commanded.",
         )
         return HorizonChoice(0, IMPLAUSIBLE, objection.reason, (), objections=(objection,))
+    if off := _another_torque(machine, balance):
+        objection = Objection("torque", f"From {about}: {off[0]}", off[1])
+        return HorizonChoice(0, IMPLAUSIBLE, objection.reason, (), objections=(objection,))
     if low <= 0:
         more = "points at a tenth of the speed"
         more += "" if balance.torque else ", and the torque"
@@ -268,6 +273,28 @@ def _choice(
     spread = np.ptp(np.abs(speeds)) / np.abs(speeds).max()
     at = "at several speeds" if spread > 0.2 else "at one speed"
     return HorizonChoice(0, ANSWERED, f"From {about}, {at}.", ())
+
+
+def _another_torque(machine: Machine, balance: PointsBalance) -> tuple[str, str] | None:
+    """Return what is wrong with a torque that is not that of the map, and how to fix it."""
+    if not balance.torque or balance.pole_pairs is None:
+        return None
+    points, pairs = balance.points, balance.pole_pairs
+    psi = machine.maps()["flux_map"](*points.stack(CURRENTS).T)
+    i_d, i_q = points.stack(CURRENTS).T
+    columns = np.stack(
+        [1.5 * pairs * (psi[0] * i_q - psi[1] * i_d), -np.sign(points.channels[SPEED.name])], axis=1
+    )
+    measured = points.channels[TORQUE]
+    found = np.linalg.lstsq(columns, measured, rcond=None)[0]
+    left = np.var(measured - columns @ found) * np.linalg.pinv(columns.T @ columns)[0, 0]
+    if abs(found[0] - 1) < max(_TORQUE_OFF, NORMAL_95 * float(np.sqrt(left))):
+        return None
+    near = max(1, round(float(abs(found[0])) * pairs))
+    return (
+        f"the torque is {found[0]:.2g} times 1.5 p (psi_d i_q - psi_q i_d) with p = {pairs}.",
+        f"Check the pole pairs ({near} would fit), and sign and unit of the torque.",
+    )
 
 
 def _definite(machine: Machine, points: Experiment) -> bool:
