@@ -6,6 +6,7 @@ import pytest
 from penode import Experiment, InputError
 from penode.fit.outcome import IMPLAUSIBLE, NORMAL_95
 from penode.pmsm import Accuracy, Study, TemperatureResistance
+from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.terms import MagnetTemperature
 from penode.pmsm.points.balance import PointsSolution, contributions, left_out, mixed
 from penode.pmsm.points.identify import ANSWERED, identify_points
@@ -51,6 +52,14 @@ def test_a_linear_machine_is_found_with_its_inverter(fit):
     assert np.mean(NORMAL_95 * fit.learned_deviation(i) > gap.T) > 0.9
     assert min(fit.stationary.covered.values()) > 0.85
     assert fit.provenance["friction_torque"].startswith(("0.7", "0.8", "0.9"))
+
+
+def test_the_inverter_is_left_out_or_asked_for_as_the_study_says(fit):
+    without = identify_points(measured(), Study(pole_pairs=PAIRS, candidates=()))
+    assert "inverter_voltage" not in without.parameters
+    assert without.parameters["R"].value > R + 3 * fit.parameters["R"].std
+    asked = identify_points(measured(), Study(pole_pairs=PAIRS, terms=(DeadTime(),), candidates=()))
+    assert asked.parameters == fit.parameters
 
 
 @pytest.mark.parametrize(("pairs", "sign"), [(PAIRS + 1, 1.0), (PAIRS - 1, 1.0), (PAIRS, -1.0)])

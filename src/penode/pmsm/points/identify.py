@@ -26,7 +26,7 @@ from penode.models.layout import Layout
 from penode.pmsm.balance.spline_start import reach
 from penode.pmsm.balance.start import round_scale
 from penode.pmsm.machine.coenergy_map import CoenergySplines
-from penode.pmsm.machine.dead_time import MeanDeadTime
+from penode.pmsm.machine.dead_time import MeanDeadTime, PhaseSigns
 from penode.pmsm.machine.flux_maps import FluxMap
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
@@ -113,18 +113,23 @@ def balances_of(points: Experiment, study: Study) -> list[PointsBalance]:
             f"{points.name}: the torque is measured and pole_pairs is missing; add --pole-pairs, "
             "or remove the column."
         )
-    known = any(term.role == MeanDeadTime.role for term in study.terms)
+    fixed = tuple(term for term in study.terms if not isinstance(term, PhaseSigns))
+    known = any(term.role == MeanDeadTime.role for term in fixed)
+    # What an inverter takes of each phase is, on average at a point, a voltage along the current.
+    asked = len(fixed) < len(study.terms)
+    left_open = any(term.role == MeanDeadTime.role for term in study.candidates)
     knees: Sequence[tuple[Term, ...]] = [
-        () if known else (MeanDeadTime(knee_current=knee * largest),)
-        for knee in (_KNEES[:1] if known else _KNEES)
+        (MeanDeadTime(knee_current=knee * largest),) for knee in _KNEES
     ]
+    if known or not (asked or left_open):
+        knees = [()]
     speed = np.abs(points.channels[SPEED.name])
     turning = speed > 0.1 * speed.max()
     induced = np.hypot(*points.stack(VOLTAGES)[turning].T) / speed[turning]
     scales = (reach([points]), round_scale(float(induced.max())))
     balances = []
     for knee in knees:
-        terms = tuple(term.prepared(largest) for term in completed((*study.terms, *knee)))
+        terms = tuple(term.prepared(largest) for term in completed((*fixed, *knee)))
         for name, channel in channels_of(terms).items():
             if name not in points.channels:
                 raise InputError(
