@@ -14,6 +14,7 @@ from penode.pmsm.control.controlled_machine import (
     voltage_limit_of,
 )
 from penode.pmsm.control.loci import (
+    _at_both_limits,
     base_speed,
     characteristic_current,
     control_loci,
@@ -97,6 +98,14 @@ def test_most_torque_over_speed_is_found_by_trying_every_current(limit, resistan
         assert np.hypot(*locus.current[:, k]) <= limit * (1 + 1e-9)
         used = np.hypot(*machine.voltage(locus.current[:, [k]], speed * PAIRS))[0]
         assert used <= 200.0 * (1 + 1e-9)
+
+
+def test_where_the_full_current_needs_no_more_than_the_limit_it_is_kept():
+    full = mtpa(LINEAR, np.array([LIMIT])).current[:, 0]
+    enough, little = (_at_both_limits(LINEAR, 1000.0, limit, full) for limit in (1e3, 1e-3))
+    assert np.array_equal(enough, full)
+    assert np.isnan(little).all()
+    assert np.isnan(_at_both_limits(LINEAR, 1000.0, 100.0, np.full(2, np.nan))).all()
 
 
 def test_at_high_speed_the_operating_point_is_on_mtpv():

@@ -265,6 +265,8 @@ def _at_both_limits(
     """Return where the circle through the full MTPA current (2,) meets the voltage limit.
 
     The search goes from there along the circle towards the least voltage; NaN if that is too much.
+    A map whose inductance is not positive may need less at the full current than at the best one
+    of the voltage limit: then the full current it is.
     """
     circle = Circles(np.array([np.hypot(*full)]))
 
@@ -274,10 +276,12 @@ def _at_both_limits(
 
     motoring = ANGLES[ANGLES >= 0]
     beyond = excess(motoring)
-    least = int(beyond.argmin())
-    if beyond[least] > 0:
+    least = int(np.argmin(np.nan_to_num(beyond, nan=np.inf)))
+    if not beyond[least] <= 0:
         return np.full(2, np.nan)
     start = float(np.arctan2(full[1], full[0]))
+    if not excess(np.array(start))[0] > 0:
+        return full
     angle = brentq(lambda a: excess(a)[0], start, motoring[least], xtol=1e-12)
     return circle(np.array([[angle]]))[0][:, 0, 0]
 
