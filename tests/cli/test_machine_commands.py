@@ -114,6 +114,9 @@ def test_compare_with_a_fit_and_with_a_file(result, machine_fit, penode, tmp_pat
     assert done.returncode == 0, done.stderr
     assert "R " not in done.stdout
     assert out.read_bytes().startswith(b"\x89PNG")
+    alone = penode("compare", result, other)
+    assert alone.returncode == 0, alone.stderr
+    assert "picture" not in alone.stdout
 
 
 def test_loci_and_differences_for_a_program(result, machine_fit, penode, tmp_path):

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from penode.cli.console import Row, print_rows
+from penode.cli.console import print_rows
 from penode.cli.fits import load_machine
 from penode.cli.options import Json, SavedFit, TrustClasses, require_png
 from penode.fit.archive import write_atomically
@@ -17,7 +17,7 @@ from penode.pmsm.machine.flux_grid import read_grid
 def compare_command(
     first: SavedFit,
     second: Annotated[Path, typer.Argument(help="Another one, or a map such as flux_map.csv.")],
-    out: Annotated[Path, typer.Option(help="PNG to write.")],
+    out: Annotated[Path | None, typer.Option(help="PNG to write.", show_default="none")] = None,
     as_json: Json = False,
     trust: TrustClasses = False,
 ) -> None:
@@ -27,20 +27,23 @@ def compare_command(
 
     Example: penode compare cold warm --out difference.png
     """
-    require_png(out)
+    if out is not None:
+        require_png(out)
     fit, resistance = load_machine(first, trust), None
     if second.suffix.lower() == ".csv":
         maps = compare_maps(fit, read_grid(second))
     else:
         other = load_machine(second, trust)
         maps, resistance = compare_maps(fit, other), compare_resistances(fit, other)
-    # Imported here: the plotting library takes a third of a second, and few commands draw.
-    from penode.pmsm.comparison.comparison_picture import comparison_picture
+    if out is not None:
+        # Imported here: the plotting library takes a third of a second, and few commands draw.
+        from penode.pmsm.comparison.comparison_picture import comparison_picture
 
-    write_atomically(out, comparison_picture(maps, f"{second}\nless {first}"))
+        write_atomically(out, comparison_picture(maps, f"{second}\nless {first}"))
+    picture = None if out is None else str(out)
     if as_json:
         figures = {"psi_rms": maps.rms, "psi_largest": maps.largest}
-        typer.echo(json.dumps({**figures, "resistance": resistance, "picture": str(out)}))
+        typer.echo(json.dumps({**figures, "resistance": resistance, "picture": picture}))
     else:
-        between: list[Row] = [] if resistance is None else [("R", resistance)]
-        print_rows([("map", maps.sentence), *between, ("picture", str(out))])
+        told = {"map": maps.sentence, "R": resistance, "picture": picture}
+        print_rows([(name, text) for name, text in told.items() if text is not None])
