@@ -11,7 +11,8 @@ follows is hidden; by its size the interval has to grow.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -55,6 +56,8 @@ class LeftOver:
     functions: Callable[[FloatArray], FloatArray]
     # A: i_d and i_q where most of it shows.
     place: FloatArray
+    # What they are at recordings: every row asks at the same.
+    _known: WeakKeyDictionary[Experiment, FloatArray] = field(default_factory=WeakKeyDictionary)
 
     @property
     def rows(self) -> tuple[Imperfection, ...]:
@@ -71,8 +74,9 @@ class LeftOver:
 
     def _applied(self, k: int) -> Callable[[Experiment, float], Experiment]:
         def applied(experiment: Experiment, count: float) -> Experiment:
-            voltage = self.functions(experiment.stack(CURRENTS))[:, :, k]
-            return less_voltage(experiment, count * self.size * voltage)
+            if experiment not in self._known:
+                self._known[experiment] = self.functions(experiment.stack(CURRENTS))
+            return less_voltage(experiment, count * self.size * self._known[experiment][:, :, k])
 
         return applied
 
@@ -94,7 +98,8 @@ def left_over(
         explained.append((moved - left)[:, None] / _SMALL)
     basis = _orthonormal(np.concatenate(explained, axis=1))
     functions = _functions(np.concatenate([e.stack(CURRENTS) for e in experiments]))
-    shown = np.concatenate([_shown(e, functions) for e in experiments])
+    at = [functions(e.stack(CURRENTS)) for e in experiments]
+    shown = np.concatenate([_shown(*pair) for pair in zip(experiments, at, strict=True)])
     left, whole = (part - basis @ (basis.T @ part) for part in (left, shown))
     free = len(left) / OVERLAP - basis.shape[1]
     if free < whole.shape[1]:  # too few equations to say
@@ -104,8 +109,9 @@ def left_over(
         return ()
     size, coefficients = likely
     currents = np.concatenate([e.stack(CURRENTS) for e in experiments])
-    voltage = np.linalg.norm(functions(currents) @ coefficients, axis=1)
-    return LeftOver(size, functions, currents[int(np.argmax(voltage))]).rows
+    voltage = np.linalg.norm(np.concatenate(at) @ coefficients, axis=1)
+    place, there = currents[int(np.argmax(voltage))], zip(experiments, at, strict=True)
+    return LeftOver(size, functions, place, WeakKeyDictionary(there)).rows
 
 
 def _columns(experiments: Sequence[Experiment], machine: Machine) -> FloatArray:
@@ -170,10 +176,10 @@ def _kernel(one: FloatArray, other: FloatArray) -> FloatArray:
     return np.asarray(np.exp(-np.maximum(apart, 0.0) / (2 * _LENGTH**2)))
 
 
-def _shown(experiment: Experiment, functions: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Return what each function is in a recording's equations, (equation, function)."""
+def _shown(experiment: Experiment, at: FloatArray) -> FloatArray:
+    """Return what functions (time, 2, function) are in a recording's equations."""
     window = HannWindow(experiment.time_step, harmonic_window(experiment))
-    return window.of_supply(functions(experiment.stack(CURRENTS))).reshape(-1, _FUNCTIONS)
+    return window.of_supply(at).reshape(-1, _FUNCTIONS)
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:

@@ -1,6 +1,7 @@
 """The flux map of the weak form, where corrections of a recording need one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -18,9 +19,18 @@ class Linkage:
 
     part: CoenergyPart
     reach: float
+    # Every column of a balance asks at the same recordings.
+    _known: WeakKeyDictionary[Experiment, tuple[FloatArray, FloatArray]] = field(
+        default_factory=WeakKeyDictionary, repr=False
+    )
 
     def at(self, experiment: Experiment) -> tuple[FloatArray, FloatArray]:
         """Return psi (time, 2) in Vs and L (time, 2, 2) in H at the currents of a recording."""
+        if experiment not in self._known:
+            self._known[experiment] = self._evaluated(experiment)
+        return self._known[experiment]
+
+    def _evaluated(self, experiment: Experiment) -> tuple[FloatArray, FloatArray]:
         splines = with_batch_axis(CoenergySplines((self.part,)))
         with float64():
             at = with_shared_length(experiment.stack(CURRENTS).T / self.reach)
