@@ -56,7 +56,7 @@ def test_points_beside_a_recording_narrow_its_answer(tmp_path, penode, slow_run)
     voltages = {n: v + own for (n, v), own in zip(voltages.items(), noise, strict=True)}
     channels = {**voltages, "i_d": i[:, 0], "i_q": i[:, 1], "omega_el": speed}
     file = written(tmp_path, Experiment("points.csv", 1.0, channels))
-    options = ("--horizon", 2, "--hold", "dq", "--no-inverter", "--angle-orders", "none")
+    options = ("--horizon", 20, "--hold", "dq", "--no-inverter", "--angle-orders", "none")
     run, out = tmp_path / "run.csv", tmp_path / "out"
     ended = penode("identify", run, "--points", file, *options, "--out", out)
     assert ended.returncode == 0, ended.stderr
@@ -76,7 +76,7 @@ def test_points_beside_a_recording_narrow_its_answer(tmp_path, penode, slow_run)
         (("identify", "{file}", "{file}", "--out", "{out}"), "must be the only file, got 2"),
         (("identify", "{file}", "--horizon", "5", "--out", "{out}"), "which has no horizon"),
         (("identify", "{file}", "--points", "{file}", "--out", "{out}"), "which has no horizon"),
-        (("check", "{file}"), "a table of operating points must be given to penode identify"),
+        (("check", "{file}"), "the torque is measured and pole_pairs is missing; add --pole-pairs"),
     ],
 )
 def test_the_command_refuses_what_points_are_not(tmp_path, penode, arguments, sentence):
@@ -109,3 +109,17 @@ def test_a_recording_that_lost_its_time_is_no_table(tmp_path, penode):
     assert ended.returncode == 2
     assert "follow each other like samples" in ended.stderr
     assert not (tmp_path / "out" / "result.json").exists()
+
+
+def test_the_command_checks_a_table(tmp_path, penode):
+    file = written(tmp_path, measured())
+    ended = penode("check", file, "--pole-pairs", PAIRS)
+    assert ended.returncode == 0, ended.stderr
+    assert "40 operating points, with the torque" in ended.stdout
+    assert "tenth of the speed" in ended.stdout
+    found = json.loads(penode("check", file, "--pole-pairs", PAIRS, "--json").stdout)
+    assert found["good"]
+    assert found["points"] == 40
+    refused = penode("check", file, "--pole-pairs", PAIRS, "--picture", tmp_path / "a.png")
+    assert refused.returncode == 2
+    assert "--picture must be left out" in refused.stderr

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 import equinox as eqx
+import jax
 import numpy as np
 
 from penode.arrays import JaxArray
@@ -93,6 +94,8 @@ def fitted(choose: Callable[[dict[str, Any]], Identifies]) -> Method:
             return answer_of(choose(told).identify([load(file)]), told["currents"])
         except (InputError, FloatingPointError, np.linalg.LinAlgError) as error:
             return {"refused": str(error)}
+        finally:
+            jax.clear_caches()  # nothing else drops the programs of a log
 
     return method
 
@@ -100,6 +103,7 @@ def fitted(choose: Callable[[dict[str, Any]], Identifies]) -> Method:
 def by_penode(file: Path, told: dict[str, Any], folder: Path) -> Answer:
     """Answer by ``penode identify FILE``, nothing given beside; only what it stands by counts."""
     ended = by_command([file], folder / "result")
+    jax.clear_caches()
     if ended.result is None:
         return {"refused": ended.last_line}
     fit = ended.fit()

@@ -36,7 +36,7 @@ def bench(task: Task) -> Simulated:
     inverter = Inverter(
         hold=StationaryHold(1.5 if has == "delay" else 0.5),
         dead_time=DeadTime(0.8e-6) if has == "inverter" else None,
-        devices=DeviceDrop(0.8, 5e-4, soft=True) if has == "inverter" else None,
+        devices=DeviceDrop(0.8, soft=True) if has == "inverter" else None,
         delay=int(has == "delay"),
     )
     link = 400.0

@@ -13,7 +13,11 @@ from penode.cli.console import Row, print_rows
 from penode.cli.options import Config, Json, Recordings, require_png
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
+from penode.errors import InputError
 from penode.fit.archive import write_atomically
+from penode.pmsm.points.balance import TORQUE
+from penode.pmsm.points.check import PointsCheck, check_points
+from penode.pmsm.points.operating_points import load_runs
 from penode.pmsm.recording_check import RecordingCheck, check_recordings
 from penode.pmsm.study_file import load_study
 from penode.report.quantities import number
@@ -23,23 +27,26 @@ def check_command(
     runs: Recordings,
     config: Config = None,
     picture: Annotated[Path | None, typer.Option(help="PNG of what is covered.")] = None,
+    pole_pairs: Annotated[int | None, typer.Option(help="Of the machine.", min=1)] = None,
     as_json: Json = False,
 ) -> None:
     """Check what recordings determine and what they cannot, before any training: a few seconds.
 
     Quality of the channels, their conventions tested against physics, what currents and speeds
-    cover, and how far the resistance can be distinguished from the map.
+    cover, and how far the resistance can be distinguished from the map. Of a table of operating
+    points, which has no column t: what they cover, how sure R is, and what more would bring.
 
     Exit status: 0 all is well, 1 a convention is broken or the data cannot answer, 2 bad input.
 
     Example: penode check run.csv --picture cover.png
     """
     require_png(picture)
-    asked = load_study(config)
-    check = check_recordings(
-        [stretch for run in runs for stretch in asked.load_stretches(run)],
-        asked.study,
-    )
+    asked = load_study(config, {} if pole_pairs is None else {"pole_pairs": pole_pairs})
+    recordings, alone = load_runs(runs, asked.mapping)
+    if alone is not None:
+        _print_points(check_points(alone, asked.study), picture, as_json)
+        return
+    check = check_recordings(recordings, asked.study)
     if check.excitation is None or check.identifiability is None:
         picture = None
     elif picture is not None:
@@ -55,6 +62,35 @@ def check_command(
         rows = [*_recordings(check), *_coverage(check), *_identifiability(check)]
         drawn_rows = [("picture", str(picture))] if picture else []
         print_rows([*rows, ("verdict", verdict), *drawn_rows])
+    if not check.good:
+        raise typer.Exit(1)
+
+
+def _print_points(check: PointsCheck, picture: Path | None, as_json: bool) -> None:
+    """Print what operating points determine, and end with the command's status."""
+    if picture is not None:
+        raise InputError(
+            f"--picture must be left out for a table of operating points, got {picture}; the "
+            "report of penode identify shows them."
+        )
+    if as_json:
+        typer.echo(json.dumps(check.as_json()))
+    else:
+        torque = ", with the torque" if TORQUE in check.points.channels else ""
+        count = f"{check.points.name}: {len(check.points)} operating points{torque}"
+        verdict = Text(check.fit.horizon.reason, style="green" if check.good else "red")
+        print_rows(
+            [
+                ("points", count),
+                *(("coverage", sentence) for sentence in check.coverage),
+                ("R", f"± {number(100 * check.half_width)} % from these points"),
+                *(
+                    ("would bring", f"R ± {number(100 * half)} %: {what}")
+                    for what, half in check.would_bring.items()
+                ),
+                ("verdict", verdict),
+            ]
+        )
     if not check.good:
         raise typer.Exit(1)
 

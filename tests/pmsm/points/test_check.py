@@ -1,0 +1,40 @@
+"""What operating points determine, and what would make them surer, beside what then does."""
+
+import numpy as np
+import pytest
+from tests.pmsm.points.test_operating_points import STUDY, measured
+
+from penode import Experiment
+from penode.fit.outcome import NORMAL_95
+from penode.pmsm.points.check import check_points
+from penode.pmsm.points.identify import identify_points
+
+
+def half_width(points):
+    estimate = identify_points(points, STUDY).parameters["R"]
+    return NORMAL_95 * estimate.std / estimate.value
+
+
+def test_what_is_measured_makes_the_answer_as_sure_as_was_said():
+    late = {"late": 40e-6, "count": 30}
+    points = measured(**late, torque=False)
+    check = check_points(points, STUDY)
+    assert check.good
+    assert check.half_width == pytest.approx(half_width(points))
+    slow, torque = check.would_bring.values()
+    assert max(slow, torque) < check.half_width
+    assert torque == pytest.approx(half_width(measured(**late)), rel=0.3)
+
+
+def test_one_speed_one_side_and_a_line_of_currents_are_named():
+    points = measured(count=60)
+    kept = (points.channels["omega_el"] == 300.0) & (points.channels["i_q"] > 0)
+    rows = {name: one[kept] for name, one in points.channels.items()}
+    told = " ".join(check_points(Experiment("points.csv", 1.0, rows), STUDY).coverage)
+    assert "one speed only" in told
+    assert "one sign of i_q only" in told
+    both = " ".join(check_points(points, STUDY).coverage)
+    assert "only" not in both
+    rows["winding_temperature"] = np.linspace(20, 80, len(rows["i_d"]))
+    warm = " ".join(check_points(Experiment("points.csv", 1.0, rows), STUDY).coverage)
+    assert "winding_temperature varies by 60.0 K" in warm
