@@ -10,7 +10,7 @@ from validate.operating_points import flux
 from penode import Experiment, Fit
 from penode.bench.machines import TRACTION_300A
 from penode.data.save import save
-from penode.pmsm import export
+from penode.pmsm import export, load_study
 
 
 def written(folder, points, **columns):
@@ -123,3 +123,32 @@ def test_the_command_checks_a_table(tmp_path, penode):
     refused = penode("check", file, "--pole-pairs", PAIRS, "--picture", tmp_path / "a.png")
     assert refused.returncode == 2
     assert "--picture must be left out" in refused.stderr
+
+
+def test_columns_of_other_names_are_mapped_by_what_init_writes(tmp_path, penode):
+    points = measured()
+    names = {"u_d": "Ud (V)", "u_q": "Uq (V)", "i_d": "Id (A)", "i_q": "Iq (A)"}
+    columns = {names.get(name, name): one for name, one in points.channels.items()}
+    columns["n (rpm)"] = columns.pop("omega_el") * 30 / np.pi / PAIRS
+    columns["M (mNm)"] = 1e3 * columns.pop("torque")
+    file, study = tmp_path / "bench.csv", tmp_path / "study.toml"
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(file, rows, "%.9g", ",", header=",".join(columns), comments="")
+    told = penode("init", file, "--out", study)
+    assert "table of operating points" in told.stdout
+    assert "Fill in before you use it: pole_pairs." in " ".join(told.stdout.split())
+    given = ("--config", study, "--pole-pairs", PAIRS, "--json")
+    found = json.loads(penode("check", file, *given).stdout)
+    own = written(tmp_path, points)
+    same = json.loads(penode("check", own, "--pole-pairs", PAIRS, "--json").stdout)
+    assert found["R_half_width"] == pytest.approx(same["R_half_width"], rel=1e-4)
+
+
+def test_a_torque_that_a_study_file_maps_is_left_out_of_a_recording(tmp_path, slow_run):
+    channels = {**slow_run.channels, "torque": np.zeros(len(slow_run))}
+    save(Experiment("run", slow_run.time_step, channels), tmp_path / "run.csv")
+    names = ("t", *slow_run.channels, "torque")
+    lines = ["[channels]", *(f'{name} = "{name}"' for name in names)]
+    (tmp_path / "study.toml").write_text("\n".join(lines))
+    (run,) = load_study(tmp_path / "study.toml").load_stretches(tmp_path / "run.csv")
+    assert "torque" not in run.channels

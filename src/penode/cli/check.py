@@ -15,9 +15,9 @@ from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
-from penode.pmsm.points.balance import TORQUE
 from penode.pmsm.points.check import PointsCheck, check_points
 from penode.pmsm.points.operating_points import load_runs
+from penode.pmsm.recording.drive_mapping import TORQUE
 from penode.pmsm.recording_check import RecordingCheck, check_recordings
 from penode.pmsm.study_file import load_study
 from penode.report.quantities import number

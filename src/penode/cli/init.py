@@ -49,13 +49,15 @@ def init_command(
 
 def _open_questions(guess: StudyGuess) -> str:
     """Say what a person has to fill in, or only to look at."""
-    missing = [f"column of {name}" for name in guess.missing]
+    timeless = guess.missing == (TIME,)
+    missing = [f"column of {name}" for name in guess.missing if not timeless]
     missing += ["pole_pairs"] * guess.lacks_pole_pairs
     missing += guess.bases
-    if guess.missing == (TIME,) and len(missing) == 1:
+    if timeless:
+        first = f" Fill in before you use it: {', '.join(missing)}." if missing else ""
         return (
             "No column of time: penode identify takes it as a table of operating points; for a "
-            f"recording fill in the column of {TIME}."
+            f"recording fill in the column of {TIME}.{first}"
         )
     if missing:
         still = (

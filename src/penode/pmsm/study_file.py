@@ -21,7 +21,7 @@ from penode.pmsm.points.operating_points import load_runs
 from penode.pmsm.recording.drive_mapping import (
     AS_NUMBERS,
     BASES,
-    RECORDED,
+    MAPPED,
     DriveMapping,
     DriveOrigin,
 )
@@ -79,7 +79,7 @@ _FILE: Any = _table(
         "name_plate": _table("NamePlate", {one.name: POSITIVE for one in fields(NamePlate)}),
         "accuracy": _table("Accuracy", dict.fromkeys(DEFAULT_ACCURACY.declared, float)),
         "channels": _table(
-            "Channels", {name: str | (_Time if name == TIME else _Channel) for name in RECORDED}
+            "Channels", {name: str | (_Time if name == TIME else _Channel) for name in MAPPED}
         ),
         "sweep": dict[str, Any],
     },
@@ -192,4 +192,4 @@ def _origin(name: str, entry: str | _Time) -> DriveOrigin:
     """Return where a channel comes from: a column's name alone, or a table."""
     told = asdict(_Channel(entry) if isinstance(entry, str) else entry)
     own = {key: told.pop(key) for key in ("rms", "mechanical") if key in told}
-    return DriveOrigin(Origin(si=RECORDED[name], **told), **own)
+    return DriveOrigin(Origin(si=MAPPED[name], **told), **own)

@@ -395,6 +395,15 @@ def test_names_of_loggers(logger):
     assert found == ["i_d", "i_q", "u_d", "u_q", "omega_el"]
 
 
+@pytest.mark.parametrize(
+    ("name", "asked_for"),
+    [("torque_Nm", False), ("M (Nm)", False), ("Drehmoment", False), ("torque_ref", True)],
+)
+def test_a_torque_by_name_or_unit(name, asked_for):
+    hint = read_name(name)
+    assert (hint.channel, hint.asked_for) == ("torque", asked_for)
+
+
 @pytest.mark.parametrize("name", ["phase", "axis0.encoder.phase"])
 def test_a_phase_alone_is_the_angle(name):
     assert read_name(name).channel == "theta_el"
@@ -403,7 +412,7 @@ def test_a_phase_alone_is_the_angle(name):
 @pytest.mark.parametrize(
     "name",
     [
-        *("Idc", "DC current", "Temp_rotor", "I_max", "torque_Nm", "t_amb"),
+        *("Idc", "DC current", "Temp_rotor", "I_max", "torque_max", "t_amb"),
         *("T_oil", "TempInverter", "temperature", "list", "exact", "idset_max"),
         *("idq", "iab", "duty_q", "duty", "bus", "17", ""),
     ],

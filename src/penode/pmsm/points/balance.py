@@ -25,10 +25,10 @@ from penode.pmsm.machine.linkage import Linkage
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES, vector_of
 from penode.pmsm.machine.term_registry import physical_values
 from penode.pmsm.machine.terms import SPEED, Term
+from penode.pmsm.recording.drive_mapping import TORQUE
 from penode.pmsm.recording.imperfection import Change, DriveImperfection, KnownDrive, map_at
 from penode.pmsm.recording.imperfections import IMPERFECTIONS, Accuracy
 
-TORQUE = "torque"
 #: Largest inverter voltage that is expected, over the largest voltage.
 _INVERTER = 0.05
 #: Deviation of the gain of a torque sensor, and of when the voltages act, s: a common sample.

@@ -13,8 +13,8 @@ from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.terms import MAGNETS, SPEED, TEMPERATURE
-from penode.pmsm.points.balance import TORQUE
 from penode.pmsm.points.identify import balances_of, identify_points
+from penode.pmsm.recording.drive_mapping import TORQUE
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 from penode.report.quantities import number
 

@@ -38,7 +38,6 @@ from penode.pmsm.machine.term_registry import (
 )
 from penode.pmsm.machine.terms import SPEED, Term
 from penode.pmsm.points.balance import (
-    TORQUE,
     PointsBalance,
     PointsSolution,
     Solved,
@@ -46,6 +45,7 @@ from penode.pmsm.points.balance import (
     left_out,
     mixed,
 )
+from penode.pmsm.recording.drive_mapping import TORQUE
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 from penode.validation.comparison import StationaryComparison
 

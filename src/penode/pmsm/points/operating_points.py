@@ -12,8 +12,7 @@ from penode.data.table import TIME, Table
 from penode.errors import InputError
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.terms import SPEED
-from penode.pmsm.points.balance import TORQUE
-from penode.pmsm.recording.drive_mapping import RECORDED, DriveMapping
+from penode.pmsm.recording.drive_mapping import MAPPED, DriveMapping
 
 #: Fewest points, and slowest speed in rad/s at which a voltage shows the flux linkage.
 FEWEST, _STANDSTILL = 8, 1e-3
@@ -85,7 +84,7 @@ def points_of(path: str | Path, mapping: DriveMapping, table: Table, source: Sou
     """
     origins = {
         name: mapping.channels[name].origin if name in mapping.channels else Origin(name, si)
-        for name, si in {**RECORDED, TORQUE: "Nm"}.items()
+        for name, si in MAPPED.items()
         if name != TIME
     }
     present = {n: o for n, o in origins.items() if o.column in table.columns}

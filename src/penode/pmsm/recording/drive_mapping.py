@@ -23,6 +23,10 @@ from penode.pmsm.recording.stationary_frame import LINK, STATIONARY
 #: Channel of a recorded file -> SI unit, the time included.
 RECORDED = {TIME: "s", **CANONICAL, **STATIONARY}
 
+#: Torque of the shaft, an output of operating points, and all that a study file may map.
+TORQUE = "torque"
+MAPPED = {**RECORDED, TORQUE: "Nm"}
+
 #: Channels that every operating point has.
 OF_POINTS = ("u_d", "u_q", "i_d", "i_q", "omega_el")
 
@@ -71,7 +75,7 @@ class DriveMapping:
     Attributes
     ----------
     channels : mapping of str to DriveOrigin
-        Key of `RECORDED` -> where it comes from; empty where the file has the names of `RECORDED`.
+        Key of `MAPPED` -> where it comes from; empty where the file has the names of `RECORDED`.
     pole_pairs : int or None
         Needed where something is mechanical.
     resample : bool
@@ -171,7 +175,7 @@ class DriveMapping:
         self, path: str | Path, table: Table, source: Source
     ) -> tuple[Experiment, ...]:
         """Make recordings of the columns of a file; see `load_stretches`."""
-        origins = {name: channel.origin for name, channel in self.channels.items()}
+        origins = {n: channel.origin for n, channel in self.channels.items() if n != TORQUE}
         if not self.channels:
             for name in RECORDED:
                 table.require_numbers(str(path), name)
@@ -241,7 +245,7 @@ class DriveMapping:
 
     def _factor(self, name: str) -> float:
         channel = self.channels.get(name, DriveOrigin(Origin(name)))
-        base = "" if channel.origin.times else BASES.get(RECORDED.get(name, ""), "")
+        base = "" if channel.origin.times else BASES.get(MAPPED.get(name, ""), "")
         factor = self.constants.get(base, 1.0)
         if channel.mechanical and self.pole_pairs is not None:
             factor *= self.pole_pairs

@@ -12,7 +12,7 @@ from penode.errors import InputError
 from penode.pmsm.machine.standstill import TURN
 from penode.pmsm.recording.channel_guess import ChannelGuess
 from penode.pmsm.recording.channels import missing_channels, stationary_kinds
-from penode.pmsm.recording.drive_mapping import OF_SHAFT, RECORDED
+from penode.pmsm.recording.drive_mapping import MAPPED, OF_SHAFT, TORQUE
 from penode.pmsm.recording.guess_motion import Turning, electrical_turns, motion_of
 from penode.pmsm.recording.guess_names import NameHint, read_name
 from penode.pmsm.recording.guess_scale import with_duty_range, with_fractions
@@ -36,7 +36,7 @@ class StudyGuess:
     Attributes
     ----------
     channels : mapping of str to ChannelGuess
-        Key of `RECORDED` -> guess.
+        Key of `MAPPED` -> guess.
     missing : tuple of str
         Channels that are needed and missing.
     unused : tuple of str
@@ -79,6 +79,8 @@ def guess_study(table: Table) -> StudyGuess:
         Every part of it is a guess; reasons say from what.
     """
     picks = _with_clock(table, _one_frame(_picks(table)))
+    if TIME in picks:  # a torque is an output of operating points, which have none
+        picks.pop(TORQUE, None)
     channels = {name: _from_name(table, name, pick) for name, pick in picks.items()}
     if TIME in channels:
         channels[TIME] = _in_likely_time_unit(table, channels[TIME])
@@ -89,7 +91,7 @@ def guess_study(table: Table) -> StudyGuess:
     measured = [guess.column for name, guess in channels.items() if name != TIME]
     clocks = {table.clocks.get(column) for column in measured}
     return StudyGuess(
-        {name: channels[name] for name in RECORDED if name in channels},
+        {name: channels[name] for name in MAPPED if name in channels},
         tuple(name for name in (TIME, *missing_channels(channels)) if name not in channels),
         tuple(column for column in table.columns if column not in used),
         pole_pairs,
@@ -153,7 +155,7 @@ def _picks(table: Table) -> dict[str, _Pick]:
 def _may_be(table: Table, column: str, hint: NameHint) -> bool:
     """Return whether unit and kind of a column let it be the channel of its name."""
     given = unit_name(table.units.get(column, ""))
-    if given is not None and UNITS[given].si not in (RECORDED[hint.channel], "1"):
+    if given is not None and UNITS[given].si not in (MAPPED[hint.channel], "1"):
         return False
     return hint.channel[0] in _COMMANDED or not hint.asked_for
 
@@ -186,7 +188,7 @@ def _from_name(table: Table, name: str, pick: _Pick) -> ChannelGuess:
     if pick.others:
         called += f", before {', '.join(pick.others)}"
     given = table.units.get(pick.column, "")
-    unit, why = RECORDED[name], f"{RECORDED[name]}, as no unit is given"
+    unit, why = MAPPED[name], f"{MAPPED[name]}, as no unit is given"
     if unit_name(given) is not None and unit_name(given) != "1":
         unit, why = str(unit_name(given)), f"the file gives {given}"
     elif pick.hint.unit and UNITS[pick.hint.unit].si == unit:

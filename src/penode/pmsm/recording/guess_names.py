@@ -93,11 +93,13 @@ _HEATED = {
     "winding_temperature": ("winding", "wicklung", "stator", "coil", "copper", "kupfer"),
     "magnet_temperature": ("magnet",),
 }
-_OTHER = ("temp", "torque", "moment", "power", "leistung", "limit", "error", "fault", "status")
+_TORQUE = ("torque", "drehmoment", "moment")
+_OTHER = ("temp", "power", "leistung", "limit", "error", "fault", "status")
 _OTHER_WORDS = {"max", "min", "flag", "idc", "rms", "eff"}
 
 # Two axes as one array: Idq_in_A.value[0], Vdq_out_V.value[1]; an axis that its unit says more of.
 _ARRAY = re.compile(r"(.*?)([iuv])dq(\w*)\.value\[([01])\]", re.IGNORECASE)
+_OF_TORQUE = ("Nm", "mNm", "kNm")
 _OF_UNIT = {"A": _CURRENT, "V": _VOLTAGE}
 
 # Splits camel case and digits: IqMeas, omegaEl, I1, IDRef.
@@ -108,7 +110,7 @@ _TOKEN = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöü]+|\d+")
 class NameHint:
     """What the name of a column says: channel, unit (empty without), side of a speed or angle.
 
-    ``channel`` is a key of `penode.pmsm.recording.drive_mapping.RECORDED`, ``unit`` one of
+    ``channel`` is a key of `penode.pmsm.recording.drive_mapping.MAPPED`, ``unit`` one of
     `penode.data.units.UNITS`; ``asked_for`` marks a reference, not a measurement.
     """
 
@@ -135,6 +137,8 @@ def read_name(column: str) -> NameHint | None:
             tokens = [_OF_UNIT[its_unit], *tokens]
         lone_phase = tokens == ["phase"] and its_unit not in _OF_UNIT
         channel = _ANGLE if lone_phase else _channel(tokens)
+        if its_unit in _OF_TORQUE or any(part in token for token in tokens for part in _TORQUE):
+            channel = None if _OTHER_WORDS & set(tokens) else "torque"
         if channel is not None:
             asked_for = bool(_ASKED & set(tokens)) or name.endswith("*")
             return NameHint(channel, its_unit, _side(tokens, channel), asked_for)

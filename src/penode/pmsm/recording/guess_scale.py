@@ -8,7 +8,7 @@ import numpy as np
 from penode.data.table import Table
 from penode.data.units import UNITS, unit_name
 from penode.pmsm.recording.channel_guess import ChannelGuess
-from penode.pmsm.recording.drive_mapping import BASES, FRACTIONS, RECORDED
+from penode.pmsm.recording.drive_mapping import BASES, FRACTIONS, MAPPED
 from penode.pmsm.recording.guess_names import read_name
 
 # Duty cycles beyond this are in %.
@@ -45,12 +45,12 @@ def with_fractions(
     """
     small = _looks_per_unit(table, channels)
     found = {name: _fraction(table, name, guess, small) for name, guess in channels.items()}
-    units = {RECORDED[name] for name, guess in found.items() if guess.unit in FRACTIONS}
+    units = {MAPPED[name] for name, guess in found.items() if guess.unit in FRACTIONS}
     return found, tuple(base for unit, base in BASES.items() if unit in units)
 
 
 def _fraction(table: Table, name: str, guess: ChannelGuess, small: bool) -> ChannelGuess:
-    if RECORDED[name] not in BASES or guess.unit in FRACTIONS:
+    if MAPPED[name] not in BASES or guess.unit in FRACTIONS:
         return guess
     given = _given(table, guess)
     if given in FRACTIONS:
@@ -64,7 +64,7 @@ def _fraction(table: Table, name: str, guess: ChannelGuess, small: bool) -> Chan
 
 def _looks_per_unit(table: Table, channels: Mapping[str, ChannelGuess]) -> bool:
     """Return whether all voltages and currents lack a unit and are as small as fractions."""
-    electrical = [guess for name, guess in channels.items() if RECORDED[name] in ("V", "A")]
+    electrical = [guess for name, guess in channels.items() if MAPPED[name] in ("V", "A")]
     kinds = {UNITS[guess.unit].si for guess in electrical}
     known = any(guess.column in table.units or _given(table, guess) for guess in electrical)
     largest = [_largest(table, guess) for guess in electrical]

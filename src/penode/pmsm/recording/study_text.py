@@ -4,7 +4,7 @@ import json
 
 from penode.pmsm.machine.terms import SPEED
 from penode.pmsm.recording.channel_guess import ChannelGuess
-from penode.pmsm.recording.drive_mapping import BASES, IN_RMS, RECORDED
+from penode.pmsm.recording.drive_mapping import BASES, IN_RMS, MAPPED
 from penode.pmsm.recording.guess import StudyGuess
 from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY
 from penode.pmsm.recording.stationary_frame import LINK
@@ -70,7 +70,7 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
     parts.append("\n[channels]\n")
     parts += [_channel(name, channel) for name, channel in guess.channels.items()]
     for name in guess.missing:
-        parts.append(f'# not found, and needed: {name} in {RECORDED[name]}.\n# {name} = "..."\n')
+        parts.append(f'# not found, and needed: {name} in {MAPPED[name]}.\n# {name} = "..."\n')
         if name == SPEED.name:
             parts.append(f"# Of a rotor that stood still: {name} = 0, above [channels].\n")
     parts.append(_accuracy())
