@@ -62,7 +62,10 @@ def collocation(file: Path, told: dict[str, Any], _folder: Path) -> Answer:
         "f": ca.sumsqr(x - (i / largest).T) / 2e-6,
         "g": ca.vec(gaps),
     }
-    options = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 100}}
+    options = {
+        "print_time": False,
+        "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 100, "max_wall_time": 60.0},
+    }
     solver = ca.nlpsol("solver", "ipopt", nlp, options)
     first = np.zeros(len(_MONOMIALS))
     for (a, b), value in (

@@ -161,7 +161,7 @@ class DriveMapping:
         if self.is_table_of_points(table):
             raise InputError(
                 f"{path}: no column {TIME}: a table of operating points must be given to penode "
-                "identify alone; give a recording with its time here."
+                "identify or check, alone; give a recording with its time here."
             )
         return self.stretches_of(path, table, source)
 
