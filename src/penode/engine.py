@@ -12,8 +12,8 @@ Training
     `LevenbergMarquardt`, `FirstOrder`, `BestOf`.
 Horizon
     `default_plan`; the selectors `Plateau`, `Longest`, `HeldOut`; `Checkpoint`; `LearnedPrior`;
-    `weight_matrix`, which shows how a horizon weighs the residual; what joins a result:
-    `Imperfection`, `Objection`.
+    `weight_matrix`, which shows how a horizon weighs the residual; `profile`, the likelihood over
+    one parameter; what joins a result: `Imperfection`, `Objection`.
 Data and validation
     `read`, `cut`, `excerpt`; `compare`, `power_spectrum`, `find_lines`.
 
@@ -29,6 +29,7 @@ from penode.horizon.default_plan import default_plan
 from penode.horizon.held_out import HeldOut
 from penode.horizon.learned_prior import LearnedPrior
 from penode.horizon.loss_weighting import weight_matrix
+from penode.horizon.profile import Profile, profile
 from penode.horizon.selection import Longest, Plateau
 from penode.horizon.uncertainty_budget import Imperfection
 from penode.models.compositions import Gradient, LinearSkip, Scaled
@@ -91,6 +92,7 @@ __all__ = [
     "PositiveDefinite",
     "Prefilter",
     "Priors",
+    "Profile",
     "RungeKutta",
     "Scaled",
     "Smoothness",
@@ -111,6 +113,7 @@ __all__ = [
     "increment_deviation",
     "last_step",
     "power_spectrum",
+    "profile",
     "read",
     "weight_matrix",
     "with_batch_axis",
