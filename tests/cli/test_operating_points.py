@@ -76,7 +76,7 @@ def test_points_beside_a_recording_narrow_its_answer(tmp_path, penode, slow_run)
         (("identify", "{file}", "{file}", "--out", "{out}"), "must be the only file, got 2"),
         (("identify", "{file}", "--horizon", "5", "--out", "{out}"), "which has no horizon"),
         (("identify", "{file}", "--points", "{file}", "--out", "{out}"), "which has no horizon"),
-        (("check", "{file}"), "the torque is measured and pole_pairs is missing; add --pole-pairs"),
+        (("check", "{file}"), f"pole_pairs is missing; add --pole-pairs ({PAIRS} would fit)"),
     ],
 )
 def test_the_command_refuses_what_points_are_not(tmp_path, penode, arguments, sentence):

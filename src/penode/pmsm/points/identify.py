@@ -110,8 +110,8 @@ def balances_of(points: Experiment, study: Study) -> list[PointsBalance]:
     largest = float(np.abs(points.stack(CURRENTS)).max())
     if TORQUE in points.channels and study.pole_pairs is None:
         raise InputError(
-            f"{points.name}: the torque is measured and pole_pairs is missing; add --pole-pairs, "
-            "or remove the column."
+            f"{points.name}: the torque is measured and pole_pairs is missing; add --pole-pairs "
+            f"({_likely_pole_pairs(points, study)} would fit), or remove the column."
         )
     fixed = tuple(term for term in study.terms if not isinstance(term, PhaseSigns))
     known = any(term.role == MeanDeadTime.role for term in fixed)
@@ -285,21 +285,33 @@ def _another_torque(machine: Machine, balance: PointsBalance) -> tuple[str, str]
     if not balance.torque or balance.pole_pairs is None:
         return None
     points, pairs = balance.points, balance.pole_pairs
-    psi = machine.maps()["flux_map"](*points.stack(CURRENTS).T)
-    i_d, i_q = points.stack(CURRENTS).T
-    columns = np.stack(
-        [1.5 * pairs * (psi[0] * i_q - psi[1] * i_d), -np.sign(points.channels[SPEED.name])], axis=1
-    )
-    measured = points.channels[TORQUE]
-    found = np.linalg.lstsq(columns, measured, rcond=None)[0]
-    left = np.var(measured - columns @ found) * np.linalg.pinv(columns.T @ columns)[0, 0]
-    if abs(found[0] - 1) < max(_TORQUE_OFF, NORMAL_95 * float(np.sqrt(left))):
+    found, deviation = _torque_over_map(machine, points)
+    if abs(found / pairs - 1) < max(_TORQUE_OFF, NORMAL_95 * deviation / pairs):
         return None
-    near = max(1, round(float(abs(found[0])) * pairs))
+    near = max(1, round(abs(found)))
     return (
-        f"the torque is {found[0]:.2g} times 1.5 p (psi_d i_q - psi_q i_d) with p = {pairs}.",
+        f"the torque is {found / pairs:.2g} times 1.5 p (psi_d i_q - psi_q i_d) with p = {pairs}.",
         f"Check the pole pairs ({near} would fit), and sign and unit of the torque.",
     )
+
+
+def _torque_over_map(machine: Machine, points: Experiment) -> tuple[float, float]:
+    """Return the torque beside friction over that of one pole pair, and its deviation."""
+    (i_d, i_q), measured = points.stack(CURRENTS).T, points.channels[TORQUE]
+    psi_d, psi_q = machine.maps()["flux_map"](i_d, i_q)
+    friction = -np.sign(points.channels[SPEED.name])
+    columns = np.stack([1.5 * (psi_d * i_q - psi_q * i_d), friction], axis=1)
+    found = np.linalg.lstsq(columns, measured, rcond=None)[0]
+    left = np.var(measured - columns @ found) * np.linalg.pinv(columns.T @ columns)[0, 0]
+    return float(found[0]), float(np.sqrt(left))
+
+
+def _likely_pole_pairs(points: Experiment, study: Study) -> int:
+    """Return the pole pairs with which the torque is most nearly that of the voltages' map."""
+    silent = {name: one for name, one in points.channels.items() if name != TORQUE}
+    machine = identify_points(replace(points, channels=silent), study).model
+    assert isinstance(machine, Machine)
+    return max(1, round(abs(_torque_over_map(machine, points)[0])))
 
 
 def _definite(machine: Machine, points: Experiment) -> bool:
