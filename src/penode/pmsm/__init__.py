@@ -1,7 +1,7 @@
 """Permanent-magnet synchronous machines: flux-linkage map and resistance from a drive recording.
 
 From a recording to a result
-    `load_study` or `guess_study`, `check_recordings`; `identify` with a `Study` and the
+    `load_study` or `guess_study`, `check_recordings`, `check_points`; `identify` with a `Study` and the
     `Accuracy` of the bench, `identify_points` where all stand still, `identify_with_points`
     where both were recorded; `write`.
 What the result is used for
@@ -22,6 +22,7 @@ from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.machine.terms import Channel, Resistance, TemperatureResistance, Term
+from penode.pmsm.points.check import check_points
 from penode.pmsm.points.identify import identify_points
 from penode.pmsm.recording.guess import guess_study
 from penode.pmsm.recording.imperfections import Accuracy
@@ -47,6 +48,7 @@ __all__ = [
     "Study",
     "TemperatureResistance",
     "Term",
+    "check_points",
     "check_recordings",
     "compare_maps",
     "control_loci",

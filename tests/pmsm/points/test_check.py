@@ -6,7 +6,7 @@ from tests.pmsm.points.test_operating_points import STUDY, measured
 
 from penode import Experiment
 from penode.fit.outcome import NORMAL_95
-from penode.pmsm.points.check import check_points
+from penode.pmsm import check_points
 from penode.pmsm.points.identify import identify_points
 
 
