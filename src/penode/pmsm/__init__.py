@@ -1,9 +1,9 @@
 """Permanent-magnet synchronous machines: flux-linkage map and resistance from a drive recording.
 
 From a recording to a result
-    `load_study` or `guess_study`, `check_recordings`, `check_points`; `identify` with a `Study` and the
-    `Accuracy` of the bench, `identify_points` where all stand still, `identify_with_points`
-    where both were recorded; `write`.
+    `load_study` or `guess_study`, `check_recordings`, `check_points`; `identify` with a `Study`
+    and the `Accuracy` of the bench, `identify_points` where all stand still,
+    `identify_with_points` where both were recorded; `write`.
 What the result is used for
     `export`, `ControlledMachine`, `control_loci`, `mtpa` and `operating_points`, `compare_maps`,
     `torque_of` a recording.
