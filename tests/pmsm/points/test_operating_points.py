@@ -54,6 +54,22 @@ def test_a_linear_machine_is_found_with_its_inverter(fit):
     assert fit.provenance["friction_torque"].startswith(("0.7", "0.8", "0.9"))
 
 
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (("i_d", "i_q"), "i_d and i_q must differ from 0 at some point, got 0 at all of 40; check"),
+        (("u_d", "u_q"), "u_d and u_q must differ from 0"),
+        (("omega_el",), "omega_el must differ from 0"),
+        (("torque",), "torque must differ from 0 at some point, got 0 at all of 40; remove the"),
+    ],
+)
+def test_what_is_zero_at_all_points_is_refused(names, words):
+    nothing = dict.fromkeys(names, np.zeros(40))
+    points = Experiment("points.csv", 1.0, measured().channels | nothing)
+    with pytest.raises(InputError, match=words):
+        identify_points(points, STUDY)
+
+
 def test_the_inverter_is_left_out_or_asked_for_as_the_study_says(fit):
     without = identify_points(measured(), Study(pole_pairs=PAIRS, candidates=()))
     assert "inverter_voltage" not in without.parameters

@@ -13,6 +13,7 @@ from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.terms import MAGNETS, SPEED, TEMPERATURE
+from penode.pmsm.points.balance import PointsBalance
 from penode.pmsm.points.identify import balances_of, identify_points
 from penode.pmsm.recording.drive_mapping import TORQUE
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
@@ -39,7 +40,8 @@ class PointsCheck:
     half_width : float
         Of R's 95 % interval, as a fraction of R.
     would_bring : mapping of str to float
-        What could be measured beside -> that half width with it, of simulated measurements.
+        What could be measured beside -> that half width with it, of simulated measurements, where
+        it is smaller.
     """
 
     points: Experiment
@@ -87,8 +89,11 @@ def check_points(points: Experiment, study: Study = DEFAULT_STUDY, seed: int = 0
         As `penode.pmsm.identify_points` does.
     """
     fit = identify_points(points, study)
-    told = {} if fit.parameters["R"].value <= 0 else _would_bring(points, study, fit, seed)
-    return PointsCheck(points, fit, _coverage(points), _half_width(fit), told)
+    half, told = _half_width(fit), {}
+    if fit.parameters["R"].value > 0:
+        told = _would_bring(points, study, fit, seed)
+    surer = {what: own for what, own in told.items() if own < half}
+    return PointsCheck(points, fit, _coverage(points), half, surer)
 
 
 def _half_width(fit: Fit) -> float:
@@ -133,7 +138,7 @@ def _share(currents: FloatArray, largest: float) -> float:
 
 def _would_bring(points: Experiment, study: Study, fit: Fit, seed: int) -> dict[str, float]:
     """Return R's half width with more points, and with a torque, of the machine found."""
-    random, noise = np.random.default_rng(seed), balances_of(points, study)[1].noise
+    random, noise = np.random.default_rng(seed), _balance(points, study).noise
     slow = _SLOWER * np.abs(points.channels[SPEED.name]).min()
     turning = slow * np.sign(points.channels[SPEED.name])
     measured = dict(points.channels)
@@ -145,13 +150,19 @@ def _would_bring(points: Experiment, study: Study, fit: Fit, seed: int) -> dict[
         cases["the same points at a tenth of the speed"] = replace(points, channels=both), study
     if TORQUE not in measured:
         known = replace(study, pole_pairs=study.pole_pairs or 1)
-        silent = replace(points, channels=measured | {TORQUE: np.zeros(len(points))})
+        silent = replace(points, channels=measured | {TORQUE: np.ones(len(points))})
         torque = _simulated(silent, known, fit, np.array([*noise[:2], 0.0]), random)
         cases["the torque, to half a per cent"] = (
             replace(points, channels=measured | {TORQUE: torque.channels[TORQUE]}),
             known,
         )
     return {name: _half_width(identify_points(*case)) for name, case in cases.items()}
+
+
+def _balance(points: Experiment, study: Study) -> PointsBalance:
+    """Return the balance with a middle width of the inverter's knee."""
+    balances = balances_of(points, study)
+    return balances[len(balances) // 2]
 
 
 def _simulated(
@@ -161,7 +172,7 @@ def _simulated(
     channels, psi = dict(points.channels), fit.flux_map(*points.stack(CURRENTS).T).T
     induced = channels[SPEED.name][:, None] * psi[:, ::-1] * [-1.0, 1.0]
     channels |= dict(zip(VOLTAGES, induced.T, strict=True))
-    balance = balances_of(replace(points, channels=channels), study)[1]
+    balance = _balance(replace(points, channels=channels), study)
     values = {name: estimate.value for name, estimate in fit.parameters.items()}
     left = balance.left(psi, values)
     voltages = induced - left[: 2 * len(points)].reshape(-1, 2)

@@ -107,6 +107,7 @@ def identify_points(points: Experiment, study: Study = DEFAULT_STUDY) -> Fit:
 
 def balances_of(points: Experiment, study: Study) -> list[PointsBalance]:
     """Return the balance with each width of the inverter's knee, which few points show."""
+    _require_values(points)
     largest = float(np.abs(points.stack(CURRENTS)).max())
     if TORQUE in points.channels and study.pole_pairs is None:
         raise InputError(
@@ -138,6 +139,18 @@ def balances_of(points: Experiment, study: Study) -> list[PointsBalance]:
                 )
         balances.append(PointsBalance(points, terms, study.accuracy, study.pole_pairs, scales))
     return balances
+
+
+def _require_values(points: Experiment) -> None:
+    """Refuse points at which a quantity is zero throughout."""
+    for names in (CURRENTS, VOLTAGES, (SPEED.name,), (TORQUE,)):
+        if names[0] in points.channels and not np.any(points.stack(names)):
+            what = " and ".join(names)
+            remedy = "remove the column" if names[0] == TORQUE else "check the columns"
+            raise InputError(
+                f"{points.name}: {what} must differ from 0 at some point, got 0 at all of "
+                f"{len(points)}; {remedy}."
+            )
 
 
 def _between(currents: FloatArray) -> FloatArray:
