@@ -112,7 +112,7 @@ def test_a_recording_that_lost_its_time_is_no_table(tmp_path, penode):
 
 
 def test_the_command_checks_a_table(tmp_path, penode):
-    file = written(tmp_path, measured())
+    file = written(tmp_path, measured(noise=0.3))
     ended = penode("check", file, "--pole-pairs", PAIRS)
     assert ended.returncode == 0, ended.stderr
     assert "40 operating points, with the torque" in ended.stdout

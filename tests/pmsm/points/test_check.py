@@ -16,14 +16,13 @@ def half_width(points):
 
 
 def test_what_is_measured_makes_the_answer_as_sure_as_was_said():
-    late = {"late": 40e-6, "count": 30}
-    points = measured(**late, torque=False)
+    points = measured(torque=False, noise=0.3)
     check = check_points(points, STUDY)
     assert check.good
     assert check.half_width == pytest.approx(half_width(points))
     slow, torque = check.would_bring.values()
     assert max(slow, torque) < check.half_width
-    assert torque == pytest.approx(half_width(measured(**late)), rel=0.3)
+    assert torque == pytest.approx(half_width(measured(noise=0.3)), rel=0.2)
 
 
 def test_one_speed_one_side_and_a_line_of_currents_are_named():
