@@ -1,6 +1,6 @@
 """The flux map of the weak form, where corrections of a recording need one."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -19,16 +19,13 @@ class Linkage:
 
     part: CoenergyPart
     reach: float
-    # Every column of a balance asks at the same recordings.
-    _known: WeakKeyDictionary[Experiment, tuple[FloatArray, FloatArray]] = field(
-        default_factory=WeakKeyDictionary, repr=False
-    )
 
     def at(self, experiment: Experiment) -> tuple[FloatArray, FloatArray]:
         """Return psi (time, 2) in Vs and L (time, 2, 2) in H at the currents of a recording."""
-        if experiment not in self._known:
-            self._known[experiment] = self._evaluated(experiment)
-        return self._known[experiment]
+        known = _KNOWN.setdefault(self, WeakKeyDictionary())
+        if experiment not in known:
+            known[experiment] = self._evaluated(experiment)
+        return known[experiment]
 
     def _evaluated(self, experiment: Experiment) -> tuple[FloatArray, FloatArray]:
         splines = with_batch_axis(CoenergySplines((self.part,)))
@@ -42,3 +39,10 @@ class Linkage:
         """Return the voltage omega J psi that rotation induces, d + j q, (time,), in V."""
         d, q = self.at(experiment)[0].T
         return np.asarray(1j * experiment.channels[SPEED.name] * (d + 1j * q))
+
+
+#: What maps are at recordings: every column of a balance asks for the same, and a checkpoint, which
+#: keeps a map, must not.
+_KNOWN: WeakKeyDictionary[Linkage, WeakKeyDictionary[Experiment, tuple[FloatArray, FloatArray]]] = (
+    WeakKeyDictionary()
+)
