@@ -40,7 +40,7 @@ def draw_resistances(axes, fits) -> None:
 
 
 def draw_points(axes, fit) -> None:
-    """Draw what all other points say of each point, less what was measured."""
+    """Draw what all other points predict of each point, less what was measured."""
     points = fit.stationary
     for k, colour in enumerate((BLUE, RED, INK)):
         gap = (points.without - points.measured)[:, k] / (1.96 * points.deviation[:, k])
@@ -48,7 +48,7 @@ def draw_points(axes, fit) -> None:
         axes.plot(np.arange(len(gap)) + 0.2 * (k - 1), gap, "o", ms=3.5, color=colour, label=label)
     axes.axhspan(-1, 1, color=BLUE, alpha=0.12, lw=0)
     axes.set(xlabel="operating point", ylabel="error over its 95 % band", ylim=(-2.6, 2.6))
-    axes.set_title("Each point, told by all others", loc="left", fontsize=10)
+    axes.set_title("Each point, predicted by all others", loc="left", fontsize=10)
     axes.legend(
         frameon=False, fontsize=8, ncols=3, columnspacing=1, handletextpad=0, loc="lower left"
     )

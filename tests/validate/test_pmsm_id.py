@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from validate.pmsm_id import answer, methods
+from validate.pmsm_id import answer
 from validate.pmsm_id.of_bench import plant
 from validate.pmsm_id.score import scored, table
 from validate.pmsm_id.simulated import save, write
@@ -64,10 +64,6 @@ def test_a_method_answers_once_and_least_squares_find_a_clean_log(folder, capsys
     assert clean.map_error < 3e-3
     assert clean.useful
     assert not wrong.useful
-
-
-def test_every_method_of_ours_is_there():
-    assert tuple(methods.METHODS) == answer.OURS
 
 
 def test_the_scorer_counts_what_is_right_wrong_and_refused():

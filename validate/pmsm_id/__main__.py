@@ -12,35 +12,14 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 
-from validate.pmsm_id.answer import OTHERS, OURS, answers_of
+from validate.pmsm_id.answer import OTHERS, answers_of
+from validate.pmsm_id.methods import METHODS
 from validate.pmsm_id.of_bench import bench, plant
 from validate.pmsm_id.score import scored, table
-from validate.pmsm_id.simulated import Simulated, save, write
-from validate.pmsm_id.tasks import FOLDER, Task, tasks
-
-_SIMULATORS = {"bench": bench, "sampled drive": plant}
-
-
-def write_logs(numbers: set[int]) -> None:
-    """Write the logs of the two simulators that need nothing else, and what is known of them."""
-    made: Iterable[tuple[Task, Simulated]] = (
-        (task, _SIMULATORS[task.simulator](task))
-        for task in tasks()
-        if task.simulator in _SIMULATORS and task.number not in numbers
-    )
-    for told, known in write(made, FOLDER):
-        save([told], FOLDER / "tasks.json")
-        save([known], FOLDER / "truth.json")
-        print(told["file"], flush=True)
-
-
-def written() -> set[int]:
-    """Return the numbers of the logs that are there."""
-    file = FOLDER / "tasks.json"
-    return {one["log"] for one in json.loads(file.read_text())} if file.exists() else set()
+from validate.pmsm_id.simulated import write_missing, written
+from validate.pmsm_id.tasks import FOLDER, tasks
 
 
 def main() -> None:
@@ -51,16 +30,16 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2, help="processes at a time")
     parser.add_argument("methods", nargs="*")
     asked = parser.parse_args()
-    write_logs(written())
+    write_missing({"bench": bench, "sampled drive": plant})
     missing = {task.number for task in tasks()} - written()
     if missing and asked.motulator:
         subprocess.run([asked.motulator, "-m", "validate.pmsm_id.of_motulator"], check=True)
-    names = asked.methods or [*OURS, *(OTHERS if asked.peers else ())]
+    names = asked.methods or [*METHODS, *(OTHERS if asked.peers else ())]
     module = "validate.pmsm_id.answer"
     commands = [
         [asked.peers if name in OTHERS else sys.executable, "-m", module, name, str(k), jobs]
         for name in names
-        if name in OURS or (name in OTHERS and asked.peers)
+        if name in METHODS or (name in OTHERS and asked.peers)
         for k in range(asked.jobs)
         if (jobs := str(asked.jobs))
     ]

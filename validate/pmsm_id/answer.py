@@ -13,18 +13,8 @@ from typing import Any
 
 from validate.pmsm_id.tasks import FOLDER
 
-#: Where a method is, so that those of others need no penode and penode none of them.
+#: Methods of `peers`, which need no penode; all others are of `methods`.
 OTHERS = ("collocation", "jax-sysid")
-OURS = (
-    "stationary averaging",
-    "weak least squares",
-    "flux predictor",
-    "current predictor",
-    "source, H = 1",
-    "source, H = 50",
-    "gradient network",
-    "penode",
-)
 
 
 def methods(name: str) -> Mapping[str, Any]:

@@ -3,7 +3,6 @@
 Runs on Python 3.12, where motulator is installed, and needs no penode.
 """
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +11,8 @@ from validate.other_simulators import motulator_drive
 from validate.other_simulators.kinds import Kind
 from validate.other_simulators.machines import MACHINES, MOTULATOR, Machine
 from validate.other_simulators.plan import Planned
-from validate.pmsm_id.simulated import Simulated, save, write
-from validate.pmsm_id.tasks import FOLDER, GAIN, IRON, NOISE, OFFSET, STILL, WANDER, Task, tasks
+from validate.pmsm_id.simulated import Simulated, write_missing
+from validate.pmsm_id.tasks import GAIN, IRON, NOISE, OFFSET, STILL, WANDER, Task
 
 SPM = replace(MACHINES["IPM 2.2 kW"], name="SPM 2.2 kW")
 WHAT: dict[str, dict[str, float]] = {
@@ -48,18 +47,5 @@ def simulate(task: Task) -> Simulated:
     return Simulated(log, float(np.mean(resistance)), machine.pole_pairs, current, psi)
 
 
-def main() -> None:
-    """Write the logs of motulator."""
-    made: Iterable[tuple[Task, Simulated]] = (
-        (task, simulate(task))
-        for task in tasks()
-        if task.simulator == MOTULATOR and not (FOLDER / task.file).exists()
-    )
-    for told, known in write(made, FOLDER):
-        save([told], FOLDER / "tasks.json")
-        save([known], FOLDER / "truth.json")
-        print(told["file"], flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    write_missing({MOTULATOR: simulate})

@@ -1,12 +1,13 @@
 """Methods of others, from the log's columns and the name plate alone: no penode in them.
 
-CasADi and jax-sysid need an environment of their own; see ``benchmarks/requirements.txt``. Both get
+CasADi and jax-sysid need an environment of their own; see ``docs/validation/pmsm-id.md``. Both get
 the 0.4 s around the end of the operating points, which their memory and time allow.
 """
 
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -43,8 +44,6 @@ def collocation(file: Path, told: dict[str, Any], _folder: Path) -> Answer:
 
     Unknown are the currents at all samples, R and a polynomial coenergy, even in i_q.
     """
-    import casadi as ca
-
     i, u, omega = rows_of(file)
     (largest, flux), plate = scales_of(i, told), told["name_plate"]
     x, c, r = ca.MX.sym("x", 2, len(i)), ca.MX.sym("c", len(_MONOMIALS)), ca.MX.sym("r")

@@ -1,7 +1,7 @@
 """What a simulator made of a task: the log's file, and what is known of it."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from validate.other_simulators.drive_log import SETTLING, DriveLog
-from validate.pmsm_id.tasks import NAME_PLATE, QUERIES, REFUSE, Task
+from validate.pmsm_id.tasks import FOLDER, NAME_PLATE, QUERIES, REFUSE, Task, tasks
 
 #: How near a current must have been recorded for the map to be asked for there, over the largest.
 _NEAR = 0.04
@@ -75,6 +75,26 @@ def write(
             {"log": task.number, "file": task.file, **told},
             {"log": task.number, **about, **known},
         )
+
+
+def written() -> set[int]:
+    """Return the numbers of the logs that are there."""
+    file = FOLDER / "tasks.json"
+    return {one["log"] for one in json.loads(file.read_text())} if file.exists() else set()
+
+
+def write_missing(simulators: Mapping[str, Callable[[Task], Simulated]]) -> None:
+    """Write the logs of simulators that are not there, and what is known of them."""
+    there = written()
+    made = (
+        (task, simulators[task.simulator](task))
+        for task in tasks()
+        if task.simulator in simulators and task.number not in there
+    )
+    for told, known in write(made, FOLDER):
+        save([known], FOLDER / "truth.json")
+        save([told], FOLDER / "tasks.json")
+        print(told["file"], flush=True)
 
 
 def save(entries: Iterable[dict[str, Any]], file: Path) -> None:

@@ -118,21 +118,15 @@ def profile(
         raise InputError(f"{parameter}: the predictions diverge at horizon {fit.horizon.selected}.")
     loss, raw = best
     centre = float(_physical(problem, raw)[layout.physical.index(parameter)])
-    sides = [
-        [
-            *_along(
-                replace(problem, moving=held),
-                raw,
-                parameter,
-                np.asarray(centre + sign * step * steps, dtype=np.float64),
-            )
-        ]
-        for sign, steps in ((-1.0, np.arange(1, points + 1)), (1.0, np.arange(1, points + 1)))
-    ]
-    near = [side[0] - loss for side in sides if np.isfinite(side[0])]
+    values: FloatArray = centre + step * np.arange(-points, points + 1, dtype=np.float64)
+    following = replace(problem, moving=held)
+    below, above = (
+        [*_along(following, raw, parameter, side)]
+        for side in (values[:points][::-1], values[points + 1 :])
+    )
+    near = [side[0] - loss for side in (below, above) if np.isfinite(side[0])]
     curvature = max(float(np.mean(near)) if near else 0.0, 1e-300)
-    rise = np.array([*sides[0][::-1], loss, *sides[1]]) - loss
-    values = np.asarray(centre + step * np.arange(-points, points + 1), dtype=np.float64)
+    rise = np.array([*below[::-1], loss, *above]) - loss
     scale = (reach / points) ** 2 / curvature
     unit = fit.parameters[parameter].unit
     return Profile(parameter, unit, values, np.asarray(rise * scale, dtype=np.float64))

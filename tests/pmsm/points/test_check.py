@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from tests.pmsm.points.test_operating_points import STUDY, measured
+from tests.pmsm.points.test_operating_points import L_D, L_Q, LOST, PSI, STUDY, R, measured
 
 from penode import Experiment
 from penode.fit.outcome import NORMAL_95
 from penode.pmsm import check_points
+from penode.pmsm.points.check import _simulated
 from penode.pmsm.points.identify import identify_points
 
 
@@ -23,6 +24,19 @@ def test_what_is_measured_makes_the_answer_as_sure_as_was_said():
     slow, torque = check.would_bring.values()
     assert max(slow, torque) < check.half_width
     assert torque == pytest.approx(half_width(measured(noise=0.3)), rel=0.2)
+
+
+def test_what_is_simulated_is_what_the_machine_found_says_at_any_speed():
+    points, slow = measured(torque=False), measured(torque=False)
+    fit, random = identify_points(points, STUDY), np.random.default_rng(0)
+    slow = Experiment("p", 1.0, slow.channels | {"omega_el": 0.1 * slow.channels["omega_el"]})
+    i = points.channels["i_d"] + 1j * points.channels["i_q"]
+    psi = PSI + L_D * i.real + 1j * L_Q * i.imag
+    for one in (points, slow):
+        made = _simulated(one, STUDY, fit, np.zeros(2), random).channels
+        exact = R * i + LOST * i / np.abs(i) + 1j * one.channels["omega_el"] * psi
+        gap = np.abs(made["u_d"] + 1j * made["u_q"] - exact)
+        assert gap.max() < 0.02 * np.abs(exact).max()
 
 
 def test_one_speed_one_side_and_a_line_of_currents_are_named():

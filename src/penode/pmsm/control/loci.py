@@ -265,8 +265,7 @@ def _at_both_limits(
     """Return where the circle through the full MTPA current (2,) meets the voltage limit.
 
     The search goes from there along the circle towards the least voltage; NaN if that is too much.
-    A map whose inductance is not positive may need less at the full current than at the best one
-    of the voltage limit: then the full current it is.
+    Within rounding of the limit the full current is kept; where the map is NaN nothing is searched.
     """
     circle = Circles(np.array([np.hypot(*full)]))
 

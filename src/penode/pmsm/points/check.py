@@ -170,12 +170,9 @@ def _simulated(
 ) -> Experiment:
     """Return points with voltages, and a torque if they have one, of the machine found."""
     channels, psi = dict(points.channels), fit.flux_map(*points.stack(CURRENTS).T).T
-    induced = channels[SPEED.name][:, None] * psi[:, ::-1] * [-1.0, 1.0]
-    channels |= dict(zip(VOLTAGES, induced.T, strict=True))
-    balance = _balance(replace(points, channels=channels), study)
     values = {name: estimate.value for name, estimate in fit.parameters.items()}
-    left = balance.left(psi, values)
-    voltages = induced - left[: 2 * len(points)].reshape(-1, 2)
+    left = _balance(points, study).left(psi, values)
+    voltages = points.stack(VOLTAGES) - left[: 2 * len(points)].reshape(-1, 2)
     torque = channels.get(TORQUE, np.zeros(0)) - left[2 * len(points) :]
     for axis, name in enumerate(VOLTAGES):
         channels[name] = voltages[:, axis] + noise[axis] * random.normal(size=len(points))

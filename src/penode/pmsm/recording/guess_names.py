@@ -93,13 +93,13 @@ _HEATED = {
     "winding_temperature": ("winding", "wicklung", "stator", "coil", "copper", "kupfer"),
     "magnet_temperature": ("magnet",),
 }
-_TORQUE = ("torque", "drehmoment", "moment")
-_OTHER = ("temp", "power", "leistung", "limit", "error", "fault", "status")
+_TORQUE = ("torque", "drehmoment")
+_OTHER = ("temp", "moment", "power", "leistung", "limit", "error", "fault", "status")
 _OTHER_WORDS = {"max", "min", "flag", "idc", "rms", "eff"}
 
 # Two axes as one array: Idq_in_A.value[0], Vdq_out_V.value[1]; an axis that its unit says more of.
 _ARRAY = re.compile(r"(.*?)([iuv])dq(\w*)\.value\[([01])\]", re.IGNORECASE)
-_OF_TORQUE = ("Nm", "mNm", "kNm")
+_OF_TORQUE = ("Nm", "mNm")
 _OF_UNIT = {"A": _CURRENT, "V": _VOLTAGE}
 
 # Splits camel case and digits: IqMeas, omegaEl, I1, IDRef.
