@@ -1,4 +1,4 @@
-"""PMSM-ID: 144 logs of drives of three simulators, a hidden truth, a scorer and nine methods.
+"""PMSM-ID: 144 logs of drives of three simulators, a hidden truth, a scorer and ten methods.
 
 A method gets a log and its entry of ``tasks.json``: the number of pole pairs, the name plate, and
 the currents at which its flux map is asked for. It never sees ``truth.json``. What it answers is a
