@@ -339,8 +339,28 @@ def test_a_file_without_ends_of_lines_is_refused():
 
 
 def test_lines_above_the_names_are_suspected():
-    sentence = refusal(csv.read, "run.csv", b"# bench 3\n" + CSV)
-    assert "(line 2) has 2 cells where the header names 1 columns; remove lines that" in sentence
+    sentence = refusal(csv.read, "run.csv", b"bench 3\n" + CSV)
+    assert "(line 2) has 2 cells where the header names 1 columns; write one" in sentence
+    assert "or remove lines that stand above the column names" in sentence
+
+
+@pytest.mark.parametrize("mark", ["#", "%", "//"])
+@pytest.mark.parametrize("units", ["", "s,V\n"])
+def test_comments_above_the_names_are_passed_over(mark, units):
+    names = f"t,x\n{units}"
+    above = f"{mark} bench 3; hall 2, 21 degC\n{mark}\n"
+    for head in (above + names, f"{mark} {names}", f"{above}{mark} {names}"):
+        table = csv.read("run.csv", f"{head}{ROWS}".encode())
+        np.testing.assert_array_equal(table.columns["x"], X)
+        assert table.units == ({"t": "s", "x": "V"} if units else {})
+    bad = f"{above}{names}{ROWS}0.1,none\n".encode()
+    line = len(TIME) + 4 + bool(units)
+    assert f"data row {len(TIME) + 1} (line {line})" in refusal(csv.read, "run.csv", bad)
+
+
+def test_a_comment_may_stand_above_decimal_commas():
+    rows = b"# bench 3, hall 2\nt;x\n0,0;1,5\n0,1;2,5\n"
+    np.testing.assert_array_equal(csv.read("run.csv", rows).columns["x"], [1.5, 2.5])
 
 
 def test_a_column_that_is_left_out_is_refused_by_name(tmp_path):

@@ -67,6 +67,7 @@ ODD: dict[str, tuple[Made, bytes | None, str]] = {
     ),
     "CSV, every cell quoted": (("run.csv", _quoted()), None, ""),
     "CSV, capital suffix": (("RUN.CSV", csv()), None, ""),
+    "CSV, comments above the header": (("run.csv", "# bench 3, hall 2\n" + csv()), None, ""),
     "CSV, a row of units": (("run.csv", csv(units="s,V,V,A,A,rad/s,rad")), None, ""),
     "CSV, a column of words": (
         ("run.csv", csv({**recording(), "state": np.array(["on"] * 2500)})),

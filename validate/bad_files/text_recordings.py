@@ -117,7 +117,7 @@ TEXTS: dict[str, Made] = {
     "a header and units only": ("run.csv", "t,u_d,u_q,i_d,i_q,omega_el\ns,V,V,A,A,rad/s\n"),
     "no header": ("run.csv", csv().partition("\n")[2]),
     "a blank first line": ("run.csv", "\n" + csv()),
-    "a comment above the header": ("run.csv", "# recorded on bench 3\n" + csv()),
+    "lines above the header": ("run.csv", "recorded on bench 3\n" + csv()),
     "duplicate columns": ("run.csv", csv().replace("u_q", "u_d", 1)),
     "a column without a name": ("run.csv", csv().replace("u_q", "", 1)),
     "parquet called CSV": ("run.csv", parquet()),

@@ -7,7 +7,7 @@ import typer
 
 from penode.cli.console import Row, print_rows
 from penode.data.load import read
-from penode.data.table import TIME
+from penode.data.table import TIME, list_names
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.machine.terms import SPEED
@@ -44,6 +44,8 @@ def init_command(
         signed = f"{'-' if channel.sign < 0 else ''}{channel.column} in {channel.unit}"
         rows.append((name, signed + (", mechanical" if channel.mechanical else "")))
     rows += [(name, f"{value:g}, a number") for name, value in guess.numbers.items()]
+    if guess.unused:
+        rows.append(("not used", list_names(guess.unused)))
     print_rows([*rows, ("note", _open_questions(guess))])
 
 

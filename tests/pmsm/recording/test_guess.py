@@ -289,6 +289,14 @@ def test_duties_without_their_link_ask_for_it(run, tmp_path):
     assert "u_dc" in load_study(config).load(tmp_path / "log.csv").channels
 
 
+@pytest.mark.parametrize("volts", [400.0, 0.0])
+def test_a_link_beside_voltages_is_one_only_above_them(run, volts):
+    columns = {n: run.channels[n] for n in ("u_d", "u_q", "i_d", "i_q", "omega_el")}
+    link = {"Vdc": np.full(len(run), volts)}
+    found = guess_study(Table({"t": run.time_step * np.arange(len(run)), **columns, **link}, {}))
+    assert ("u_dc" in found.channels, "Vdc" in found.unused) == (volts > 0, volts == 0)
+
+
 def test_an_angle_with_a_gap_in_it_tells_nothing_and_breaks_nothing(run):
     theta = run.channels["theta_el"].copy()
     theta[7] = np.nan

@@ -27,6 +27,8 @@ from penode.errors import InputError
 # Marks that separate cells where every line has them; they are no part of a number.
 _RARE_SEPARATORS = "\t;|"
 _MARK = b"\xef\xbb\xbf"
+#: What begins a line above the column names that is none of them.
+_COMMENTS = (b"#", b"%", b"//")
 _BLOCK = 1 << 23
 #: Characters of a word in a block that is parsed in one go, one more than may be used.
 _WORD = 32
@@ -40,24 +42,28 @@ def read(file: str, content: bytes | mmap.mmap) -> Table:
     """Read the columns of a CSV file, float64 and finite, in the order and the units of the file.
 
     Cells are separated by commas, semicolons, tabulators or ``|``; numbers have a decimal point, or
-    a comma where that does not separate cells. Below the header may stand a row of units. Spaces
+    a comma where that does not separate cells. Below the header may stand a row of units, above it
+    lines that begin with ``#``, ``%`` or ``//``, of which the last is the header where numbers
+    follow it. Spaces
     around names and cells, a byte-order mark, blank lines and columns of ``true`` and ``false`` are
     accepted. A column without a number in any row is text and left out.
     """
     _check_text(file, content)
-    start = len(_MARK) if content[: len(_MARK)] == _MARK else 0
+    start, line = len(_MARK) if content[: len(_MARK)] == _MARK else 0, 1
+    while _is_comment(content, start):
+        start, line = _line_end(content, start), line + 1
     body = _line_end(content, start)
     below = _line_end(content, body)
-    if body > _HEADER:
+    if body - start > _HEADER:
         raise InputError(
-            f"{file}: line 1 has {body} bytes where a line of column names was wanted; add the "
-            "names, and end each row with a line feed."
+            f"{file}: line {line} has {body - start} bytes where a line of column names was "
+            "wanted; add the names, and end each row with a line feed."
         )
-    header, second = content[start:body].decode(), content[body:below].decode()
+    header, second = _uncommented(content[start:body]), content[body:below].decode()
     dialect = _dialect(header, second, content.find(b",", body) >= 0)
-    names = _header_names(file, header, dialect)
+    names = _header_names(file, line, header, dialect)
     units = _units(names, second, dialect)
-    rows = _Rows(file, names, dialect, 2 if units else 1)
+    rows = _Rows(file, names, dialect, line + 1 if units else line)
     for block in _blocks(content, below if units else body):
         rows.add(block)
     return Table(rows.columns(), units, text=rows.text())
@@ -158,16 +164,44 @@ def _dialect(header: str, second: str, comma_below: bool) -> _Dialect:
     return _Dialect(separator, separator != "," and comma_below)
 
 
-def _header_names(file: str, header: str, dialect: _Dialect) -> list[str]:
-    """Split the first line into column names."""
+def _is_comment(content: bytes | mmap.mmap, start: int) -> bool:
+    """Return whether a line is a comment above the column names: neither numbers nor units follow."""
+    body = _line_end(content, start)
+    line, below = content[start:body], content[body : _line_end(content, body)]
+    if not line.lstrip().startswith(_COMMENTS) or max(len(line), len(below)) > _HEADER:
+        return False
+    header, second = _uncommented(line), below.decode()
+    dialects = (_dialect(second, "", comma) for comma in (False, True))
+    try:
+        numbers = [n for one in dialects for n in one.numbers(one.split(second))]
+        cells = _dialect(header, second, False).split(header)
+    except csv.Error:
+        return False
+    named = bool(second.strip()) and not any(number is not None for number in numbers)
+    return named and not _units(cells, second, _dialect(header, second, False))
+
+
+def _uncommented(line: bytes) -> str:
+    """Return a line without the mark of a comment that begins it."""
+    text = line.decode()
+    mark = next((m.decode() for m in _COMMENTS if text.lstrip().startswith(m.decode())), "")
+    return text.lstrip().removeprefix(mark) if mark else text
+
+
+def _header_names(file: str, line: int, header: str, dialect: _Dialect) -> list[str]:
+    """Split the line of column names."""
     if not header.strip():
-        raise InputError(f"{file}: line 1 is blank; make the line of column names the first one.")
+        raise InputError(
+            f"{file}: line {line} is blank; make the line of column names the first one."
+        )
     try:
         cells = dialect.split(header)
     except csv.Error as error:
-        raise _unsplittable(file, 1, error) from error
+        raise _unsplittable(file, line, error) from error
     if None not in dialect.numbers(cells):
-        raise InputError(f"{file}: line 1 holds numbers, not column names; add a header line.")
+        raise InputError(
+            f"{file}: line {line} holds numbers, not column names; add a header line."
+        )
     return clean_names(file, cells)
 
 
@@ -280,8 +314,8 @@ class _Rows:
 
     def _other_length(self, row: int, line: int, cells: int) -> InputError:
         fix = "write one cell for each column"
-        if len(self._channels) == 1:
-            fix = "remove lines that stand above the column names"
+        if row == 1 and not self._rows:
+            fix += ", or remove lines that stand above the column names"
         return InputError(
             f"{self._file}: {_place(self._rows + row, self._lines + line)} has {cells} cells where "
             f"the header names {len(self._channels)} columns; {fix}."

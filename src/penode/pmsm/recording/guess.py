@@ -85,6 +85,8 @@ def guess_study(table: Table) -> StudyGuess:
     if TIME in channels:
         channels[TIME] = _in_likely_time_unit(table, channels[TIME])
     channels |= {n: with_duty_range(table, g) for n, g in channels.items() if n[:5] == "duty_"}
+    if not _link_fits(table, channels):
+        channels.pop(LINK)
     pole_pairs = _decide_motion(table, picks, channels)
     channels, bases = with_fractions(table, channels)
     used = {guess.column for guess in channels.values()} | set(table.clocks.values())
@@ -169,8 +171,25 @@ def _unlikeliness(pick: _Pick) -> tuple[bool, bool]:
 def _one_frame(picks: dict[str, _Pick]) -> dict[str, _Pick]:
     """Leave one form of the voltages, and one of the currents."""
     kept = {name for kind in FORMS for name in form_of(kind, picks)}
-    others = {name for forms in FORMS.values() for form in forms for name in form} - kept
+    others = {name for forms in FORMS.values() for form in forms for name in form} - kept - {LINK}
     return {name: pick for name, pick in picks.items() if name not in others}
+
+
+def _link_fits(table: Table, channels: Mapping[str, ChannelGuess]) -> bool:
+    """Return whether a link beside voltages that need none is above all of them, or is not there.
+
+    A column that was never connected, or holds something else, would be taken for the limit.
+    """
+    if LINK not in channels or any(name.startswith("duty_") for name in channels):
+        return True
+
+    def of(name: str) -> FloatArray:
+        guess = channels[name]
+        return UNITS[guess.unit].to_si(table.columns[guess.column])
+
+    link, voltages = of(LINK), [of(n) for n in channels if n[:2] == "u_" and n != LINK]
+    highest = max((np.abs(one).max(initial=0.0) for one in voltages), default=0.0)
+    return not len(link) or bool(np.median(link) > highest)
 
 
 def _with_clock(table: Table, picks: dict[str, _Pick]) -> dict[str, _Pick]:

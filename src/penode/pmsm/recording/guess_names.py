@@ -90,7 +90,7 @@ _GLUED = re.compile(
 # Temperatures: what their names begin with, and whose they are.
 _TEMPERATURE = re.compile(r"t|temp.*|.*temperatur(e|en)?")
 _HEATED = {
-    "winding_temperature": ("winding", "wicklung", "stator", "coil", "copper", "kupfer"),
+    "winding_temperature": ("winding", "wicklung", "wdg", "stator", "coil", "copper", "kupfer"),
     "magnet_temperature": ("magnet",),
 }
 _TORQUE = ("torque", "drehmoment")
