@@ -164,7 +164,7 @@ def test_loci_need_no_current_limit_and_no_picture(machine_fit, penode, tmp_path
     assert done.returncode == 0, done.stderr
     first, *rest = done.stdout.splitlines()
     assert first.startswith("current limit ")
-    assert first.endswith(" A, the largest recorded; --i-max gives another")
+    assert first.endswith(" A, as far as recordings back MTPA; --i-max gives another")
     assert float(first.split()[2]) == pytest.approx(largest, rel=0.01)
     same = penode("loci", tmp_path / "result", "--pole-pairs", 5, "--i-max", repr(float(largest)))
     assert same.stdout.splitlines() == rest

@@ -39,6 +39,7 @@ def fit():
         warnings=("First [sic].", "Second."),
         provenance={"structure": ("The voltage acts late.",)},
         stationary=None,
+        model=None,
     )
 
 
@@ -55,7 +56,7 @@ def test_a_fit_is_told_in_labelled_lines(fit):
     assert lines(print_fit, fit, Path("out")) == [
         ("R", "10.00 mΩ, 95 % interval 9.80 to 10.20 mΩ"),
         ("L", "0.500 , 95 % interval 0.476 to 0.524 "),
-        ("budget", "R: half width 2.0 %: gain 1.6 % (deviation 0.8 %), the data alone 1.2 %"),
+        ("budget", "R: half width 2.0 %: gain 1.6 % (0.8 %), the data alone 1.2 %"),
         ("horizon", "8 steps: plateau. Three agree."),
         ("model", "The voltage acts late."),
         ("train", "a.csv: RMSE one step 0.125 A; free run 0.250 A"),

@@ -27,7 +27,7 @@ def texts(row):
 def test_a_row_a_source_with_what_was_assumed_and_its_fraction_of_the_variance(fit):
     fit.parameters = {"R": R}
     (table,) = uncertainty_budget(fit).blocks
-    assert table.columns[2] == "contribution in µΩ"
+    assert table.columns[2] == "contribution to R in µΩ"
     assert [texts(row) for row in table.rows] == [
         ["gain of the currents", "0.4 %", "40", "64 %", "Calibrate."],
         ["statistics of the residuals", "from the data", "30", "36 %", "Record longer."],
@@ -51,7 +51,7 @@ def test_sensors_are_not_spoken_of_where_nothing_was_assumed(fit):
 
 def test_the_sentence_names_the_main_contributions():
     assert budget_sentence(R) == (
-        "half width 0.98 %: gain of the currents 0.78 % (deviation 0.4 %), the data alone 0.59 %"
+        "half width 0.98 %: gain of the currents 0.78 % (0.4 %), the data alone 0.59 %"
     )
     assert budget_sentence(replace(R, value=0.0)) == ""
 

@@ -48,8 +48,8 @@ def export_command(
             ("grid", f"{d} x {q}, i_d {_range(grid.i_d)}, i_q {_range(grid.i_q)}"),
             (
                 "supported",
-                f"{number(100 * grid.supported.mean())} % of the points; there, linear "
-                f"interpolation is within {error} mVs",
+                f"{number(100 * grid.supported.mean())} % of the table, where recordings are; "
+                f"there, linear interpolation is within {error} mVs of the fit",
             ),
         ]
     if to == "motorcad" and reference_resistance(grid) is None:

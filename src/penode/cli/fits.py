@@ -16,6 +16,8 @@ from penode.fit.left_out import LOG, left_out
 from penode.fit.result_folder import REPORT, claimed
 from penode.pmsm.demo import Demo
 from penode.pmsm.machine.flux_grid import FluxGrid
+from penode.pmsm.machine.model import Machine
+from penode.pmsm.report.no_current import no_current
 from penode.pmsm.result_files import write_report
 from penode.report.quantities import decimals_for, fixed, number, scale_for
 from penode.report.statements import free_run_text, one_step_text
@@ -62,6 +64,7 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
     rows: list[Row] = [
         *((name, _interval(estimate)) for name, estimate in fit.parameters.items()),
         *(("budget", f"{name}: {line}") for name, line in budgets if line),
+        *_no_current(fit),
         ("horizon", Text.assemble(f"{choice.selected} {steps}: ", verdict, f". {choice.reason}"))
         if choice.selected
         else ("verdict", Text.assemble(verdict, f". {choice.reason}")),
@@ -74,6 +77,13 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
     rows += [("points", line) for line in _stationary(fit)]
     rows += [("warning", warning) for warning in fit.warnings]
     print_rows([*rows, ("map", str(folder / "flux_map.csv"))], console)
+
+
+def _no_current(fit: Fit) -> Iterator[Row]:
+    """Yield what the map is at no current, of a machine."""
+    if isinstance(fit.model, Machine):
+        for name, one in zip(("psi_PM", "L_d, L_q"), no_current(fit), strict=False):
+            yield name, f"{one.text}, {one.detail}".replace("\N{NO-BREAK SPACE}", " ")
 
 
 def _stationary(fit: Fit) -> Iterator[str]:

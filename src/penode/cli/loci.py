@@ -14,7 +14,7 @@ from penode.cli.options import Json, SavedFit, TrustClasses, require_png, requir
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.control.controlled_machine import ControlledMachine, voltage_limit_of
-from penode.pmsm.control.loci import ControlLoci, Locus, control_loci, loci_csv
+from penode.pmsm.control.loci import ControlLoci, Locus, backed_current, control_loci, loci_csv
 from penode.pmsm.control.operating_points import OperatingPoints, operating_points
 from penode.report.quantities import number
 
@@ -27,7 +27,8 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     i_max: Annotated[
         float | None,
         typer.Option(
-            help="Current limit in A, peak value of a phase.", show_default="the largest recorded"
+            help="Current limit in A, peak value of a phase.",
+            show_default="up to where recordings back MTPA",
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="PNG to write.")] = None,
@@ -54,7 +55,7 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
         str | None,
         typer.Option(
             help="Speeds of the table in rpm, lowest:highest:points.",
-            show_default="21 up to the fastest",
+            show_default="21 up to twice the base speed",
         ),
     ] = None,
     as_json: Json = False,
@@ -74,9 +75,9 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     _require_table(table, torque, speed)
     fit = load_machine(folder, trust)
     machine = ControlledMachine.of(fit, pole_pairs)
-    recorded = float(np.hypot(*fit.excited.T).max())
+    backed = backed_current(machine, float(np.hypot(*fit.excited.T).max()))
     volts = voltage_limit_of(fit) if u_max is None else u_max
-    loci = control_loci(machine, recorded if i_max is None else i_max, volts)
+    loci = control_loci(machine, backed if i_max is None else i_max, volts)
     points = _points(machine, loci, torque, speed) if table is not None else None
     files: list[Row] = []
     if out is not None:
@@ -90,15 +91,16 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
         files.append(("loci", str(csv)))
     if table is not None and points is not None:
         write_atomically(table, points.csv())
-        reached = f"{np.count_nonzero(points.reached)} of {points.reached.size} points reached"
-        files.append(("table", f"{table}: {reached}"))
+        reached, known = (int(np.sum(one)) for one in (points.reached, points.supported))
+        shown = f"{reached} of {points.reached.size} points reached, {known} of them supported"
+        files.append(("table", f"{table}: {shown}"))
     if as_json:
         paths = {"picture": out and str(out), "table": table and str(table)}
         typer.echo(json.dumps({**_as_json(loci), **paths}))
     else:
         told: list[Row] = []
         if i_max is None:
-            limit = f"{number(recorded)} A, the largest recorded; --i-max gives another"
+            limit = f"{number(backed)} A, as far as recordings back MTPA; --i-max gives another"
             told.append(("current limit", limit))
         if u_max is None and volts is not None:
             limit = f"{number(volts)} V, the recorded u_dc / sqrt(3); --u-max gives another"
@@ -116,7 +118,7 @@ def _require_table(table: Path | None, torque: str | None, speed: str | None) ->
 def _points(
     machine: ControlledMachine, loci: ControlLoci, torque: str | None, speed: str | None
 ) -> OperatingPoints:
-    """Return the table asked for, by default up to the most torque and to the fastest speed."""
+    """Return the table asked for, by default up to the most torque and twice the base speed."""
     if loci.voltage_limit is None or loci.over_speed is None:
         raise InputError(
             "a voltage limit must be known for currents over the speed, got none, and u_dc was "
@@ -125,7 +127,7 @@ def _points(
     most = float(loci.mtpa.torque.max())
     torques = np.linspace(0, most, _POINTS) if torque is None else _axis("--torque", torque)
     fastest = 0.0 if loci.over_speed.speed is None else float(loci.over_speed.speed.max())
-    speeds = np.linspace(0, fastest, _POINTS)
+    speeds = np.linspace(0, min(fastest, 2 * (loci.base_speed or np.inf)), _POINTS)
     if speed is not None:
         speeds = _axis("--speed", speed) * np.pi / 30
     return operating_points(machine, torques, speeds, loci.current_limit, loci.voltage_limit)
@@ -159,7 +161,7 @@ def _figures(loci: ControlLoci) -> list[Row]:
     current = f"{number(float(np.hypot(*short.current)[0]))} A"
     rows: list[Row] = [
         ("MTPA", most),
-        ("characteristic", current + ("" if short.supported[0] else beyond)),
+        ("characteristic current", current + ("" if short.supported[0] else beyond)),
     ]
     if not loci.mtpv.torque.size:
         rows.append(("MTPV", "not within the current limit"))
@@ -169,7 +171,7 @@ def _figures(loci: ControlLoci) -> list[Row]:
     supported = np.concatenate([one.supported for one in every])
     if not supported.all():
         outside = f"{np.count_nonzero(~supported)} of {len(supported)} points"
-        rows.append(("note", f"{outside} lie where no recording has been (dashed)"))
+        rows.append(("note", f"{outside} of the loci lie where no recording has been (dashed)"))
     return rows
 
 

@@ -33,7 +33,8 @@ FluxMapOption = Annotated[
 Inverter = Annotated[
     bool | None,
     typer.Option(
-        help="Identify the inverter's dead-time voltage; needs theta_el.", show_default=_BY_DATA
+        help="Dead time and on-state drops of the inverter, in the model or not; needs theta_el.",
+        show_default=_BY_DATA,
     ),
 ]
 Terms = Annotated[

@@ -48,12 +48,16 @@ class Contribution:
         What was assumed of the source, such as ``"0.5 %"``; empty where the data show it.
     remedy : str
         What would make it smaller, as a sentence.
+    origin : str
+        Of an accuracy of the bench: ``"assumed"``, ``"declared"`` in the study, or ``"estimated"``
+        from the recordings; empty of other rows.
     """
 
     source: str
     std: float
     accuracy: str = ""
     remedy: str = ""
+    origin: str = ""
 
 
 @dataclass(frozen=True)

@@ -46,12 +46,15 @@ class Imperfection:
     applied : callable
         Takes an experiment and a number; returns the experiment with that many standard deviations
         of the imperfection added.
+    origin : str
+        See `penode.fit.outcome.Contribution`.
     """
 
     source: str
     accuracy: str
     remedy: str
     applied: Callable[[Experiment, float], Experiment]
+    origin: str = ""
 
 
 def raw_shifts(
@@ -87,5 +90,5 @@ def budget(
     for one, shift in zip(imperfections, shifts, strict=True):
         others = rows[one.source].std if one.source in rows else 0.0
         total = float(np.nan_to_num(np.hypot(others, shift), nan=np.inf))
-        rows[one.source] = Contribution(one.source, total, one.accuracy, one.remedy)
+        rows[one.source] = Contribution(one.source, total, one.accuracy, one.remedy, one.origin)
     return tuple(sorted(rows.values(), key=lambda row: -row.std))

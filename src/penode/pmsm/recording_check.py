@@ -79,7 +79,8 @@ class RecordingCheck:
             return f"These recordings cannot distinguish {names} from the map."
         if self.left_out:
             return f"These recordings can be used. {self.left_out}"
-        return "These recordings can be used as they are."
+        proviso = ", if what is undetermined holds" if self.undetermined else ""
+        return f"These recordings can be used as they are{proviso}."
 
     @property
     def good(self) -> bool:

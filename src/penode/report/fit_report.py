@@ -11,6 +11,7 @@ from functools import partial
 from typing import TypeAlias
 
 from penode.fit.fit import Fit
+from penode.fit.outcome import NORMAL_95
 from penode.report.document import (
     Block,
     Document,
@@ -22,7 +23,7 @@ from penode.report.document import (
     missing,
 )
 from penode.report.html import render
-from penode.report.quantities import number
+from penode.report.quantities import number, with_unit
 from penode.report.sections import (
     horizons,
     learned_maps,
@@ -75,13 +76,17 @@ _WORDS = (
 )  # fmt: skip
 
 
+def _nothing_beside(fit: Fit) -> Sequence[KeyValue]:
+    return ()
+
+
 @dataclass(frozen=True)
 class Page:
     """What the report of fits of one kind consists of; the defaults do for any model.
 
     ``headline`` names the parameters whose values are the answer, empty for all; ``method`` says in
     the first paragraph what was fitted; ``own`` are parts that replace one of ``parts``; ``words``
-    are explained beside those of every report.
+    are explained beside those of every report, ``beside`` gives further values of the answer.
     """
 
     kind: str = "Identification"
@@ -89,6 +94,7 @@ class Page:
     method: str = "so that the model predicts what was measured"
     parts: tuple[Part, ...] = PARTS
     own: Mapping[Part, Sequence[Part]] = field(default_factory=dict)
+    beside: Callable[[Fit], Sequence[KeyValue]] = _nothing_beside
     words: tuple[tuple[str, str], ...] = ()
 
     def all_parts(self) -> tuple[Part, ...]:
@@ -102,7 +108,7 @@ class Page:
         answer: list[Block] = [
             attempt("the verdict", partial(verdict_notice, fit.horizon), missing),
             *attempt("the warnings", partial(warning_notices, others), lambda why: [missing(why)]),
-            attempt("the values", partial(_key_values, fit, names), missing),
+            attempt("the values", partial(_key_values, fit, names, self), missing),
             Glossary("The words used here", (*_WORDS, *self.words)),
         ]
         sections = [_section(part, fit) for part in self.all_parts()]
@@ -152,7 +158,7 @@ def _first_paragraph(fit: Fit, names: Sequence[str], page: Page) -> str:
     intervals = ""
     if answered and single:
         between = spans[0].replace(" to ", " and ")
-        intervals = f"With 95 % confidence it lies between {between}. "
+        intervals = f"With 95 % confidence it lies between {between}{_of_sensors(fit, names[0])}. "
     elif answered and names:
         both = [f"{name} {span}" for name, span in zip(names, spans, strict=True)]
         intervals = f"95 % intervals: {listed(both)}. "
@@ -167,12 +173,24 @@ def _first_paragraph(fit: Fit, names: Sequence[str], page: Page) -> str:
     return f"{intervals}{subject} fitted to {source} {page.method}."
 
 
+def _of_sensors(fit: Fit, name: str) -> str:
+    """Say that most of an interval is the accuracy of the sensors, where it is."""
+    estimate = fit.parameters[name]
+    sensors = sum(row.std**2 for row in estimate.budget if row.origin in ("assumed", "declared"))
+    if not sensors > 0.5 * estimate.std**2:
+        return ""
+    assumed = any(row.origin == "assumed" for row in estimate.budget)
+    alone = with_unit(NORMAL_95 * estimate.statistical_std, estimate.unit, 2)
+    which = "assumed of the sensors; give your own" if assumed else "declared of the sensors"
+    return f", mostly by the accuracy {which} (the data alone: ± {alone})"
+
+
 def _spread(fit: Fit, name: str) -> str:
     values = [rung.parameters[name] for rung in fit.horizon.ladder if name in rung.parameters]
     return range_text(values, fit.parameters[name].unit)
 
 
-def _key_values(fit: Fit, names: Sequence[str]) -> KeyValues:
+def _key_values(fit: Fit, names: Sequence[str], page: Page) -> KeyValues:
     choice = fit.horizon
     errors = (free_run_value(fit.recordings), one_step_value(fit.recordings))
     detail = choice.verdict
@@ -182,7 +200,7 @@ def _key_values(fit: Fit, names: Sequence[str]) -> KeyValues:
     horizon = KeyValue("Horizon", f"H = {choice.selected}", detail, choice.selected)
     values = [_parameter_value(fit, name) for name in names]
     ahead_of = (horizon,) if choice.selected else ()
-    return KeyValues((*values, *filter(None, errors), *ahead_of))
+    return KeyValues((*values, *page.beside(fit), *filter(None, errors), *ahead_of))
 
 
 def _parameter_value(fit: Fit, name: str) -> KeyValue:

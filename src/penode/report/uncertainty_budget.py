@@ -42,14 +42,18 @@ def budget_sentence(estimate: Estimate) -> str:
     each = NORMAL_95 * 100 / abs(estimate.value)
     own = _assumed(estimate)
     main = [row for row in own if row.std >= _MINOR * estimate.budget[0].std]
-    parts = [
-        f"{row.source} {number(each * row.std, 2)} % ({'deviation ' * row.accuracy[:1].isdigit()}"
-        f"{row.accuracy})"
-        for row in main
-    ]
+    parts = [f"{row.source} {number(each * row.std, 2)} % ({_size(row)})" for row in main]
     shown = f"the data alone {number(each * estimate.statistical_std, 2)} %"
     whole = f"half width {number(each * estimate.std, 2)} %"
-    return f"{whole}: {', '.join([*parts, shown])}"
+    give = ""
+    if any(row.origin == "assumed" for row in main):
+        give = "; give the accuracy of your own sensors in the study file"
+    return f"{whole}: {', '.join([*parts, shown])}{give}"
+
+
+def _size(row: Contribution) -> str:
+    """Return the size of a source and where it is from."""
+    return f"{row.accuracy} {row.origin}".rstrip()
 
 
 def _assumed(estimate: Estimate) -> list[Contribution]:
@@ -62,9 +66,9 @@ def _table(name: str, estimate: Estimate) -> Table:
     fractions = _fractions([row.std for row in shown])
     columns: list[Column] = [
         ("source", [row.source for row in shown]),
-        ("standard deviation of it", [row.accuracy or "from the data" for row in shown]),
+        ("its standard deviation", [_size(row) or "from the data" for row in shown]),
         (
-            f"contribution in {scale.unit}".rstrip(),
+            f"contribution to {name} in {scale.unit}".rstrip(),
             [numeric(number(row.std * scale.factor, 2), row.std) for row in shown],
         ),
         ("of the variance", [_bar(fraction) for fraction in fractions]),
@@ -72,8 +76,9 @@ def _table(name: str, estimate: Estimate) -> Table:
     ]
     caption = (
         "Contributions are standard deviations; their squares add (JCGM 100:2008). The 95 % "
-        f"interval is the value ± {NORMAL_95} times their root sum of squares. Where recordings "
-        "show more of a source than was assumed of the bench, its deviation is what they leave."
+        f"interval is the value ± {NORMAL_95} times their root sum of squares. Of the sensors, "
+        "declared stands in the study file, assumed is that of an ordinary bench, and estimated "
+        "is what the recordings show, where that is less."
     )
     return table(f"Standard uncertainty of {name}", columns, caption)
 

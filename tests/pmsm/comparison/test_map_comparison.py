@@ -7,6 +7,7 @@ import pytest
 
 from penode.errors import InputError
 from penode.fit.fit import Estimate
+from penode.fit.outcome import Contribution
 from penode.pmsm.comparison.comparison_picture import comparison_picture
 from penode.pmsm.comparison.map_comparison import compare_maps, compare_resistances
 from penode.pmsm.machine.flux_grid import read_grid, tabulate
@@ -72,6 +73,24 @@ def test_resistances_are_compared_in_words(machine_fit, resistance, words):
     sentence = compare_resistances(machine_fit, warmer(machine_fit, resistance=resistance))
     assert words in sentence
     assert f"{1e3 * resistance:.1f}" in sentence
+
+
+def test_the_accuracy_of_the_same_sensors_cancels(machine_fit):
+    estimate = machine_fit.parameters["R"]
+    data = Contribution("statistics of the residuals", 2e-6)
+    gain = Contribution("gain", 1e-4, "1 %", "Calibrate.", "assumed")
+    budget = (gain, data)
+    std = float(np.hypot(1e-4, 2e-6))
+    sure = replace(
+        machine_fit, parameters={"R": Estimate.of(estimate.value, std, "ohm", budget=budget)}
+    )
+    moved = Estimate.of(1.01 * estimate.value, std, "ohm", budget=budget)
+    sentence = compare_resistances(sure, replace(sure, parameters={"R": moved}))
+    assert "they agree; of the same sensors, where" in sentence
+    half = 1.96 * np.hypot(2e-6, 2e-6) / estimate.value
+    assert f"{100 * half:.2g} % may be chance, they DISAGREE; in copper that is 2.5 K" in sentence
+    near = Estimate.of(1.0001 * estimate.value, std, "ohm", budget=budget)
+    assert compare_resistances(sure, replace(sure, parameters={"R": near})).endswith("agree too")
 
 
 def test_a_resistance_without_answer_is_not_compared(machine_fit):

@@ -129,6 +129,9 @@ def test_what_is_exact_is_left_out(run):
     assert rows(Accuracy.exact(), run) == ()
     (only,) = rows(Accuracy(**{**Accuracy.exact().declared, "voltage_gain": 0.01}), run)
     assert (only.source, only.accuracy) == ("gain of the voltages", "1 %")
+    some = Accuracy(voltage_gain=0.01)
+    assert (some.origin("voltage_gain"), some.origin("angle")) == ("declared", "assumed")
+    assert some.origin("iron") == ""
 
 
 @pytest.mark.parametrize("value", [-0.01, np.nan, np.inf])

@@ -14,6 +14,7 @@ import pytest
 
 from penode import Experiment
 from penode.fit.fit import Estimate, HorizonChoice, HorizonSummary
+from penode.fit.outcome import Contribution
 from penode.pmsm.report.flux_sections import (
     current_grid,
     differential_inductances,
@@ -23,6 +24,7 @@ from penode.pmsm.report.flux_sections import (
 from penode.pmsm.report.flux_slices import flux_slice, slice_currents
 from penode.pmsm.report.inductance_table import apparent_inductances
 from penode.pmsm.report.machine_report import MACHINE_PAGE, machine_report
+from penode.pmsm.report.no_current import no_current
 from penode.pmsm.report.torque_sections import torque_and_operating_points
 from penode.report import sections
 from penode.report.document import Figure
@@ -503,3 +505,45 @@ def test_a_browser_draws_every_figure_without_complaint(text, tmp_path, width):
     assert len(drawn) == 15
     for figure in drawn:
         assert "main-svg" in figure or "unavailable" in figure
+
+
+def test_the_magnet_and_the_inductances_stand_in_the_answer():
+    magnet, inductances = no_current(machine_fit())
+    psi = flux_map(0.0, 0.0)[0]
+    assert magnet.value == psi
+    low, high = psi - 1.96e-4, psi + 1.96e-4
+    assert f"{1e3 * low:.2f} to {1e3 * high:.2f}" in magnet.detail
+    slope = differential_inductance(0.0, 0.0)
+    for k in range(2):
+        assert f"{1e6 * slope[k, k]:.0f}" in inductances.text
+    assert "psi_PM" in machine_report(machine_fit())
+
+
+def test_nothing_is_said_at_no_current_where_it_is_not_known():
+    beyond = machine_fit()
+    beyond.supported = lambda points: points[:, 0] < -1
+    for fit in (beyond, machine_fit(refused()), machine_fit(standstill=True)):
+        assert no_current(fit) == ()
+
+
+def test_an_interval_that_the_sensors_make_says_so():
+    fit = machine_fit()
+    data = Contribution("statistics of the residuals", 2e-6)
+    gain = Contribution("gain of the voltages", 1e-4, "1 %", "Calibrate.", "assumed")
+    for origin, words in (("assumed", "assumed of the sensors; give"), ("declared", "declared of")):
+        budget = (replace(gain, origin=origin), data)
+        fit.parameters["R"] = Estimate.of(0.01, 1e-4, "ohm", budget=budget)
+        page = machine_report(fit)
+        assert f"mostly by the accuracy {words}" in page
+        assert "the data alone: ± 3.9" in page
+    fit.parameters["R"] = Estimate.of(0.01, 1e-4, "ohm", budget=(replace(data, std=1e-4),))
+    assert "mostly by the accuracy" not in machine_report(fit)
+
+
+def test_lines_at_orders_that_the_map_follows_are_not_said_to_be_beyond_it():
+    fit = machine_fit()
+    assert "a map of the currents alone cannot follow" in machine_report(fit)
+    fit.model.flux = SimpleNamespace(angle_orders=(6, 12))
+    page = machine_report(fit)
+    assert "of which the map follows the orders 6 and 12" in page
+    assert "cannot follow" not in page

@@ -165,7 +165,7 @@ def _dialect(header: str, second: str, comma_below: bool) -> _Dialect:
 
 
 def _is_comment(content: bytes | mmap.mmap, start: int) -> bool:
-    """Return whether a line is a comment above the column names: neither numbers nor units follow."""
+    """Return whether a line is a comment above the names: no numbers and no units follow it."""
     body = _line_end(content, start)
     line, below = content[start:body], content[body : _line_end(content, body)]
     if not line.lstrip().startswith(_COMMENTS) or max(len(line), len(below)) > _HEADER:
@@ -199,9 +199,7 @@ def _header_names(file: str, line: int, header: str, dialect: _Dialect) -> list[
     except csv.Error as error:
         raise _unsplittable(file, line, error) from error
     if None not in dialect.numbers(cells):
-        raise InputError(
-            f"{file}: line {line} holds numbers, not column names; add a header line."
-        )
+        raise InputError(f"{file}: line {line} holds numbers, not column names; add a header line.")
     return clean_names(file, cells)
 
 

@@ -57,8 +57,14 @@ class Calibration:
         self, accuracy: Accuracy, experiments: Sequence[Experiment]
     ) -> tuple[Imperfection, ...]:
         """Return the rows of the uncertainty budget of what is left."""
-        left = self.left(accuracy.deviations(experiments))
-        return budget_rows(left, experiments, self.drive)
+        declared = accuracy.deviations(experiments)
+        left = self.left(declared)
+        origins = {
+            name: accuracy.origin(name) if size == declared[name] else "estimated"
+            for name, size in left.items()
+            if name in declared
+        }
+        return budget_rows(left, experiments, self.drive, origins)
 
 
 AS_RECORDED = Calibration()

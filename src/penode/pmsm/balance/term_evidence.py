@@ -84,7 +84,8 @@ def _presence(
             [math.hypot(taken, deviation)],
         )
         doubt = Doubt(title.lower(), _MORE, term, None, math.sqrt(share))
-        why = f"{title} was left out: the voltage balance shows {shown} of it."
+        none = ", and a negative one is none" if value < 0 else ""
+        why = f"{title} was left out: the voltage balance shows {shown} of it{none}."
         if share >= 0.5:
             why = f"{why[:-1]}, too little beside the {largest:.2g} V of R to be told from the map."
         return Judged(None, why, None, (doubt,) if share > NOTICED else ())

@@ -7,6 +7,7 @@ import numpy as np
 from penode.arrays import BoolArray, FloatArray
 from penode.errors import InputError
 from penode.fit.fit import Estimate, Fit
+from penode.fit.outcome import NORMAL_95
 from penode.pmsm.machine.flux_grid import FluxGrid
 from penode.report.quantities import number, with_unit
 from penode.report.statements import estimate_text
@@ -98,8 +99,9 @@ def compare_maps(first: Fit, second: Fit | FluxGrid) -> MapComparison:
 def compare_resistances(first: Fit, second: Fit | FluxGrid) -> str:
     """Return in words whether two fits agree on R: whether chance may explain the difference.
 
-    The intervals' half widths are added as squares, as those of independent recordings. A table
-    states R exactly; empty where it states none.
+    The intervals' half widths are added as squares, as those of independent recordings, with and
+    without the accuracy of sensors, which errs alike where both were measured by the same ones. A
+    table states R exactly; empty where it states none.
     """
     if isinstance(second, FluxGrid):
         return "" if second.resistance is None else _beside_stated(first, second.resistance)
@@ -107,16 +109,21 @@ def compare_resistances(first: Fit, second: Fit | FluxGrid) -> str:
         if not fit.horizon.answered:
             return f"R cannot be compared: the verdict of the {name} is {fit.horizon.verdict!r}"
     one, other = first.parameters["R"], second.parameters["R"]
-    apart, chance = other.value - one.value, float(np.hypot(_half_width(one), _half_width(other)))
-    values = f"R is {_text(one)} and {_text(other)}"
-    share = f"{number(100 * abs(apart) / one.value, 2)} % apart"
-    limit = f"{number(100 * chance / one.value, 2)} %"
-    if abs(apart) <= chance:
-        return f"{values}: they agree, {share} where {limit} may be chance"
-    return (
-        f"{values}: they DISAGREE, {share} where {limit} may be chance; in copper that is "
-        f"{number(abs(apart) / one.value / _COPPER, 2)} K"
+    apart = abs(other.value / one.value - 1)
+    chance, same = (
+        float(np.hypot(of(one), of(other))) / one.value
+        for of in (_half_width, _half_width_of_same_sensors)
     )
+    values = f"R is {_text(one)} and {_text(other)}, {number(100 * apart, 2)} % apart"
+    limits = [f"{number(100 * limit, 2)} % may be chance" for limit in (chance, same)]
+    kelvin = f"; in copper that is {number(apart / _COPPER, 2)} K"
+    if apart > chance:
+        return f"{values} where {limits[0]}: they DISAGREE{kelvin}"
+    if same >= chance:
+        return f"{values} where {limits[0]}: they agree"
+    of_same = f"of the same sensors, where {limits[1]}, they "
+    of_same += f"DISAGREE{kelvin}" if apart > same else "agree too"
+    return f"{values} where {limits[0]}: they agree; {of_same}"
 
 
 def _beside_stated(fit: Fit, stated: float) -> str:
@@ -137,6 +144,12 @@ def _text(estimate: Estimate) -> str:
 def _half_width(estimate: Estimate) -> float:
     low, high = estimate.interval_95
     return (high - low) / 2
+
+
+def _half_width_of_same_sensors(estimate: Estimate) -> float:
+    """Return the half width less what the accuracy of the sensors, not estimated, adds."""
+    sensors = sum(row.std**2 for row in estimate.budget if row.origin in ("assumed", "declared"))
+    return float(NORMAL_95 * np.sqrt(max(estimate.std**2 - sensors, 0.0)))
 
 
 def _common_axes(first: Fit, second: Fit) -> tuple[FloatArray, FloatArray]:

@@ -181,8 +181,9 @@ def _estimates(balance: PointsBalance, solution: PointsSolution) -> dict[str, Es
     for k, name in enumerate(physical_values(balance.terms)):
         parts, rest = contributions(solution.covariance, k, places)
         rows = [Contribution("noise of the points", rest)]
-        for part, (one, own) in zip(parts, balance.imperfections.values(), strict=True):
-            rows.append(Contribution(one.source, abs(float(part)), one.said(own), one.remedy))
+        for part, (name_of, (one, own)) in zip(parts, balance.imperfections.items(), strict=True):
+            said = one.said(own), one.remedy, balance.accuracy.origin(name_of)
+            rows.append(Contribution(one.source, abs(float(part)), *said))
         rows.sort(key=lambda row: -row.std)
         std = float(np.sqrt(solution.covariance[k, k]))
         setting = settings[name]

@@ -5,7 +5,8 @@ To add one, write a subclass of `DriveImperfection` and put a line into `IMPERFE
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -432,6 +433,7 @@ class Accuracy:
     """
 
     declared: Mapping[str, float]
+    given: tuple[str, ...] = field(compare=False)
 
     def __init__(self, **declared: float) -> None:
         usual = {n: one.declared for n, one in IMPERFECTIONS.items() if one.declared < math.inf}
@@ -441,11 +443,18 @@ class Accuracy:
             if not (np.isfinite(value) and value >= 0):
                 raise InputError(f"accuracy {name} must be >= 0 and finite, got {value}.")
         object.__setattr__(self, "declared", {**usual, **declared})
+        object.__setattr__(self, "given", tuple(declared))
 
     @classmethod
     def exact(cls) -> "Accuracy":
         """Return that of a recording without systematic errors, such as a simulated one."""
         return cls(**dict.fromkeys(cls().declared, 0.0))
+
+    def origin(self, name: str) -> str:
+        """Return whether a deviation was declared or is assumed; empty of what is no entry."""
+        if name not in self.declared:
+            return ""
+        return "declared" if name in self.given else "assumed"
 
     def deviations(self, experiments: Sequence[Experiment]) -> dict[str, float]:
         """Return them by name, SI units; an offset's is that of the largest current."""
@@ -459,11 +468,14 @@ DEFAULT_ACCURACY = Accuracy()
 
 
 def budget_rows(
-    left: Mapping[str, float], experiments: Sequence[Experiment], drive: KnownDrive
+    left: Mapping[str, float],
+    experiments: Sequence[Experiment],
+    drive: KnownDrive,
+    origins: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[Imperfection, ...]:
     """Return the rows of the uncertainty budget of what is left of each, a deviation by name."""
     return tuple(
-        row
+        replace(row, origin=origins.get(name, ""))
         for name, one in IMPERFECTIONS.items()
         if left.get(name) and one.recorded(experiments)
         for row in one.rows(left[name], drive)

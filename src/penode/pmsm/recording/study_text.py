@@ -22,7 +22,7 @@ _HEAD = """\
 #
 # What is marked "guess" was guessed: look at it before you trust the result. No recording shows
 # whether it holds peak or rms values: add rms = true for the latter. A column that lags by one
-# sample takes delay = 1 (-1 for one that leads); that of the voltages is estimated.
+# sample takes delay = 1 (-1 for one that leads); leave the voltages without, it is estimated.
 # A channel may have: column, unit, scale, sign, delay, times, rms, mechanical.
 
 """

@@ -27,8 +27,8 @@ _CAPTION = (
     "Apparent: the mean slope from zero current of its own axis, "
     "L_d = (ψ_d(i_d, i_q) − ψ_d(0, i_q)) / i_d and L_q = (ψ_q(i_d, i_q) − ψ_q(i_d, 0)) / i_q. "
     "Differential: the slope at the current, L_dd, L_qq and the cross-coupling L_dq. Saliency is "
-    "q over d; coupling is L_dq over √(L_dd L_qq). What changes down a column along the other "
-    "axis's current is cross-saturation."
+    "q over d; coupling is L_dq over √(L_dd L_qq). Where L_d changes with i_q, or L_q with i_d, "
+    "that is cross-saturation."
 )
 
 
@@ -97,7 +97,7 @@ def _currents(fit: Fit) -> tuple[list[str], FloatArray]:
     """Return names and currents (2, point), A, of two digits, of the rows of the table."""
     low, high = fit.excited.min(axis=0), fit.excited.max(axis=0)
     # Fields are weakened by negative i_d: it is shown wherever there is any to speak of.
-    largest = np.where(-low > np.array([0.5, 1.0]) * high, low, high)
+    largest = np.where(-low > np.array([0.5, 2.0]) * high, low, high)
     points = [(name, *(largest * (d, q))) for name, d, q in _AT]
     if excited_axes(fit).all() and not fit.provenance.get(STANDSTILL):
         radii = np.array(_ON_MTPA) * np.hypot(*fit.excited.T).max()

@@ -8,6 +8,7 @@ from penode.fit.fit import Fit
 from penode.pmsm.report.against import Against
 from penode.pmsm.report.flux_sections import flux_linkage, inductances
 from penode.pmsm.report.line_causes import named_lines, signed_frequency
+from penode.pmsm.report.no_current import no_current
 from penode.pmsm.report.points_sections import points_balance, points_parameters
 from penode.pmsm.report.torque_sections import torque_and_operating_points
 from penode.report import sections
@@ -15,6 +16,7 @@ from penode.report.document import Section
 from penode.report.fit_report import Page, Part, fit_report
 from penode.report.loss_weighting import weighting_of, weighting_section
 from penode.report.quantities import fixed, number, with_unit
+from penode.report.statements import listed
 from penode.report.uncertainty_budget import uncertainty_budget
 from penode.validation.residual_lines import Line
 
@@ -28,12 +30,16 @@ def residual(fit: Fit) -> Section | None:
     """Return the section on the residual, with harmonics of the electrical frequency marked."""
     base = abs(float(fit.provenance.get("electrical_frequency_hz") or 0.0))
     orders = [_HARMONIC * k for k in range(1, _LINES + 1)] if base else []
+    followed = getattr(getattr(fit.model, "flux", None), "angle_orders", ())
+    map_has = "which a map of the currents alone cannot follow"
+    if followed:
+        map_has = f"of which the map follows the orders {listed(list(map(str, followed)))}"
     return sections.residual_section(
         fit,
         [(order * base, f"{order}×") for order in orders],
         "Lines at multiples of six times the electrical frequency are the ripple of slots and "
-        "inverter, which a map of the currents alone cannot follow; a longer horizon keeps them "
-        "from biasing the resistance.",
+        f"inverter, {map_has}; a longer horizon keeps what is left of it from biasing the "
+        "resistance.",
         f"Dotted: multiples of {_HARMONIC} times the electrical frequency "
         f"({with_unit(base, 'Hz')})."
         if base
@@ -94,7 +100,13 @@ MACHINE_PAGE = Page(
     method="together with the machine's flux-linkage map, so that the voltage equation predicts "
     "the measured currents",
     own=_OWN,
+    beside=no_current,
     words=(
+        (
+            "Stator resistance R",
+            "Of one phase, at the temperature of the recordings. Where the voltages are those that "
+            "were commanded, cable and conducting switches are in it.",
+        ),
         (
             "Flux-linkage map",
             "Flux linkage of the d and the q winding as a function of both currents; saturation "
@@ -116,6 +128,7 @@ POINTS_PAGE = Page(
         sections.provenance,
     ),
     own={sections.learned_maps: (*_OWN[sections.learned_maps],)},
+    beside=no_current,
     words=MACHINE_PAGE.words,
 )
 

@@ -1,0 +1,33 @@
+"""Flux linkage and inductances at no current, the numbers by which a machine is known."""
+
+import numpy as np
+
+from penode.fit.fit import Fit
+from penode.fit.outcome import Estimate
+from penode.pmsm.machine.standstill import STANDSTILL, excited_axes
+from penode.report.document import KeyValue
+from penode.report.quantities import with_unit
+from penode.report.statements import estimate_text
+
+
+def no_current(fit: Fit) -> tuple[KeyValue, ...]:
+    """Return psi_d with its 95 % interval, and L_d and L_q, at no current.
+
+    Nothing where the recordings do not answer, do not reach no current, or stand still or move one
+    axis alone, where the constant of the flux linkage is not known.
+    """
+    nowhere = np.zeros((1, 2))
+    at_rest = bool(fit.provenance.get(STANDSTILL)) or not excited_axes(fit).all()
+    if at_rest or not fit.horizon.answered or not np.all(fit.supported(nowhere)):
+        return ()
+    psi, slope = float(fit.flux_map(0.0, 0.0)[0]), fit.differential_inductance(0.0, 0.0)
+    deviation = float(fit.learned_deviation(nowhere)[0, 0])
+    text, detail = with_unit(psi, "Vs"), ""
+    if np.isfinite(deviation):
+        text, interval = estimate_text(Estimate.of(psi, deviation, "Vs"))
+        detail = f"95 % interval {interval}"
+    l_d, l_q = (with_unit(float(slope[k, k]), "H") for k in range(2))
+    return (
+        KeyValue("Magnet's flux linkage psi_PM", text, detail, psi),
+        KeyValue("Inductances L_d, L_q", f"{l_d}, {l_q}", "of the d and the q axis at no current"),
+    )
