@@ -55,10 +55,14 @@ def test_points_beside_a_recording_narrow_its_answer(tmp_path, penode, slow_run)
     noise = 0.02 * np.random.default_rng(1).normal(size=(2, 30))
     voltages = {n: v + own for (n, v), own in zip(voltages.items(), noise, strict=True)}
     channels = {**voltages, "i_d": i[:, 0], "i_q": i[:, 1], "omega_el": speed}
-    file = written(tmp_path, Experiment("points.csv", 1.0, channels))
+    text = written(tmp_path, Experiment("points.csv", 1.0, channels)).read_text()
+    file, config = tmp_path / "bench.csv", tmp_path / "bench.toml"
+    file.write_text(text.replace("i_d", "Id", 1).replace("u_d", "Ud", 1))  # names of its own
+    config.write_text('[channels]\ni_d = { column = "Id" }\nu_d = { column = "Ud" }\n')
     options = ("--horizon", 20, "--hold", "dq", "--no-inverter", "--angle-orders", "none")
     run, out = tmp_path / "run.csv", tmp_path / "out"
-    ended = penode("identify", run, "--points", file, *options, "--out", out)
+    beside = ("--points", file, "--points-config", config)
+    ended = penode("identify", run, *beside, *options, "--out", out)
     assert ended.returncode == 0, ended.stderr
     again = Fit.load(out)
     low, high = again.parameters["R"].interval_95
@@ -76,6 +80,7 @@ def test_points_beside_a_recording_narrow_its_answer(tmp_path, penode, slow_run)
         (("identify", "{file}", "{file}", "--out", "{out}"), "must be the only file, got 2"),
         (("identify", "{file}", "--horizon", "5", "--out", "{out}"), "which has no horizon"),
         (("identify", "{file}", "--points", "{file}", "--out", "{out}"), "which has no horizon"),
+        (("identify", "{file}", "--points-config", "{file}", "--out", "{out}"), "with --points"),
         (("check", "{file}"), f"pole_pairs is missing; add --pole-pairs ({PAIRS} would fit)"),
     ],
 )

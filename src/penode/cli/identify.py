@@ -35,6 +35,12 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         Path | None,
         typer.Option(help="Table of operating points of the same bench, which narrows R and map."),
     ] = None,
+    points_config: Annotated[
+        Path | None,
+        typer.Option(
+            help="Study file of that table: columns and units.", show_default="that of --config"
+        ),
+    ] = None,
     config: options.Config = None,
     horizon: Annotated[
         str | None, typer.Option(help="auto, or the number of steps.", show_default="auto")
@@ -111,6 +117,11 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
     asked = load_study(
         config, settings if horizon is None else {**settings, "horizon": _steps(horizon)}
     )
+    of_points = asked
+    if points_config is not None:
+        if points is None:
+            raise InputError("--points-config must be given with --points, got none; add it.")
+        of_points = load_study(points_config, options.given(pole_pairs=pole_pairs))
     recordings, alone = load_runs(runs, asked.mapping)
     if alone is not None:
         _require_points_alone(
@@ -120,7 +131,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
             fit = signed(identify_points(alone, asked.study), began)
             write_answer(fit, out)
         return _ended(fit, out, as_json, show)
-    beside = None if points is None else asked.load_points(points)
+    beside = None if points is None else of_points.load_points(points)
     unseen = [stretch for run in validate or [] for stretch in asked.load_stretches(run)]
     stopped = False
     with watched(out, ERRORS, checkpoint) as observer:

@@ -23,7 +23,7 @@ from penode.report.document import (
     missing,
 )
 from penode.report.html import render
-from penode.report.quantities import number, with_unit
+from penode.report.quantities import number, scale_for
 from penode.report.sections import (
     horizons,
     learned_maps,
@@ -180,7 +180,9 @@ def _of_sensors(fit: Fit, name: str) -> str:
     if not sensors > 0.5 * estimate.std**2:
         return ""
     assumed = any(row.origin == "assumed" for row in estimate.budget)
-    alone = with_unit(NORMAL_95 * estimate.statistical_std, estimate.unit, 2)
+    scale = scale_for(estimate.value, estimate.unit)
+    half = number(NORMAL_95 * estimate.statistical_std * scale.factor, 2)
+    alone = f"{half}\N{NO-BREAK SPACE}{scale.unit}"
     which = "assumed of the sensors; give your own" if assumed else "declared of the sensors"
     return f", mostly by the accuracy {which} (the data alone: ± {alone})"
 
