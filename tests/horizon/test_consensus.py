@@ -9,7 +9,14 @@ import pytest
 
 from penode.arrays import Leaf, float64
 from penode.data.windows import Windows
-from penode.horizon.consensus import Consensus, averaged, map_weights, retrained
+from penode.horizon.consensus import (
+    BETWEEN,
+    Consensus,
+    averaged,
+    between_recordings,
+    map_weights,
+    retrained,
+)
 from penode.horizon.ladder import HorizonFit
 from penode.models.layout import Layout
 from penode.models.parameters import physical
@@ -206,3 +213,61 @@ def test_training_that_diverges_leaves_the_learned_where_they_were(systems, obje
     with float64():
         found = retrained(problem, made, wanted, Diverging())
         np.testing.assert_array_equal(found, layout.with_physical(system.raw, wanted))
+
+
+# --- recordings that disagree -----------------------------------------------------------------
+
+
+def of_recordings(moved, deviation, noise, horizon=10):
+    """A rung of recordings of equal length, which would move its value by `moved`."""
+    count = len(moved)
+    each = SAMPLES // count
+    inside = np.arange(0, each - horizon, horizon)
+    starts = np.concatenate([k * each + inside for k in range(count)])
+    recording = np.repeat(np.arange(count), len(inside))
+    windows = Windows(
+        np.zeros((SAMPLES, 1)), np.zeros((SAMPLES, 0)), starts, recording, horizon, 1, 1
+    )
+    influence = noise[: len(starts)] * deviation / np.sqrt(len(starts))
+    influence = influence - influence.mean() + np.repeat(moved, len(inside)) / len(inside)
+    series = ScoreSeries.of_windows(windows)
+    made = rung(horizon, 1.0, deviation, noise)
+    return replace(made, windows=windows, influence=influence[None], series=series)
+
+
+def test_recordings_that_disagree_count_as_one_draw_each():
+    moved = np.array([0.3, -0.5, 0.2])
+    made = of_recordings(moved, 0.05, white(1))
+    (row,) = between_recordings([made], np.ones((1, 1))).values()
+    clustered = 1.5 * np.sum(moved**2)
+    assert row[0, 0] == pytest.approx(clustered - 0.05**2, rel=0.15)
+    assert BETWEEN in Consensus.around(made, [made]).parts
+    assert BETWEEN in Consensus.of([made, made]).parts
+
+
+def test_recordings_that_agree_are_rarely_said_not_to():
+    fired = [
+        bool(between_recordings([of_recordings(np.zeros(k), 0.05, white(s))], np.ones((1, 1))))
+        for s in range(150)
+        for k in (2, 4)
+    ]
+    assert np.mean(fired) < 0.1
+
+
+def test_one_recording_disagrees_with_nothing():
+    made = of_recordings(np.zeros(1), 0.05, white(2))
+    assert between_recordings([made], np.ones((1, 1))) == {}
+
+
+def test_a_recording_without_a_window_of_a_long_horizon_is_left_out_there():
+    long = of_recordings(np.array([0.4, -0.4]), 0.05, white(3))
+    short = of_recordings(np.array([0.4, -0.4]), 0.05, white(4))
+    alone = short.windows.recording == 0
+    lost = replace(
+        short,
+        windows=short.windows.among(alone),
+        influence=short.influence[:, alone],
+        series=ScoreSeries.of_windows(short.windows.among(alone)),
+    )
+    both = between_recordings([long, lost], np.array([[1.0], [0.0]]))
+    np.testing.assert_allclose(both[BETWEEN], between_recordings([long], np.ones((1, 1)))[BETWEEN])

@@ -14,7 +14,7 @@ from penode.arrays import FloatArray
 from penode.fit.outcome import AVERAGED
 from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import Choice, weighted_covariance
-from penode.training.covariance import bartlett, with_deviations
+from penode.training.covariance import bartlett, bartlett_variance, with_deviations
 from penode.training.gauss_newton_terms import FLAT, inverse_normal
 from penode.training.plan import DIVERGED, Optimiser, Problem
 from penode.training.second_order import LevenbergMarquardt
@@ -32,13 +32,16 @@ _REFIT = LevenbergMarquardt(evaluations=15)
 #: Probability of a mean outside the joint region of a rung by chance.
 _BY_CHANCE = 1e-4
 
+#: Probability of recordings that disagree by chance as much as they are said to agree.
+_ALIKE = 0.05
+
 #: Least deviation over the value: predictor and recording agree in nothing to more digits.
 _FINEST = 1e-5
 
 #: What a deviation comes from: rows of the uncertainty budget.
 STATISTICS, HORIZON = "statistics of the residuals", "spread over the horizons"
 PRIOR, NUMERICS = "prior of the learned map", "numerical agreement"
-LEFT_OUT = "what the model leaves out"
+LEFT_OUT, BETWEEN = "what the model leaves out", "differences between the recordings"
 
 #: Deviations are cut here, SI units, so that no weight is zero over zero.
 _UNSURE = 1e100
@@ -81,6 +84,7 @@ class Consensus:
             STATISTICS: with_deviations(statistics, deviation),
             HORIZON: _BIAS * spread,
             PRIOR: _shared_prior(rungs, weights),
+            **between_recordings(rungs, weights),
         }
         shown = np.sum([np.diag(part) for part in parts.values()], axis=0)
         finest = np.maximum((_FINEST * middle) ** 2 - shown, 0.0)
@@ -111,7 +115,8 @@ class Consensus:
         physical = values.shape[1]
         own = bartlett(chosen.influence, chosen.series.lags) + chosen.prior
         statistics = with_deviations(own, chosen.deviation[:physical])
-        parts = {STATISTICS: statistics, HORIZON: spread}
+        between = between_recordings([chosen], np.ones((1, physical)))
+        parts = {STATISTICS: statistics, HORIZON: spread, **between}
         return cls(chosen.values[:physical], parts, mean=False)
 
     @classmethod
@@ -126,6 +131,41 @@ class Consensus:
             if not together.off_the_valley(chosen):
                 return together
         return cls.around(chosen, agreeing)
+
+
+def between_recordings(rungs: Sequence[HorizonFit], weights: FloatArray) -> dict[str, FloatArray]:
+    """Return what recordings that disagree add to the covariance of means; nothing of none.
+
+    Each recording alone would move a mean by the sum of its influences; all together these sum to
+    zero. Where they are larger than the residuals within recordings allow (Cochran's Q), each
+    recording counts as one draw: the covariance clustered by recordings, less that of statistics
+    (DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2).
+    """
+    count = 1 + max(int(rung.windows.recording.max()) for rung in rungs)
+    if count < 2:
+        return {}
+    moved, within = np.zeros((2, count, weights.shape[1]))
+    for rung, weight in zip(rungs, weights, strict=True):
+        own, deviation = _by_recording(rung, count)
+        moved += np.where(weight > 0, weight * own, 0.0)
+        within += np.where(weight > 0, weight * deviation, 0.0)
+    disagreement = np.sum((moved / np.maximum(within, 1e-300)) ** 2, axis=0)
+    clustered = count / (count - 1) * moved.T @ moved
+    more = np.maximum(np.diag(clustered) - np.sum(within**2, axis=0), 0.0)
+    more[~(disagreement > chdtri(count - 1, _ALIKE))] = 0.0
+    return {BETWEEN: with_deviations(clustered, np.sqrt(more))} if more.any() else {}
+
+
+def _by_recording(rung: HorizonFit, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return each recording's sum of influences and its deviation, (recording, physical)."""
+    windows, lags = rung.windows, rung.series.lags
+    known = np.unique(windows.recording)
+    firsts = [windows.starts[windows.recording == k].min() for k in known]
+    owner = known[np.maximum(np.searchsorted(firsts, rung.series.places, side="right") - 1, 0)]
+    parts = [rung.influence[:, owner == k] for k in range(count)]
+    sums = np.stack([part.sum(axis=1) for part in parts])
+    variances = [bartlett_variance(part, lags) if part.size else sums[0] * 0 for part in parts]
+    return sums, np.sqrt(np.stack(variances))
 
 
 def _weighed(rungs: Sequence[HorizonFit]) -> tuple[FloatArray, FloatArray]:
