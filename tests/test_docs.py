@@ -67,6 +67,8 @@ def page_files(tmp_path_factory, machine_fit):
     folder = tmp_path_factory.mktemp("pages")
     machine_fit.save(folder / "result")
     (folder / "result" / "flux_map.csv").write_text(flux_map_csv(machine_fit))
+    for name in ("cold", "warm"):
+        machine_fit.save(folder / name)
     slow, other = Lissajous(240.0, 14.0, 15.0), Lissajous(200.0, 40.0, 33.0)
     save(simulate(TRACTION_300A, slow, speed_rpm=1500.0, duration=0.5), folder / "run.csv")
     save(simulate(TRACTION_300A, other, speed_rpm=900.0, duration=0.3), folder / "other.csv")
@@ -217,10 +219,9 @@ def test_commands_run(command, recordings, monkeypatch, capsys):
 
 def test_pip_installs_extras_that_there_are():
     (command,) = [c for c in commands() if not c.startswith(("penode ", "make "))]
-    found = re.fullmatch(r"pip install -c (\S+) \.\[(.+)\]", command)
-    assert (ROOT / found[1]).exists()
+    found = re.fullmatch(r"pip install '\.\[(.+)\]'", command)
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert set(found[2].split(",")) <= set(project["optional-dependencies"])
+    assert set(found[1].split(",")) <= set(project["optional-dependencies"])
 
 
 # What a make target must call; the calls themselves are run by other tests, or are this very run.

@@ -21,7 +21,7 @@ from penode.horizon.uncertainty_budget import Imperfection
 from penode.models.polynomials import Polynomial
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
-from penode.training.covariance import Reported
+from penode.training.covariance import Reported, reported_covariance
 from penode.training.loss import Loss, equation, last_step
 from penode.training.plan import Solution
 from penode.training.residuals import Objective
@@ -76,7 +76,8 @@ def test_estimates_of_a_fixed_horizon_are_its_own(climbed):
     fit, rung = fit_of(climbed, choice=FIXED), climbed[1][1]
     for k, estimate in enumerate(fit.parameters.values()):
         assert estimate.value == pytest.approx(rung.values[k])
-        assert estimate.std == pytest.approx(rung.deviation[k])
+        own = reported_covariance(rung.influence, rung.series.lags) + rung.prior
+        assert estimate.std == pytest.approx(np.sqrt(own[k, k]))
 
 
 def test_the_reported_model_has_the_reported_parameters(climbed):
@@ -124,9 +125,11 @@ def test_what_the_rungs_of_no_plateau_differ_by_widens_the_interval(climbed):
     there, away = np.array([2e-3, 3e-3, 0.2, 0.05]), np.array([2e-3, 3e-3, 0.3, 0.05])
     spread = Choice(1, "no plateau", "It depends.", (0, 1))
     fit = fit_of(climbed, values=[away, there], choice=spread)
-    deviation = climbed[1][1].deviation
+    rung = climbed[1][1]
+    own = reported_covariance(rung.influence, rung.series.lags) + rung.prior
+    deviation = np.sqrt(np.diag(own))
     assert fit.parameters["R"].value == 0.2
-    first, second = climbed[1][0].deviation[2] ** -2, deviation[2] ** -2
+    first, second = (one.deviation[2] ** -2 for one in climbed[1][:2])
     apart = 0.1 * np.sqrt(first * second) / (first + second)  # of two points with weights
     assert fit.parameters["R"].std == pytest.approx(np.hypot(deviation[2], apart))
     assert fit.parameters["psi"].std == pytest.approx(deviation[3])
@@ -292,7 +295,14 @@ class Leaky(Model):
 
 
 def test_white_noise_in_every_step_gives_the_covariance_of_linear_regression():
-    step, count, noise, random = 0.01, 6000, 0.01, np.random.default_rng(5)
+    """But for what deviations are reported larger by, see `reported_covariance`: 1.09 squared."""
+    ratios = np.mean([beside_regression(seed) for seed in range(12)], axis=0)
+    np.testing.assert_allclose(ratios, 1.09**2, rtol=0.12)
+
+
+def beside_regression(seed):
+    """Return the covariance of a fit of one draw of noise over that of linear regression."""
+    step, count, noise, random = 0.01, 6000, 0.01, np.random.default_rng(seed)
     u = 1.0 + np.repeat(random.normal(size=count // 50), 50)
     x = np.zeros(count)
     for k in range(count - 1):
@@ -301,7 +311,7 @@ def test_white_noise_in_every_step_gives_the_covariance_of_linear_regression():
     fit = identify(Leaky(1.0, 1.0), [Experiment("run", step, {"x": x, "u": u})], plan=plan)
     regressors = step * np.stack([-x, u], axis=1)[:-1]
     wanted = noise**2 * np.linalg.inv(regressors.T @ regressors)
-    np.testing.assert_allclose(fit.covariance, wanted, rtol=0.25)
     correlation = wanted[0, 1] / np.sqrt(wanted[0, 0] * wanted[1, 1])
     assert correlation > 0.5
-    assert fit.correlation[0, 1] == pytest.approx(correlation, abs=0.05)
+    assert fit.correlation[0, 1] == pytest.approx(correlation, abs=0.15)
+    return fit.covariance / wanted

@@ -19,6 +19,7 @@ from penode.training.covariance import (
     dominated_by_few_windows,
     influence,
     prior_covariance,
+    reported_covariance,
     sandwich_deviation,
     undetermined,
 )
@@ -27,6 +28,7 @@ from penode.training.gauss_newton_terms import (
     inverse_normal,
     marquardt_scale,
 )
+from penode.validation.autocovariance import bandwidth_of
 
 
 def windows_of(samples, horizon=1, spacing=1):
@@ -287,3 +289,19 @@ def test_reported_without_a_map_are_the_physical_parameters(systems):
 def test_what_is_reported_is_differentiated_at_few_more_points_than_there_are():
     """Each point costs a pass of all sensitivities; padding once took a quarter of a fit."""
     assert Reported(None, np.zeros((100, 2)))._padded.shape[1] <= 128
+
+
+@pytest.mark.parametrize(("memory", "least"), [(0.0, 0.93), (0.8, 0.93), (0.95, 0.9)])
+def test_reported_deviations_of_a_mean_cover_where_the_kernel_alone_does_not(memory, least):
+    """Of a series of the first order, ten to a hundred bandwidths long; the truth is zero."""
+    random, samples, draws = np.random.default_rng(5), 1000, 600
+    covered = np.zeros((draws, 2), dtype=bool)
+    for draw in range(draws):
+        noise = random.normal(size=samples + 500)
+        values = lfilter([1.0], [1.0, -memory], noise)[500:]
+        series = (values - values.mean())[None] / samples
+        both = (f(series, bandwidth_of(series))[0, 0] for f in (reported_covariance, bartlett))
+        covered[draw] = [abs(values.mean()) < 1.96 * np.sqrt(variance) for variance in both]
+    reported, kernel = covered.mean(axis=0)
+    assert least <= reported <= 0.98
+    assert kernel < reported

@@ -14,7 +14,12 @@ from penode.arrays import FloatArray
 from penode.fit.outcome import AVERAGED
 from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import Choice, weighted_covariance
-from penode.training.covariance import bartlett, bartlett_variance, with_deviations
+from penode.training.covariance import (
+    bartlett,
+    bartlett_variance,
+    reported_covariance,
+    with_deviations,
+)
 from penode.training.gauss_newton_terms import FLAT, inverse_normal
 from penode.training.plan import DIVERGED, Optimiser, Problem
 from penode.training.second_order import LevenbergMarquardt
@@ -113,8 +118,9 @@ class Consensus:
         values, weights = _weighed(rungs)
         _, spread = _middle(values, weights)
         physical = values.shape[1]
-        own = bartlett(chosen.influence, chosen.series.lags) + chosen.prior
-        statistics = with_deviations(own, chosen.deviation[:physical])
+        own = reported_covariance(chosen.influence, chosen.series.lags) + chosen.prior
+        known = np.isfinite(chosen.deviation[:physical])
+        statistics = with_deviations(own, np.where(known, np.sqrt(np.diag(own)), np.inf))
         between = between_recordings([chosen], np.ones((1, physical)))
         parts = {STATISTICS: statistics, HORIZON: spread, **between}
         return cls(chosen.values[:physical], parts, mean=False)

@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from penode.arrays import BoolArray, FloatArray
 from penode.horizon.ladder import Climb, HorizonFit
-from penode.training.covariance import bartlett, bartlett_variance
+from penode.training.covariance import bartlett_variance, reported_covariance
 from penode.training.plan import Plan
 
 #: Runs whose least errors are within this factor are equally sure. Runs disagree, so that one of
@@ -212,8 +212,8 @@ def weighted_deviation(rungs: Sequence[HorizonFit], weights: FloatArray) -> Floa
 
 
 def weighted_covariance(rungs: Sequence[HorizonFit], weights: FloatArray) -> FloatArray:
-    """Return the covariance of the same sum, (physical, physical), SI units."""
-    return bartlett(*_weighted_influence(rungs, weights))
+    """Return the covariance of the same sum as reported, (physical, physical), SI units."""
+    return reported_covariance(*_weighted_influence(rungs, weights))
 
 
 def _weighted_influence(rungs: Sequence[HorizonFit], weights: FloatArray) -> tuple[FloatArray, int]:

@@ -6,7 +6,6 @@ To add one, write a subclass of `DriveImperfection` and put a line into `IMPERFE
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -408,19 +407,16 @@ IMPERFECTIONS: dict[str, DriveImperfection] = {
 class Accuracy:
     """Standard deviations of the errors of a recording chain; the defaults are an ordinary bench's.
 
-    A limit of +-a without further knowledge is a standard deviation of a / sqrt(3) (JCGM 100:2008,
-    4.3.7).
+    A limit of +-a alone is a standard deviation of a / sqrt(3) (JCGM 100:2008, 4.3.7).
 
     Parameters
     ----------
-    current_gain, voltage_gain : float
-        Of all phases together, as a fraction of the reading.
+    current_gain, voltage_gain, speed_gain : float
+        As a fraction of the reading, of all phases together.
     current_mismatch : float
         Of the phases' current gains among each other, as a fraction; needs theta_el.
     current_offset : float
         In each stationary axis, as a fraction of the largest current; needs theta_el.
-    speed_gain : float
-        As a fraction of the reading.
     angle : float
         Of the d axis, electrical degrees; both currents and voltages turn with it.
     delay : float
@@ -452,16 +448,16 @@ class Accuracy:
 
     def origin(self, name: str) -> str:
         """Return whether a deviation was declared or is assumed; empty of what is no entry."""
-        if name not in self.declared:
-            return ""
-        return "declared" if name in self.given else "assumed"
+        origin = "declared" if name in self.given else "assumed"
+        return origin if name in self.declared else ""
 
     def deviations(self, experiments: Sequence[Experiment]) -> dict[str, float]:
         """Return them by name, SI units; an offset's is that of the largest current."""
         largest = max(float(np.hypot(*e.stack(CURRENTS).T).max()) for e in experiments)
-        units = {name: IMPERFECTIONS[name].declared_unit for name in self.declared}
-        units[_CurrentOffset.name] = largest
-        return {name: units[name] * value for name, value in self.declared.items()}
+        of = {n: IMPERFECTIONS[n].declared_unit for n in self.declared} | {
+            "current_offset": largest
+        }
+        return {name: of[name] * value for name, value in self.declared.items()}
 
 
 DEFAULT_ACCURACY = Accuracy()
@@ -471,11 +467,11 @@ def budget_rows(
     left: Mapping[str, float],
     experiments: Sequence[Experiment],
     drive: KnownDrive,
-    origins: Mapping[str, str] = MappingProxyType({}),
+    origins: Mapping[str, str] | None = None,
 ) -> tuple[Imperfection, ...]:
     """Return the rows of the uncertainty budget of what is left of each, a deviation by name."""
     return tuple(
-        replace(row, origin=origins.get(name, ""))
+        replace(row, origin=(origins or {}).get(name, ""))
         for name, one in IMPERFECTIONS.items()
         if left.get(name) and one.recorded(experiments)
         for row in one.rows(left[name], drive)
