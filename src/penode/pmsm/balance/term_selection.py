@@ -139,10 +139,13 @@ def _orders(
     kept = tuple(n for n in shown if _SAMPLES * n * fastest < 2 * np.pi)
     reasons = []
     if kept:
-        named = " and ".join(f"{n} ({_rounded(power[n] / floor[n])} times)" for n in kept)
+        named, times = (
+            " and ".join(each)
+            for each in (map(str, kept), (_rounded(power[n] / floor[n]) for n in kept))
+        )
         reasons.append(
-            f"Angle harmonics were included: orders {named} stand out of the power of the residual "
-            "beside them."
+            f"Angle harmonics were included: of order {named} a map of the currents alone leaves "
+            f"{times} times the power of the orders beside."
         )
     missed = [n for n in shown if n not in kept]
     if missed:
