@@ -88,6 +88,9 @@ _FEW = "one or two windows decide it; record longer, or excite more evenly"
 #: Error of a horizon over that of the first from which predictions have exploded.
 _EXPLODED = 1e6
 
+#: Most parameters of a fit, whose normal matrix is held in several copies.
+_MOST_PARAMETERS = 5000
+
 #: Loss of the longest rung, over the least, from which the path may have led to another minimum.
 _STRAYED = 3.0
 
@@ -198,7 +201,8 @@ class LadderProblem:
         Raises
         ------
         InputError
-            If a channel is missing, or of all states in a unit none ever moves.
+            If a channel is missing, of all states in a unit none ever moves, or the model has more
+            parameters than a normal matrix may have rows.
         """
         alike: dict[str, list[str]] = {}
         for name, unit in measured_units(model).items():
@@ -213,6 +217,13 @@ class LadderProblem:
         predictor = Predictor(float(time_steps(experiments).min()), plan.solver, plan.hold)
         scale = residual_scale(model, measured, plan.loss)
         objective = Objective(predictor, model, scale, plan.loss, len(experiments))
+        size = objective.layout.size
+        if size > _MOST_PARAMETERS:
+            raise InputError(
+                f"parameters of a fit must be <= {_MOST_PARAMETERS}, got {size}: their normal "
+                f"matrix would take {8e-9 * size**2:.2g} GB several times over; use a smaller "
+                "network, or a spline over fewer cells."
+            )
         reported = Reported(objective.layout, thin(visited, most=100))
         return cls(objective, reported, model, experiments, observer)
 
