@@ -184,7 +184,7 @@ def _of_sensors(fit: Fit, name: str) -> str:
     half = number(NORMAL_95 * estimate.statistical_std * scale.factor, 2)
     alone = f"{half}\N{NO-BREAK SPACE}{scale.unit}"
     which = "assumed of the sensors; give your own" if assumed else "declared of the sensors"
-    return f", mostly by the accuracy {which} (the data alone: ± {alone})"
+    return f", mostly by the accuracy {which} (the data alone: ±\N{NO-BREAK SPACE}{alone})"
 
 
 def _spread(fit: Fit, name: str) -> str:

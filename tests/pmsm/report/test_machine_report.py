@@ -535,7 +535,7 @@ def test_an_interval_that_the_sensors_make_says_so():
         fit.parameters["R"] = Estimate.of(0.01, 1e-4, "ohm", budget=budget)
         page = machine_report(fit)
         assert f"mostly by the accuracy {words}" in page
-        assert "the data alone: ± 0.0039\N{NO-BREAK SPACE}mΩ" in page
+        assert "the data alone: ±\N{NO-BREAK SPACE}0.0039\N{NO-BREAK SPACE}mΩ" in page
     fit.parameters["R"] = Estimate.of(0.01, 1e-4, "ohm", budget=(replace(data, std=1e-4),))
     assert "mostly by the accuracy" not in machine_report(fit)
 
