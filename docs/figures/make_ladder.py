@@ -5,13 +5,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from make_readme import BLUE, INK, draw_ladders, record_and_identify
 from PIL import Image
 
-from penode.bench import TRACTION_300A, Lissajous, simulate
-from penode.pmsm import Study, identify
-
-INK, BLUE, RED = "#222831", "#1768ac", "#c8553d"
-KINDS = (("mlp", RED, "unconstrained network"), ("coenergy", BLUE, "reciprocal map (default)"))
 #: Milliseconds of a frame, which ends what moves within 5 s, and samples that are drawn.
 FRAME, SAMPLES = 750, 1000
 
@@ -30,22 +26,13 @@ def draw_windows(axes, run, horizon: int) -> None:
 
 
 def draw_climb(axes, ladders, horizon: int) -> None:
-    """Draw R of the rungs up to a horizon."""
-    for (_, colour, label), ladder in zip(KINDS, ladders, strict=True):
-        reached = [rung for rung in ladder if rung.horizon <= horizon]
-        values = [1e3 * rung.parameters["R"] for rung in reached]
-        bars = [1.96e3 * rung.std["R"] for rung in reached]
-        at = [rung.horizon for rung in reached]
-        axes.errorbar(at, values, bars, color=colour, marker="o", ms=4, capsize=2, label=label)
-    axes.axhline(1e3 * TRACTION_300A.resistance, color=INK, lw=1, ls="--", label="truth")
-    axes.axhline(0, color="0.8", lw=0.8, zorder=0)
+    """Draw R of the rungs up to a horizon, on axes that all of them have room on."""
+    draw_ladders(axes, [[one for one in ladder if one.horizon <= horizon] for ladder in ladders])
     every = [rung for ladder in ladders for rung in ladder]
     low, high = (1e3 * f(r.parameters["R"] for r in every) for f in (min, max))
     room = 0.15 * (high - low)
-    axes.set(xscale="log", xlim=(0.8, 1.4 * every[-1].horizon), ylim=(low - room, high + room))
-    axes.set(xlabel="integration horizon H (samples)", ylabel="estimated R (mΩ)")
+    axes.set(xlim=(0.8, 1.4 * every[-1].horizon), ylim=(low - room, high + room))
     axes.set_title("Resistance after training at H", loc="left", fontsize=10)
-    axes.legend(frameon=False, fontsize=9, loc="lower right")
 
 
 def frame(run, ladders, horizon: int) -> Image.Image:
@@ -62,8 +49,8 @@ def frame(run, ladders, horizon: int) -> Image.Image:
 def main() -> None:
     """Identify with both maps and write one frame a horizon."""
     plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
-    run = simulate(TRACTION_300A, Lissajous(240.0, 14.0, 15.0), speed_rpm=1500.0, duration=2.0)
-    ladders = [identify([run], study=Study(flux_map=k)).horizon.ladder for k, _, _ in KINDS]
+    run, fits = record_and_identify()
+    ladders = [fit.horizon.ladder for fit in fits]
     horizons = sorted({rung.horizon for ladder in ladders for rung in ladder})
     frames = [frame(run, ladders, horizon) for horizon in horizons]
     frames[0].save(

@@ -12,16 +12,18 @@ from penode.bench import TRACTION_300A, Lissajous, simulate
 from penode.pmsm import Study, identify
 
 INK, BLUE, RED = "#222831", "#1768ac", "#c8553d"
+KINDS = (("mlp", RED, "unconstrained network"), ("coenergy", BLUE, "reciprocal map (default)"))
 
 
-def draw_ladders(axes, run) -> object:
-    """Draw R over the ladder for both maps; return the default fit."""
-    for kind, colour, label in (
-        ("mlp", RED, "unconstrained network"),
-        ("coenergy", BLUE, "reciprocal map (default)"),
-    ):
-        fit = identify([run], study=Study(flux_map=kind))
-        ladder = fit.horizon.ladder
+def record_and_identify() -> tuple:
+    """Return the simulated recording, and a fit with each kind of map."""
+    run = simulate(TRACTION_300A, Lissajous(240.0, 14.0, 15.0), speed_rpm=1500.0, duration=2.0)
+    return run, [identify([run], study=Study(flux_map=kind)) for kind, _, _ in KINDS]
+
+
+def draw_ladders(axes, ladders) -> None:
+    """Draw R over the rungs of each kind of map, with the truth."""
+    for (_, colour, label), ladder in zip(KINDS, ladders, strict=True):
         values = [1e3 * rung.parameters["R"] for rung in ladder]
         bars = [1.96e3 * rung.std["R"] for rung in ladder]
         horizons = [rung.horizon for rung in ladder]
@@ -30,10 +32,8 @@ def draw_ladders(axes, run) -> object:
         )
     axes.axhline(1e3 * TRACTION_300A.resistance, color=INK, lw=1, ls="--", label="truth")
     axes.axhline(0, color="0.8", lw=0.8, zorder=0)
-    axes.set(xscale="log", xlabel="integration horizon H (steps)", ylabel="estimated R (mΩ)")
-    axes.set_title("The horizon decides where the map leaves R free", loc="left", fontsize=10)
+    axes.set(xscale="log", xlabel="integration horizon H (samples)", ylabel="estimated R (mΩ)")
     axes.legend(frameon=False, fontsize=9)
-    return fit
 
 
 def draw_map(axes, fit) -> None:
@@ -65,10 +65,11 @@ def _covers(inside, axis, label) -> bool:
 
 def main() -> None:
     """Simulate, identify twice, draw."""
-    run = simulate(TRACTION_300A, Lissajous(240.0, 14.0, 15.0), speed_rpm=1500.0, duration=2.0)
+    _, fits = record_and_identify()
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4), layout="constrained")
-    fit = draw_ladders(left, run)
-    draw_map(right, fit)
+    draw_ladders(left, [fit.horizon.ladder for fit in fits])
+    left.set_title("The horizon decides where the map leaves R free", loc="left", fontsize=10)
+    draw_map(right, fits[-1])
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(Path(__file__).with_name("readme.png"), dpi=130)

@@ -31,7 +31,10 @@ def test_a_good_recording(recording, penode, tmp_path):
     told = " ".join(done.stdout.split())
     assert "agree with physics" in told
     assert "R 0." in told
-    assert "These recordings can be used as they are, if what is undetermined holds." in told
+    assert (
+        "These recordings can be used as they are; what is undetermined is taken as recorded."
+        in told
+    )
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 

@@ -1,6 +1,7 @@
 """From a file with foreign names to a result: init, then identify with what it wrote."""
 
 import json
+import re
 
 import numpy as np
 import polars as pl
@@ -199,10 +200,12 @@ def test_init_never_overwrites(recording, penode, tmp_path):
 
 def test_init_says_what_it_could_not_find(penode, tmp_path):
     run, config = tmp_path / "run.csv", tmp_path / "study.toml"
-    run.write_text("t,Id,Iq,n_mech\n" + "".join(f"{k / 1e3},{k},{k},900\n" for k in range(9)))
+    rows = "".join(f"{k / 1e3},{k},{k},900,7\n" for k in range(9))
+    run.write_text(f"t,Id,Iq,n_mech,oil\n{rows}")
     done = penode("init", run, "--out", config)
     assert done.returncode == 0, done.stderr
     assert "Fill in before you use it: column of u_d, column of u_q, pole_pairs." in done.stdout
+    assert re.search("^not used +oil$", done.stdout, re.MULTILINE)
     done = penode("identify", run, "--config", config, "--out", tmp_path / "out")
     assert done.returncode == 2
     assert "pole_pairs is missing" in done.stderr

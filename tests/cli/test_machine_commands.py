@@ -79,11 +79,15 @@ def test_currents_over_torque_and_speed_are_tabulated(result, machine_fit, penod
     axes = ("--torque", "0:60:4", "--speed", "-3000:3000:3")
     done = penode("loci", result, "--i-max", 200, "--u-max", 120, "--table", table, *axes)
     assert done.returncode == 0, done.stderr
-    assert "12 of 12 points reached" in done.stdout
+    assert "12 of 12 points reached, 12 of them supported" in done.stdout
     rows = np.loadtxt(table, delimiter=",", skiprows=1)
     np.testing.assert_allclose(rows[:3, 1], [-3000, 0, 3000])
     torque = 7.5 * (rows[:, 4] * rows[:, 3] - rows[:, 5] * rows[:, 2])
     np.testing.assert_allclose(torque, np.repeat([0, 20, 40, 60], 3), atol=1e-5)
+    usual = penode("loci", result, "--i-max", 200, "--u-max", 120, "--table", table, "--json")
+    assert usual.returncode == 0, usual.stderr
+    speeds = np.genfromtxt(table, delimiter=",", skip_header=1)[:, 1]
+    assert speeds.max() == pytest.approx(2 * json.loads(usual.stdout)["base_speed_rpm"], rel=1e-3)
 
 
 @pytest.mark.parametrize(

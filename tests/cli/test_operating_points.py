@@ -64,6 +64,7 @@ def test_points_beside_a_recording_narrow_its_answer(tmp_path, penode, slow_run)
     beside = ("--points", file, "--points-config", config)
     ended = penode("identify", run, *beside, *options, "--out", out)
     assert ended.returncode == 0, ended.stderr
+    assert "\npsi_PM " in ended.stdout
     again = Fit.load(out)
     low, high = again.parameters["R"].interval_95
     assert low < resistance < high

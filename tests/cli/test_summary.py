@@ -70,6 +70,13 @@ def test_a_fit_is_told_in_labelled_lines(fit):
     ]
 
 
+def test_a_machine_without_a_band_is_told_its_flux_linkage_alone(machine_fit):
+    told = dict(lines(print_fit, machine_fit, Path("out")))
+    psi = 1e3 * machine_fit.flux_map(0.0, 0.0)[0]
+    assert told["psi_PM"] == f"{psi:.1f} mVs"
+    assert "of the d and the q axis" in told["L_d,"]
+
+
 @pytest.mark.parametrize(("verdict", "colour"), [("plateau", 32), ("implausible", 31)])
 def test_a_verdict_is_green_or_red_and_one_step_is_no_plural(fit, verdict, colour):
     fit.horizon = replace(fit.horizon, verdict=verdict, selected=1)

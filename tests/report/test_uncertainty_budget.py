@@ -56,6 +56,19 @@ def test_the_sentence_names_the_main_contributions():
     assert budget_sentence(replace(R, value=0.0)) == ""
 
 
+@pytest.mark.parametrize("origin", ["assumed", "declared", "estimated"])
+def test_where_an_accuracy_is_from_stands_beside_it(fit, origin):
+    rows = (replace(ROWS[0], origin=origin), *ROWS[1:])
+    named = replace(R, budget=rows)
+    fit.parameters = {"R": named}
+    (table,) = uncertainty_budget(fit).blocks
+    assert table.rows[0].cells[1].text == f"0.4 % {origin}"
+    sentence = budget_sentence(named)
+    assert f"gain of the currents 0.78 % (0.4 % {origin})" in sentence
+    assert sentence.endswith("in the study file") == (origin == "assumed")
+    assert named.sensor_std == (0.0 if origin == "estimated" else pytest.approx(4e-5))
+
+
 def test_what_the_data_show_leaves_out_what_was_assumed():
     assert R.statistical_std == pytest.approx(3e-5)
     low, high = R.statistical_interval_95

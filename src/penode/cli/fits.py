@@ -83,7 +83,8 @@ def _no_current(fit: Fit) -> Iterator[Row]:
     """Yield what the map is at no current, of a machine."""
     if isinstance(fit.model, Machine):
         for name, one in zip(("psi_PM", "L_d, L_q"), no_current(fit), strict=False):
-            yield name, f"{one.text}, {one.detail}".replace("\N{NO-BREAK SPACE}", " ")
+            said = ", ".join(filter(None, (one.text, one.detail)))
+            yield name, said.replace("\N{NO-BREAK SPACE}", " ")
 
 
 def _stationary(fit: Fit) -> Iterator[str]:

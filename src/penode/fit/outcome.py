@@ -97,6 +97,15 @@ class Estimate:
         return float(np.sqrt(sum(row.std**2 for row in self.budget if not row.accuracy)))
 
     @property
+    def sensor_std(self) -> float:
+        """Standard deviation by the accuracy of sensors, assumed or declared, in ``unit``.
+
+        Sensors err alike in all that is measured by them.
+        """
+        rows = (row for row in self.budget if row.origin in ("assumed", "declared"))
+        return float(np.sqrt(sum(row.std**2 for row in rows)))
+
+    @property
     def statistical_interval_95(self) -> tuple[float, float]:
         """Ends of the 95 % interval that the data themselves show."""
         if not any(row.accuracy for row in self.budget):

@@ -79,8 +79,8 @@ class RecordingCheck:
             return f"These recordings cannot distinguish {names} from the map."
         if self.left_out:
             return f"These recordings can be used. {self.left_out}"
-        proviso = ", if what is undetermined holds" if self.undetermined else ""
-        return f"These recordings can be used as they are{proviso}."
+        taken = "; what is undetermined is taken as recorded" if self.undetermined else ""
+        return f"These recordings can be used as they are{taken}."
 
     @property
     def good(self) -> bool:

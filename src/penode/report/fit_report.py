@@ -76,10 +76,6 @@ _WORDS = (
 )  # fmt: skip
 
 
-def _nothing_beside(fit: Fit) -> Sequence[KeyValue]:
-    return ()
-
-
 @dataclass(frozen=True)
 class Page:
     """What the report of fits of one kind consists of; the defaults do for any model.
@@ -94,7 +90,7 @@ class Page:
     method: str = "so that the model predicts what was measured"
     parts: tuple[Part, ...] = PARTS
     own: Mapping[Part, Sequence[Part]] = field(default_factory=dict)
-    beside: Callable[[Fit], Sequence[KeyValue]] = _nothing_beside
+    beside: Callable[[Fit], Sequence[KeyValue]] = lambda _: ()
     words: tuple[tuple[str, str], ...] = ()
 
     def all_parts(self) -> tuple[Part, ...]:
@@ -176,8 +172,7 @@ def _first_paragraph(fit: Fit, names: Sequence[str], page: Page) -> str:
 def _of_sensors(fit: Fit, name: str) -> str:
     """Say that most of an interval is the accuracy of the sensors, where it is."""
     estimate = fit.parameters[name]
-    sensors = sum(row.std**2 for row in estimate.budget if row.origin in ("assumed", "declared"))
-    if not sensors > 0.5 * estimate.std**2:
+    if not estimate.sensor_std**2 > 0.5 * estimate.std**2:
         return ""
     assumed = any(row.origin == "assumed" for row in estimate.budget)
     scale = scale_for(estimate.value, estimate.unit)

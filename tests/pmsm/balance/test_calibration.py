@@ -327,6 +327,11 @@ def test_what_is_left_of_the_corrections_joins_the_budget(slow_run):
     assert known.left(exact) == {"turn": 0.004, "delay": 0.01, "iron": 1e-3}
     usual = known.left(Accuracy().deviations([slow_run]))
     assert usual["angle"] == np.deg2rad(0.1)
+    origins = {row.source: row.origin for row in known.rows(Accuracy(speed_gain=1e-3), [slow_run])}
+    assert origins["gain of the speed"] == "declared"
+    assert origins["gain of the currents"] == "assumed"
+    assert origins["angle of the d axis"] == "estimated"
+    assert origins["iron loss"] == ""
     turn, delay, iron = known.rows(Accuracy.exact(), [slow_run])
     assert (turn.source, delay.source, iron.source, iron.accuracy) == (
         "turn of the voltage",

@@ -13,8 +13,9 @@ from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
 from penode.pmsm.balance.term_selection import order_power, structure_of
-from penode.pmsm.balance.voltage_balance import BalanceForm, PolynomialMap
+from penode.pmsm.balance.voltage_balance import BalanceForm, PolynomialMap, term_columns
 from penode.pmsm.machine.dead_time import DeadTime
+from penode.pmsm.machine.space_vectors import less_voltage
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.study_settings import Study
 
@@ -54,6 +55,14 @@ def test_nothing_where_there_is_nothing(plain_run):
     found = structure_of([plain_run], "coenergy")
     assert found.terms == ()
     assert found.angle_orders == ()
+
+
+def test_a_dead_time_below_zero_is_said_to_be_none(plain_run):
+    (term,) = (DeadTime().prepared(100.0),)
+    lost = term_columns(plain_run, (term,))[1][..., 0]
+    found = structure_of([less_voltage(plain_run, 0.5 * lost)], "coenergy")
+    assert found.terms == ()
+    assert re.search("shows -0.* V of it, and a negative one is none", found.term_reasons[0])
 
 
 def test_dead_time_that_r_can_stand_in_for_is_left_out():

@@ -12,6 +12,7 @@ from penode.pmsm.comparison.comparison_picture import comparison_picture
 from penode.pmsm.comparison.map_comparison import compare_maps, compare_resistances
 from penode.pmsm.machine.flux_grid import read_grid, tabulate
 from penode.pmsm.result_files import flux_map_csv
+from penode.report.quantities import number
 
 
 def warmer(fit, shift=-2e-3, resistance=0.01, width=2e-4):
@@ -79,16 +80,20 @@ def test_the_accuracy_of_the_same_sensors_cancels(machine_fit):
     estimate = machine_fit.parameters["R"]
     data = Contribution("statistics of the residuals", 2e-6)
     gain = Contribution("gain", 1e-4, "1 %", "Calibrate.", "assumed")
-    budget = (gain, data)
-    std = float(np.hypot(1e-4, 2e-6))
+    delay = Contribution("delay", 3e-6, "0.1 samples", "Measure it.", "estimated")
+    budget, own = (gain, data, delay), np.hypot(2e-6, 3e-6)
+    std = float(np.hypot(1e-4, own))
     sure = replace(
         machine_fit, parameters={"R": Estimate.of(estimate.value, std, "ohm", budget=budget)}
     )
     moved = Estimate.of(1.01 * estimate.value, std, "ohm", budget=budget)
     sentence = compare_resistances(sure, replace(sure, parameters={"R": moved}))
     assert "they agree; of the same sensors, where" in sentence
-    half = 1.96 * np.hypot(2e-6, 2e-6) / estimate.value
-    assert f"{100 * half:.2g} % may be chance, they DISAGREE; in copper that is 2.5 K" in sentence
+    half = 1.96 * np.hypot(own, own) / estimate.value
+    assert (
+        f"{number(100 * half, 2)} % may be chance, they DISAGREE; in copper that is 2.5 K"
+        in sentence
+    )
     near = Estimate.of(1.0001 * estimate.value, std, "ohm", budget=budget)
     assert compare_resistances(sure, replace(sure, parameters={"R": near})).endswith("agree too")
 

@@ -51,6 +51,9 @@ def test_a_linear_machine_is_found_with_its_inverter(fit):
     assert gap.max() < 0.02 * PSI
     assert np.mean(NORMAL_95 * fit.learned_deviation(i) > gap.T) > 0.9
     assert min(fit.stationary.covered.values()) > 0.85
+    origins = {row.source: row.origin for row in fit.parameters["R"].budget}
+    assert origins["gain of the currents"] == "assumed"
+    assert origins["noise of the points"] == ""
     assert fit.provenance["friction_torque"].startswith(("0.7", "0.8", "0.9"))
 
 

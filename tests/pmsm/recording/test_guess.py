@@ -370,7 +370,13 @@ NAMES = {
         "nist",
         "nact",
     ],
-    "winding_temperature": ["T_winding", "TempStator", "Wicklungstemperatur", "temp_coil [°C]"],
+    "winding_temperature": [
+        "T_winding",
+        "T_wdg_C",
+        "TempStator",
+        "Wicklungstemperatur",
+        "temp_coil [°C]",
+    ],
     "magnet_temperature": ["TempMagnet", "magnet_temperature", "Magnettemperatur", "T_magnet_K"],
     "theta_el": ["theta", "theta_mech", "Rotorlage_Grad", "position_deg", "phi_el [rad]"],
 }

@@ -22,7 +22,7 @@ from penode.pmsm.report.flux_sections import (
     flux_map_surfaces,
 )
 from penode.pmsm.report.flux_slices import flux_slice, slice_currents
-from penode.pmsm.report.inductance_table import apparent_inductances
+from penode.pmsm.report.inductance_table import apparent_inductances, inductance_table
 from penode.pmsm.report.machine_report import MACHINE_PAGE, machine_report
 from penode.pmsm.report.no_current import no_current
 from penode.pmsm.report.torque_sections import torque_and_operating_points
@@ -547,3 +547,11 @@ def test_lines_at_orders_that_the_map_follows_are_not_said_to_be_beyond_it():
     page = machine_report(fit)
     assert "of which the map follows the orders 6 and 12" in page
     assert "cannot follow" not in page
+
+
+def test_inductances_are_at_positive_i_q_where_both_signs_were_recorded():
+    fit = machine_fit()
+    fit.excited = np.concatenate([fit.excited, [[-10.0, -310.0]]])
+    table = inductance_table(fit)
+    column = next(k for k, head in enumerate(table.columns) if head.startswith("i_q"))
+    assert min(row.cells[column].value for row in table.rows) == 0

@@ -28,7 +28,7 @@ from penode.errors import InputError
 _RARE_SEPARATORS = "\t;|"
 _MARK = b"\xef\xbb\xbf"
 #: What begins a line above the column names that is none of them.
-_COMMENTS = (b"#", b"%", b"//")
+_COMMENTS = ("#", "%", "//")
 _BLOCK = 1 << 23
 #: Characters of a word in a block that is parsed in one go, one more than may be used.
 _WORD = 32
@@ -43,10 +43,9 @@ def read(file: str, content: bytes | mmap.mmap) -> Table:
 
     Cells are separated by commas, semicolons, tabulators or ``|``; numbers have a decimal point, or
     a comma where that does not separate cells. Below the header may stand a row of units, above it
-    lines that begin with ``#``, ``%`` or ``//``, of which the last is the header where numbers
-    follow it. Spaces
-    around names and cells, a byte-order mark, blank lines and columns of ``true`` and ``false`` are
-    accepted. A column without a number in any row is text and left out.
+    lines that begin with ``#``, ``%`` or ``//``, of which the last is the header where numbers or
+    units follow it. Spaces around names and cells, a byte-order mark, blank lines and columns of
+    ``true`` and ``false`` are accepted. A column without a number in any row is text and left out.
     """
     _check_text(file, content)
     start, line = len(_MARK) if content[: len(_MARK)] == _MARK else 0, 1
@@ -168,7 +167,7 @@ def _is_comment(content: bytes | mmap.mmap, start: int) -> bool:
     """Return whether a line is a comment above the names: no numbers and no units follow it."""
     body = _line_end(content, start)
     line, below = content[start:body], content[body : _line_end(content, body)]
-    if not line.lstrip().startswith(_COMMENTS) or max(len(line), len(below)) > _HEADER:
+    if max(len(line), len(below)) > _HEADER or not line.decode().lstrip().startswith(_COMMENTS):
         return False
     header, second = _uncommented(line), below.decode()
     dialects = (_dialect(second, "", comma) for comma in (False, True))
@@ -184,8 +183,8 @@ def _is_comment(content: bytes | mmap.mmap, start: int) -> bool:
 def _uncommented(line: bytes) -> str:
     """Return a line without the mark of a comment that begins it."""
     text = line.decode()
-    mark = next((m.decode() for m in _COMMENTS if text.lstrip().startswith(m.decode())), "")
-    return text.lstrip().removeprefix(mark) if mark else text
+    bare = text.lstrip()
+    return next((bare.removeprefix(m) for m in _COMMENTS if bare.startswith(m)), text)
 
 
 def _header_names(file: str, line: int, header: str, dialect: _Dialect) -> list[str]:

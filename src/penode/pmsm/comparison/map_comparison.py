@@ -148,8 +148,7 @@ def _half_width(estimate: Estimate) -> float:
 
 def _half_width_of_same_sensors(estimate: Estimate) -> float:
     """Return the half width less what the accuracy of the sensors, not estimated, adds."""
-    sensors = sum(row.std**2 for row in estimate.budget if row.origin in ("assumed", "declared"))
-    return float(NORMAL_95 * np.sqrt(max(estimate.std**2 - sensors, 0.0)))
+    return float(NORMAL_95 * np.sqrt(max(estimate.std**2 - estimate.sensor_std**2, 0.0)))
 
 
 def _common_axes(first: Fit, second: Fit) -> tuple[FloatArray, FloatArray]:

@@ -454,10 +454,9 @@ class Accuracy:
     def deviations(self, experiments: Sequence[Experiment]) -> dict[str, float]:
         """Return them by name, SI units; an offset's is that of the largest current."""
         largest = max(float(np.hypot(*e.stack(CURRENTS).T).max()) for e in experiments)
-        of = {n: IMPERFECTIONS[n].declared_unit for n in self.declared} | {
-            "current_offset": largest
-        }
-        return {name: of[name] * value for name, value in self.declared.items()}
+        units = {name: IMPERFECTIONS[name].declared_unit for name in self.declared}
+        units[_CurrentOffset.name] = largest
+        return {name: units[name] * value for name, value in self.declared.items()}
 
 
 DEFAULT_ACCURACY = Accuracy()
