@@ -22,7 +22,9 @@ def test_the_text_has_parameters_with_intervals_horizon_and_errors(fit):
     assert first == (
         f"Fit of Duffing: H = {fit.horizon.selected}, {fit.horizon.verdict}. {fit.horizon.reason}"
     )
-    low, high = (float(end) for end in mass.split("95 %")[1].split("independence")[0].split(" to "))
+    low, high = (
+        float(end) for end in mass.split("95 %")[1].split("identifiability")[0].split(" to ")
+    )
     assert (low, high) == pytest.approx(fit.parameters["mass"].interval_95, rel=1e-3)
     assert mass.split()[:3:2] == ["mass", "kg"]
     assert "N s/m" in damping

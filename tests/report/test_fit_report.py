@@ -59,7 +59,7 @@ def test_a_report_of_any_model_has_every_section(text):
         "Learned maps",
         "Prediction against measurement",
         "What the model does not explain",
-        "How each horizon weighs the residual",
+        "What the loss of each horizon consists of",
         "All horizons",
         "Provenance",
     ]

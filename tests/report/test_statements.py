@@ -114,8 +114,8 @@ SAME = (("i_d", "A"), ("i_q", "A"))
     [
         (2.0, 2.09, True),  # within two and a half bins
         (2.0, 2.11, False),
-        (100.0, 101.0, True),  # within 1 %
-        (100.0, 98.9, False),
+        (100.0, 103.0, True),  # within 3 %
+        (100.0, 97.0, False),
     ],
 )
 def test_a_peak_is_named_after_a_line_that_it_may_be(peak, line, named):

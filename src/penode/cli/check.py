@@ -138,7 +138,7 @@ def _identifiability(check: RecordingCheck) -> list[Row]:
     judged = check.identifiability
     rhos = ", ".join(f"{name} {rho:.2g}" for name, rho in judged.independence.items())
     summary = (
-        f"Independence with the {judged.flux_map} map: {rhos} "
+        f"With the {judged.flux_map} map: {rhos} "
         "(1: nothing in the map looks like it; below 0.01: not identifiable)."
     )
     told = filter(None, (summary, judged.alarm, judged.repair and f"Repair: {judged.repair}"))

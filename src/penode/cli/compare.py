@@ -21,7 +21,7 @@ def compare_command(
     as_json: Json = False,
     trust: TrustClasses = False,
 ) -> None:
-    """Hold a saved fit against another one, or against a map in a CSV file.
+    """Compare a saved fit with another one, or with a map in a CSV file.
 
     Differences are the second less the first, where both are supported.
 

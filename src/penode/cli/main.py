@@ -63,10 +63,16 @@ def _every_command(
 ) -> None: ...
 
 
+def _reflowed(text: str) -> str:
+    """Return paragraphs without line ends of their own, which a narrow terminal would keep."""
+    return "\n\n".join(" ".join(one.split()) for one in text.split("\n\n"))
+
+
 # In the order in which a person needs them, which is that of --help.
 _NAMES = "demo init check identify report export loci compare simulate sweep reproduce"
 for _name in _NAMES.split():
-    app.command(_name)(getattr(import_module(f"penode.cli.{_name}"), f"{_name}_command"))
+    _command = getattr(import_module(f"penode.cli.{_name}"), f"{_name}_command")
+    app.command(_name, help=_reflowed(_command.__doc__))(_command)
 
 
 def _usage(error: Any) -> BaseException:

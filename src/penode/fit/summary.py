@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def text(fit: "Fit") -> str:
     """Return a fit's parameters, horizon and errors as lines of text."""
     rows = [
-        (name, value, f"95 % {interval}", rho and f"independence {rho}")
+        (name, value, f"95 % {interval}", rho and f"identifiability {rho}")
         for name, value, interval, rho in _parameters(fit)
     ]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)] if rows else []
@@ -32,7 +32,9 @@ def text(fit: "Fit") -> str:
 def html(fit: "Fit") -> str:
     """Return the same as HTML: a table of parameters and one of recordings."""
     head = f"<b>{escape(type(fit.model).__name__)}</b>: {escape(_horizon(fit))}"
-    parameters = _table(("parameter", "value", "95 % interval", "independence"), _parameters(fit))
+    parameters = _table(
+        ("parameter", "value", "95 % interval", "identifiability"), _parameters(fit)
+    )
     recordings = _table(
         ("recording", "rms error"), [(_where(c), _errors(c)) for c in fit.recordings]
     )
@@ -46,7 +48,7 @@ def _horizon(fit: "Fit") -> str:
 
 
 def _parameters(fit: "Fit") -> list[tuple[str, ...]]:
-    """Return name, value with unit, interval, and independence where it is known, as text."""
+    """Return name, value with unit, interval, and identifiability where it is known, as text."""
     return [
         (
             name,

@@ -17,15 +17,16 @@ _SPACE = "\N{NO-BREAK SPACE}"
 _NAMED, _WORTH = 8, 1e-3
 #: Change of a fraction of the loss over the horizons that is worth a sentence.
 _CHANGE = 0.01
-_TITLE = "How each horizon weighs the residual"
+_TITLE = "What the loss of each horizon consists of"
 _LEAD = (
-    "Training H steps ahead is training one step ahead through a filter: the longer the horizon, "
-    "the more weight on what the model can follow, and the less on the rest."
+    "Training H steps ahead is training one step ahead with each frequency of the residual "
+    "weighted: the longer the horizon, the more slow errors count, and the less fast ones. This "
+    "is why estimates differ or agree over the horizons; nothing here asks for action."
 )
 _CAPTION = (
     "Above: one-step residual of the first training recording; of neighbouring frequencies the "
     "largest is drawn. Below: the weight of each frequency in the loss, as a multiple of the mean "
-    "over all frequencies. The loss adds up the product of residual and weight."
+    "over all frequencies. The loss is the sum of the squared residual times the weight."
 )
 
 
@@ -107,14 +108,17 @@ def _table(
         columns.append((f"fraction at H{_SPACE}={_SPACE}{horizon}", cells))
     if any(causes):
         columns.append(("likely causes", causes))
-    caption = "Fraction of the loss at each horizon; the rest lies between the lines."
+    caption = (
+        "Fraction of the loss at each horizon; the rest lies between the lines. The frequency is "
+        "the centre of a line's power, which is spread where the speed varies."
+    )
     return table("Lines of the one-step residual", columns, caption)
 
 
 def weighting_sentence(view: LossWeighting, lines: Sequence[tuple[Line, str]]) -> str:
     """Say which part of the residual contributes most to the loss at each horizon.
 
-    ``"Most of the loss comes from the line at −6× (82 %) at H = 1, from the line at 0× (71 %) at
+    ``"The largest part of the loss is the line at −6× (82 %) at H = 1, the line at 0× (71 %) at
     H = 60."`` Horizons at which the weight is not available are named.
     """
     if not np.isfinite(view.power).all():
@@ -138,21 +142,22 @@ def _most(view: LossWeighting, lines: Sequence[tuple[Line, str]]) -> str:
     shares = np.array([view.fractions(line) for line, _ in lines])
     shares = np.vstack([shares, np.maximum(1 - shares.sum(axis=0), 0.0)])
     parts = [
-        f"from {names[int(here.argmax())]} ({_percent(here.max())}) at H = {horizon}"
+        f"{names[int(here.argmax())]} ({_percent(here.max())}) at H = {horizon}"
         for horizon, here in zip(view.horizons, shares.T, strict=True)
     ]
-    sentence = f"Most of the loss comes {', '.join(parts)}."
+    sentence = f"The largest part of the loss is {', '.join(parts)}."
     gain = shares[:, -1] - shares[:, 0]
     if gain.max() < _CHANGE:
         return sentence
     grows, shrinks = (
-        f"{names[k]} ({_percent(shares[k, 0])} to {_percent(shares[k, -1])})"
-        for k in (int(gain.argmax()), int(gain.argmin()))
+        f"{verb} from {_percent(shares[k, 0])} to {_percent(shares[k, -1])}"
+        for verb, k in (
+            (f"{names[gain.argmax()]} grows", gain.argmax()),
+            (f"{names[gain.argmin()]} falls", gain.argmin()),
+        )
     )
     span = f"From H = {view.horizons[0]} to H = {view.horizons[-1]}"
-    return (
-        f"{sentence} {span} the weight of {grows} grows most, and that of {shrinks} shrinks most."
-    )
+    return f"{sentence} {span} {grows}, and {shrinks}."
 
 
 def _percent(fraction: float) -> str:

@@ -1,6 +1,6 @@
 """The one-step residual over the value of a channel: speed, angle, or an input of any model."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
@@ -24,11 +24,11 @@ def over_channel_title(shown: Sequence[OverChannel]) -> str:
 
 
 def over_channel(
-    tests: Correlations, shown: Sequence[OverChannel], states: Sequence[tuple[str, str]]
+    tests: Correlations, shown: Sequence[OverChannel], units: Mapping[str, str]
 ) -> go.Figure:
     """Draw mean and rms of the residual over each channel, a row per state and a column a channel.
 
-    ``states`` are name and SI unit of each predicted state.
+    ``units`` are those of predicted states and channels, as far as they are known.
     """
     rows, columns = len(tests.states), len(shown)
     heights = [_HEIGHT] * rows
@@ -36,7 +36,7 @@ def over_channel(
     gaps = ([_BETWEEN] * (rows - 1) + [_BETWEEN + _LABELS]) * columns
     pile = panels.Grid([1.0], heights * columns, gaps=gaps[:-1])
     order = [row * columns + column for column in range(columns) for row in range(rows)]
-    figure, units = panels.panelled(wide, pile, order), dict(states)
+    figure = panels.panelled(wide, pile, order)
     for column, one in enumerate(shown):
         for row, state in enumerate(tests.states):
             place = {"row": row + 1, "col": column + 1}
@@ -72,5 +72,6 @@ def over_channel(
             )
             title = None if column else labelled(symbol(state), scale.unit)
             figure.update_yaxes(nticks=5, title_text=title, **place)
-        figure.update_xaxes(title_text=symbol(one.channel), row=rows, col=column + 1)
+        title = labelled(symbol(one.channel), units.get(one.channel, ""))
+        figure.update_xaxes(title_text=title, row=rows, col=column + 1)
     return figure.update_layout(margin={"t": 44})

@@ -1,7 +1,7 @@
 """Sections of a fit's report: functions of a fit, None where there is nothing to show."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from penode.fit.fit import Fit
 from penode.fit.outcome import AVERAGED
@@ -140,13 +140,13 @@ def residual_section(
     lines: Sequence[tuple[float, str]] = (),
     cause: str = "",
     note: str = "",
-    over: Sequence[str] | None = None,
+    over: Mapping[str, str] | None = None,
 ) -> Section | None:
     """Return the section on the one-step residual, named frequencies (Hz, name) marked.
 
     ``cause`` and ``note`` are added to the lead and to the caption; ``over`` are channels over
-    whose values the residual is drawn, by default the first inputs that move. None where no
-    recording is predicted one step ahead.
+    whose values the residual is drawn with their units, by default the first inputs that move.
+    None where no recording is predicted one step ahead.
     """
     states, spectrum = measured_states(fit.comparisons), fit.spectrum
     blocks: list[Block] = []
@@ -161,11 +161,15 @@ def residual_section(
     if tests.own.size:
         title, caption = correlations_title(tests), correlations_caption(tests)
         blocks.append(picture(title, caption, correlations, tests))
-        chosen = tests.inputs[:_OVER] if over is None else over
+        chosen = dict.fromkeys(tests.inputs[:_OVER], "") if over is None else over
         shown = [one for one in tests.over if one.channel in chosen]
         if shown:
             title = over_channel_title(shown)
-            blocks.append(picture(title, _OVER_CAPTION, over_channel, tests, shown, states))
+            blocks.append(
+                picture(
+                    title, _OVER_CAPTION, over_channel, tests, shown, {**dict(states), **chosen}
+                )
+            )
     lead = (
         "Noise of the sensors gives a floor that rises with the frequency. A line is something "
         "periodic that the model lacks, "

@@ -14,6 +14,8 @@ from penode.validation.comparison import Comparison
 from penode.validation.residual_tests import Spectrum
 
 _SPACE = "\N{NO-BREAK SPACE}"
+#: Width of a line over its frequency: where the speed varies a line is spread.
+_SPREAD = 0.03
 _MEANINGS = {
     "plateau": "The estimate no longer depends on how far ahead the model predicts.",
     "H = 1 suffices": "The estimate is the same whether the model predicts one sample ahead or "
@@ -151,7 +153,7 @@ def _peak(spectrum: Spectrum, amplitude: FloatArray, lines: Sequence[tuple[float
         return shown
     width = 2.5 * float(spectrum.frequency[1] - spectrum.frequency[0])
     nearest, label = min(lines, key=lambda line: abs(line[0] - frequency))
-    near = abs(nearest - frequency) <= max(width, 0.01 * nearest)
+    near = abs(nearest - frequency) <= max(width, _SPREAD * nearest)
     return f"{shown}, {label}" if near else shown
 
 

@@ -247,7 +247,7 @@ def test_every_question_has_its_section(page):
         "Torque and operating points",
         "Prediction against measurement",
         "What the model does not explain",
-        "How each horizon weighs the residual",
+        "What the loss of each horizon consists of",
         "All horizons",
         "Provenance",
     ]
@@ -345,7 +345,7 @@ def test_largest_line_is_named(text):
 
 
 def test_the_lines_are_named_with_their_causes(text):
-    assert "Most of the loss comes from the line at" in text
+    assert "The largest part of the loss is the line at" in text
     for words in (
         "−6×",
         "+12×",
@@ -365,18 +365,20 @@ def test_the_residual_is_drawn_over_speed_and_one_turn_of_the_angle():
     turns = [replace(one, channel="theta_el", value=np.linspace(0, end, 40)) for end in (6.2, 99.0)]
     for angle, shown in zip(turns, (True, False), strict=True):
         fit.correlations = replace(fit.correlations, over=(angle,))
-        assert ("over theta_el" in machine_report(fit)) is shown
+        page = machine_report(fit)
+        assert ("over theta_el" in page) is shown
+        assert ("theta_el in rad" in page) is shown
 
 
 def test_without_a_speed_lines_go_by_their_frequency():
     fit = machine_fit(electrical_frequency_hz=None)
-    assert "from the line at 750\N{NO-BREAK SPACE}Hz" in machine_report(fit)
+    assert "is the line at 750\N{NO-BREAK SPACE}Hz" in machine_report(fit)
 
 
 def test_a_fit_without_one_step_matrices_has_no_such_section():
     fit = machine_fit()
     fit.transitions = np.empty((0, 0, 0))
-    assert "How each horizon weighs the residual" not in machine_report(fit)
+    assert "What the loss of each horizon consists of" not in machine_report(fit)
 
 
 def test_report_without_comparisons_or_frequency():

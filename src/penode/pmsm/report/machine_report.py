@@ -48,13 +48,14 @@ def residual(fit: Fit) -> Section | None:
     )
 
 
-def _speed_and_angle(fit: Fit) -> list[str]:
-    """Return the channels over which the residual is drawn; an angle that is counted on is none."""
-    return [
-        one.channel
+def _speed_and_angle(fit: Fit) -> dict[str, str]:
+    """Return channel and unit over which the residual is drawn; an angle counted on is none."""
+    units = {"omega_el": "rad/s", "theta_el": "rad"}
+    return {
+        one.channel: units[one.channel]
         for one in fit.correlations.over
         if one.channel == "omega_el" or (one.channel == "theta_el" and np.ptp(one.value) <= _TURN)
-    ]
+    }
 
 
 def loss_weighting(fit: Fit) -> Section | None:
