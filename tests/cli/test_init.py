@@ -2,6 +2,7 @@
 
 import json
 import re
+import tomllib
 
 import numpy as np
 import polars as pl
@@ -14,6 +15,7 @@ from tests.pmsm.injection import injected
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
+from penode.fit.fit import Fit
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.study_file import load_study
 
@@ -137,6 +139,7 @@ def results(run, tmp_path_factory):
             done = penode("identify", recording, "--config", config, *options, "--out", out)
             assert done.returncode == 0, done.stderr
             assert config.read_text() == study, "untouched"
+            assert Fit.load(out).provenance["study_file"] == tomllib.loads(study)
             result = json.loads(done.stdout)
             assert result == json.loads((out / "result.json").read_text())
             known[kind] = told.stdout, study, result

@@ -2,9 +2,10 @@
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
@@ -48,10 +49,12 @@ def warn_if_unanswered(fit: Fit) -> None:
         )
 
 
-def signed(fit: Fit, began: float) -> Fit:
-    """Add the command and its wall time to the provenance."""
+def signed(fit: Fit, began: float, entries: Mapping[str, Any] | None = None) -> Fit:
+    """Add the command, its wall time and the entries of its study file to the provenance."""
     command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
-    facts = {"command": command, "wall_time_s": round(time.monotonic() - began, 2)}
+    facts: dict[str, Any] = {"command": command, "wall_time_s": round(time.monotonic() - began, 2)}
+    if entries:
+        facts["study_file"] = dict(entries)
     return replace(fit, provenance={**fit.provenance, **facts})
 
 

@@ -128,7 +128,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
             horizon=horizon, validate=validate, hold=hold, purpose=purpose, points=points
         )
         with claimed(out):
-            fit = signed(identify_points(alone, asked.study), began)
+            fit = signed(identify_points(alone, asked.study), began, asked.entries)
             write_answer(fit, out)
         return _ended(fit, out, as_json, show)
     beside = None if points is None else of_points.load_points(points)
@@ -146,7 +146,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
             )
         except Stopped as stop:
             fit, stopped = stop.fit, True
-        fit = signed(fit, began)
+        fit = signed(fit, began, asked.entries)
         write_answer(fit, out)
         if not stopped:
             checkpoint.path.unlink(missing_ok=True)

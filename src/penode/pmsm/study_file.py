@@ -98,11 +98,14 @@ class StudyFile:
         Where the channels come from; that of canonical columns where the file maps none.
     sweep : mapping of str to object
         Entries of the table ``[sweep]``, for `penode sweep`.
+    entries : mapping of str to object
+        As they stand in the file; none where there is no file.
     """
 
     study: Study = DEFAULT_STUDY
     mapping: DriveMapping = field(default_factory=DriveMapping)
     sweep: Mapping[str, Any] = field(default_factory=dict)
+    entries: Mapping[str, Any] = field(default_factory=dict)
 
     def load(self, path: str | Path) -> Experiment:
         """Load a recording as the file maps it; see `DriveMapping.load`."""
@@ -152,7 +155,8 @@ def load_study(
     given = given or {}
     # The channels of a shaft need the pole pairs, too.
     pairs = {name: given[name] for name in ("pole_pairs",) if name in given}
-    entries = {**({} if path is None else read_toml(Path(path))), **pairs, **changes}
+    own = {} if path is None else read_toml(Path(path))
+    entries = {**own, **pairs, **changes}
     where = "" if path is None else f"{path}: "
     asked = held_against(_FILE, entries, where)
     channels = {} if asked.channels is None else asdict(asked.channels)
@@ -163,7 +167,7 @@ def load_study(
             asked.resample is not None,
             {name: entries[name] for name in (*BASES.values(), *AS_NUMBERS) if name in entries},
         )
-        read = StudyFile(_study(entries), mapping, asked.sweep or {})
+        read = StudyFile(_study(entries), mapping, asked.sweep or {}, own)
     except InputError as error:
         raise InputError(f"{where}{error}") from error
     return replace(read, study=_study({**entries, **given, **changes})) if given else read
