@@ -60,12 +60,11 @@ def held_definite(
     (time, 2) are dimensionless. The rectangle is larger by a share `beyond` of what holds them.
     """
     first = len(smoothed.solution) - sum(part.coefficients.size for part in parts)
-    everywhere = _hessians(parts, _rectangle(currents, beyond))
-    visited = _hessians(parts, currents[:: max(len(currents) // _POINTS, 1)])
+    everywhere = hessians(parts, _rectangle(currents, beyond))
     solution = smoothed.solution
     rows, target = np.zeros((0, len(solution))), np.zeros(0)
     without = ~currents.any(axis=0)  # axes whose inductance nothing shows
-    known = _known(_principal(visited, solution[first:])[0][:, without.sum() :])
+    known = _visited(parts, currents, solution[first:])
     if not known:  # nothing says how large an inductance is
         return Held(solution, everywhere, rows, target)
     floor, unseen = _LEAST * known, np.zeros_like(solution)
@@ -90,6 +89,24 @@ def held_definite(
     reached = (1 - 1e-5) * float(_principal(everywhere, solution[first:])[0].min())
     least = min(floor / 2, reached) if reached > 0 else floor / 2
     return Held(solution, everywhere, rows, target, least)
+
+
+def is_definite(
+    parts: Sequence[CoenergyPart], currents: FloatArray, beyond: float, coefficients: FloatArray
+) -> bool:
+    """Return whether a mean map needs no such observations."""
+    values = _principal(hessians(parts, _rectangle(currents, beyond)), coefficients)[0]
+    floor = _LEAST * _visited(parts, currents, coefficients)
+    return bool(floor and (values[:, 0] >= floor / 2).all())
+
+
+def _visited(
+    parts: Sequence[CoenergyPart], currents: FloatArray, coefficients: FloatArray
+) -> float:
+    """Return the least principal inductance where currents have been; 0 for none."""
+    points = hessians(parts, currents[:: max(len(currents) // _POINTS, 1)])
+    without = ~currents.any(axis=0)
+    return _known(_principal(points, coefficients)[0][:, without.sum() :])
 
 
 @partial(
@@ -152,7 +169,7 @@ def _rectangle(currents: FloatArray, beyond: float) -> FloatArray:
     return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
 
 
-def _hessians(parts: Sequence[CoenergyPart], points: FloatArray) -> FloatArray:
+def hessians(parts: Sequence[CoenergyPart], points: FloatArray) -> FloatArray:
     """Return W_dd, W_dq and W_qq of each coefficient, shape (point, 3, coefficient)."""
     return np.concatenate([columns(part, points, HESSIAN) for part in parts], axis=2)
 
@@ -167,6 +184,12 @@ def _known(inductances: FloatArray) -> float:
         if len(positive):
             return float(positive.min() if len(positive) == len(least) else np.median(positive))
     return 0.0
+
+
+def least_inductance(hessian: FloatArray) -> float:
+    """Return the least principal inductance of W_dd, W_dq and W_qq (point, 3)."""
+    a, b, c = hessian.T
+    return float(((a + c) / 2 - np.hypot((a - c) / 2, b)).min())
 
 
 def _principal(hessians: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

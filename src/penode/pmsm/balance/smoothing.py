@@ -21,6 +21,8 @@ _LOWEST, _HIGHEST, _FIRST = -7.0, 3.0, -3.0
 #: Decades between the strengths that are tried, so that the last digits of a recording do not move
 #: the answer; and steps of the search, in these.
 _ROUNDED, _STEPS = 0.25, (6, 3, 2, 1)
+#: Decades by which strengths are raised at a time where the solution is no possible one.
+_RAISED = 0.5
 #: Keeps directions that neither data nor penalty see, such as a coenergy's constant.
 _RIDGE = 1e-13
 
@@ -81,10 +83,24 @@ def smoothed(equations: WeakRegression, penalties: Sequence[Roughness]) -> Smoot
         np.full(len(penalties), round(_FIRST / _ROUNDED)),
         (round(_LOWEST / _ROUNDED), round(_HIGHEST / _ROUNDED)),
     )
-    evidence, solution, variance = problem.evidence(logs)
-    strength = problem.balance * 10.0**logs
-    evidence += problem.coefficients * float(np.log(variance / OVERLAP))
-    return Smoothed(solution, strength, variance, variance / strength, evidence)
+    return problem.smoothed(logs)
+
+
+def stiffened(
+    equations: WeakRegression,
+    penalties: Sequence[Roughness],
+    found: Smoothed,
+    possible: Callable[[FloatArray], bool],
+) -> Smoothed | None:
+    """Raise all strengths alike until the solution is a possible one; None where none is."""
+    problem = _Normal.of(equations, penalties)
+    logs = np.log10(found.strength / problem.balance)
+    while logs.max() < _HIGHEST:
+        logs = logs + _RAISED
+        stiffer = problem.smoothed(logs)
+        if possible(stiffer.solution):
+            return stiffer
+    return None
 
 
 def penalised(
@@ -198,6 +214,13 @@ class _Normal:
     def coefficients(self) -> int:
         """Number of those that are free."""
         return len(self.right) - sum(penalty.rank for penalty in self.penalties)
+
+    def smoothed(self, logs: FloatArray) -> Smoothed:
+        """Return the solution at log10 strengths."""
+        evidence, solution, variance = self.evidence(logs)
+        strength = self.balance * 10.0**logs
+        evidence += self.coefficients * float(np.log(variance / OVERLAP))
+        return Smoothed(solution, strength, variance, variance / strength, evidence)
 
     def evidence(self, logs: FloatArray) -> tuple[float, FloatArray, float]:
         """Return -2 log REML, the solution and the variance of an equation at log10 strengths."""

@@ -12,8 +12,15 @@ from scipy.linalg import block_diag
 from penode.arrays import FloatArray, float64
 from penode.data.experiment import Experiment
 from penode.models.parameters import with_batch_axis
-from penode.pmsm.balance.definite import Held, held_definite, held_in_training
-from penode.pmsm.balance.smoothing import Roughness, Smoothed, smoothed
+from penode.pmsm.balance.definite import (
+    Held,
+    held_definite,
+    held_in_training,
+    hessians,
+    is_definite,
+    least_inductance,
+)
+from penode.pmsm.balance.smoothing import Roughness, Smoothed, smoothed, stiffened
 from penode.pmsm.balance.voltage_balance import (
     balance_equations,
     harmonic_window,
@@ -92,7 +99,7 @@ def spline_start(
     even, both = (setting.mean(whole, every[:n]) for n in (1, 2))
     symmetric = both.smoothed.evidence > even.smoothed.evidence - _ASYMMETRIC
     parts, mean_map = (every[:1], even) if symmetric else (every, both)
-    held = setting.held(mean_map, parts)
+    mean_map, held = setting.definite(mean_map, parts)
     constrained = replace(mean_map.smoothed, solution=held.solution)
     count = len(physical_values(terms))
     mean, first = [], count
@@ -122,6 +129,13 @@ class _Setting:
     terms: tuple[Term, ...]
     scales: tuple[float, float]
 
+    @property
+    def samples(self) -> tuple[FloatArray, FloatArray]:
+        """Return some samples' dimensionless currents (sample, 2) and angle (sample,)."""
+        theta = np.concatenate([e.channels["theta_el"] for e in self.experiments])
+        chosen = slice(None, None, max(len(theta) // _JUDGED, 1))
+        return self.currents[chosen] / self.scales[0], theta[chosen]
+
     @cached_property
     def currents(self) -> FloatArray:
         """Recorded currents, shape (time, 2), A."""
@@ -146,12 +160,27 @@ class _Setting:
         equations = WeakRegression(whole.matrix[:, :first], whole.target)
         return _Mean(equations, tuple(penalties), smoothed(equations, penalties))
 
-    def held(self, mean: "_Mean", parts: Sequence[CoenergyPart]) -> Held:
-        """Return the mean map with a positive definite inductance around the recordings."""
+    def definite(self, mean: "_Mean", parts: Sequence[CoenergyPart]) -> tuple["_Mean", Held]:
+        """Return the mean map with a positive definite inductance around the recordings.
+
+        It is held by observations, or, where the balance is then explained better, by smoothness:
+        a map recorded along a curve alone is as rough beside it as its strength allows.
+        """
         currents = self.currents / self.scales[0]
         beyond = _BEYOND * stands_still(self.experiments)
-        found = mean.equations, mean.penalties, mean.smoothed
-        return held_definite(*found, parts, currents, beyond)
+        system = mean.equations, mean.penalties
+        held = held_definite(*system, mean.smoothed, parts, currents, beyond)
+        if not len(held.rows):
+            return mean, held
+        first = len(physical_values(self.terms))
+        stiff = stiffened(
+            *system,
+            mean.smoothed,
+            lambda found: is_definite(parts, currents, beyond, found[first:]),
+        )
+        if stiff is None or mean.misfit(held.solution) <= mean.misfit(stiff.solution):
+            return mean, held
+        return replace(mean, smoothed=stiff), held_definite(*system, stiff, parts, currents, beyond)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +190,10 @@ class _Mean:
     equations: WeakRegression
     penalties: tuple[Roughness, ...]
     smoothed: Smoothed
+
+    def misfit(self, solution: FloatArray) -> float:
+        """Return the sum of squares that a solution leaves in the balance."""
+        return float(np.sum((self.equations.target - self.equations.matrix @ solution) ** 2))
 
 
 def _filled(part: CoenergyPart, coefficients: FloatArray) -> CoenergyPart:
@@ -208,13 +241,32 @@ def _with_harmonics(
         regressions.append(WeakRegression(every.matrix[:, physical:], left))
     whole = join(regressions)
     tables = np.split(whole.matrix, _ends(sides), axis=1)
+    x, theta = setting.samples
+    bent, turning = hessians(network.mean, x), waves(theta, orders)
+    mean = bent @ np.concatenate([part.coefficients.ravel() for part in network.mean])
+    inductances = [
+        turning[:, first + 2 * k, None, None] * hessians((part,), x)
+        for first, side in enumerate(sides)
+        for part in side
+        for k in range(count)
+    ]
+    inductances = np.split(np.concatenate(inductances, axis=2), _ends(sides), axis=2)
 
     def fitted(skew: bool) -> tuple[Smoothed, FloatArray, list[Roughness], list[_Parts]]:
         parts = sides if skew else [side[:1] for side in sides]
         matrix = block_diag(*[roughness(p) for side in parts for p in side for _ in orders])
         penalties = [Roughness.of(0, matrix)]
-        chosen = np.concatenate(tables if skew else tables[::2], axis=1)
-        solved = smoothed(WeakRegression(chosen, whole.target), penalties)
+        chosen, bent = (
+            np.concatenate(some if skew else some[::2], axis=-1) for some in (tables, inductances)
+        )
+        equations = WeakRegression(chosen, whole.target)
+        solved = smoothed(equations, penalties)
+
+        def possible(amplitudes: FloatArray) -> bool:
+            return least_inductance(mean + bent @ amplitudes) > 0
+
+        if not possible(solved.solution):
+            solved = stiffened(equations, penalties, solved, possible) or solved
         return solved, chosen @ solved.solution, penalties, parts
 
     plain, skewed = fitted(False), fitted(True)
