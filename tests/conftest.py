@@ -372,9 +372,9 @@ def oscillator() -> ObservedFit:
 # --- compiled once, or quickly ----------------------------------------------------------------
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def quickly_compiled():
-    """Compile a test's programs without optimisation, in half the time: they run shortly."""
+    """Compile a module's programs without optimisation: they run shortly."""
     option = "jax_disable_most_optimizations"
     before = jax.config.values[option]
     jax.config.update(option, True)

@@ -107,12 +107,24 @@ def identify(
     found = search.as_given(plan) if given else searched(search, plan)
     start, climbed, check = found.start, found.climbed, found.check
     problem, plan, climb, choice = climbed.problem, climbed.plan, climbed.climb, climbed.choice
-    fit = Assembly(problem, start, plan, climb.fits, choice, check).fit(validation, began)
-    fit = restored(fit)
-    missed: list[str] = []
-    checks = [guarded(one, missed) for one in (*start.checks, *checks_of(plan))]
-    raised = [*climbed.objections, *objections(fit, experiments, checks), *check.objections]
-    fit = with_objections(replace(fit, warnings=(*missed, *fit.warnings)), raised)
-    if climb.interrupted or check.interrupted:
+    assembly = Assembly(problem, start, plan, climb.fits, choice, check)
+
+    def examined() -> Fit:
+        fit = restored(assembly.fit(validation, began))
+        missed: list[str] = []
+        checks = [guarded(one, missed) for one in (*start.checks, *checks_of(plan))]
+        raised = [*climbed.objections, *objections(fit, experiments, checks), *check.objections]
+        return with_objections(replace(fit, warnings=(*missed, *fit.warnings)), raised)
+
+    stopped = climb.interrupted or check.interrupted
+    try:
+        fit = examined()
+    except KeyboardInterrupt:
+        if stopped:
+            raise
+        # All horizons are done: what is left takes seconds, and makes a whole result of them.
+        observer({"event": "stop", "horizon": climb.fits[-1].horizon})
+        fit, stopped = examined(), True
+    if stopped:
         raise Stopped(fit)
     return fit

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from penode.horizon.assemble import Assembly
 from penode.horizon.cross_checks import (
     Anchor,
     check_against_anchor,
@@ -113,6 +114,27 @@ class Interrupted:
 
     def minimise(self, problem, raw, progress=ignore_progress):
         raise KeyboardInterrupt
+
+
+def test_ctrl_c_after_the_last_horizon_leaves_the_whole_result(systems, monkeypatch):
+    system, events = systems["linear machine"], []
+    runs, plan = system.recorded_again(0.05), ladder_plan((1, 4))
+    settled = {"plan": replace(plan, detour=None), "purpose": Longest()}
+    whole = identify(system.model, runs, **settled)
+    made, pressed = Assembly.fit, []
+
+    def interrupted(self, *given):
+        if not pressed:
+            pressed.append(True)
+            raise KeyboardInterrupt
+        return made(self, *given)
+
+    monkeypatch.setattr(Assembly, "fit", interrupted)
+    with pytest.raises(Stopped) as stop:
+        identify(system.model, runs, **settled, observer=events.append)
+    assert events[-1] == {"event": "stop", "horizon": 4}
+    assert stop.value.fit.parameters == whole.parameters
+    assert stop.value.fit.horizon == whole.horizon
 
 
 def test_an_interrupted_cross_check_keeps_the_fit_and_says_so(systems):

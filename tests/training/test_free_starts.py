@@ -24,6 +24,8 @@ from penode.training.loss import DEFAULT_LOSS, Loss, equation
 from penode.training.prediction_error import Batch
 from penode.training.residuals import Objective
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
 STEP, HORIZON, WINDOWS = 0.1, 6, CHUNK + 9
 SCALE = np.array([0.5, 1.0])
 RAW = np.array([1.7, 0.3])

@@ -29,6 +29,8 @@ from penode.training.loss import (
 )
 from penode.training.residuals import Objective
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
 STEP, HORIZON = 0.05, 6
 TRUTH = np.array([0.8, 0.2, 0.7, 0.5])
 SCALE = np.array([0.5, 2.0])

@@ -14,6 +14,8 @@ from penode.training.plan import Plan, Stage
 from penode.training.residuals import Objective
 from penode.training.second_order import LevenbergMarquardt
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
 LOSSES = {
     "starts as measured": Loss(),
     "a start that is free": Loss(free_starts={"i_d": np.inf}),

@@ -17,6 +17,7 @@ from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.points.check import PointsCheck, check_points
 from penode.pmsm.points.operating_points import load_runs
+from penode.pmsm.precheck.excitation import QUARTERS
 from penode.pmsm.recording.drive_mapping import TORQUE
 from penode.pmsm.recording_check import RecordingCheck, check_recordings
 from penode.pmsm.study_file import load_study
@@ -129,7 +130,10 @@ def _coverage(check: RecordingCheck) -> list[Row]:
         f"of that disc; the current vector changes at up to {number(cover.current_rate)} rad/s; "
         f"electrical speed {speeds} rpm."
     )
-    return [("coverage", sentence) for sentence in (summary, *cover.advice)]
+    parts = zip(cover.quarters, QUARTERS, strict=True)
+    visited = ", ".join(f"{number(100 * part, 2)} % {name}" for part, name in parts)
+    sentences = (summary, f"Of the samples have {visited}.", *cover.advice)
+    return [("coverage", sentence) for sentence in sentences]
 
 
 def _identifiability(check: RecordingCheck) -> list[Row]:

@@ -60,8 +60,8 @@ def parameters(fit: Fit) -> Section | None:
             "deviations. Where neighbouring points agree, the value no longer depends on how "
             "far ahead the model predicted; that is the plateau. Shaded blue is the 95 % "
             f"interval that the data show: {_CENTRES[fit.horizon.verdict in AVERAGED]}, widened "
-            f"by the spread between horizons{moved}. The interval of the answer is wider by what "
-            "is assumed of the sensors.",
+            f"by the spread between horizons{moved}. The interval of the answer is wider by the "
+            "other rows of the uncertainty budget.",
             parameter_over_ladder,
             fit,
             name,

@@ -80,8 +80,8 @@ def correlation_table(fit: Fit) -> Table:
         for name, column in zip(names, fit.correlation.T.tolist(), strict=True)
     ]
     caption = (
-        "Correlations of what the deviations above are of: statistics, spread over the horizons "
-        "and what was assumed of the sensors. A dash: not known."
+        "Correlations of the errors that the deviations above are of, all rows of the budget "
+        "included. A dash: not known."
     )
     return table("Correlations of the parameters", columns, caption)
 

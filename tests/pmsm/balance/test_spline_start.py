@@ -13,6 +13,7 @@ from penode.bench.coenergy_table import true_flux_map
 from penode.bench.machines import TRACTION_300A
 from penode.data.load import load
 from penode.models.layout import Layout
+from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.definite import held_definite, held_in_training
 from penode.pmsm.balance.smoothing import Roughness, smoothed
 from penode.pmsm.balance.spline_start import reach
@@ -25,6 +26,7 @@ from penode.pmsm.machine.coenergy_map import (
     columns,
     roughness,
 )
+from penode.pmsm.machine.term_registry import physical_values
 from penode.training.weak_form import WeakRegression
 
 
@@ -70,6 +72,22 @@ def test_a_skewed_machine_has_harmonics_of_both(tmp_path):
     assert [part.even for part in network.cosine] == [True, False]
     assert [part.even for part in network.sine] == [False, True]
     assert network.skewed
+
+
+def test_a_map_recorded_along_a_curve_is_definite_and_leaves_resistance_alone(tmp_path):
+    """Two seconds of a driving cycle: i_d follows abs(i_q), and beside that curve is nothing."""
+    drawn = draw("driving cycle", 7)
+    run = load(*drawn.write(tmp_path, "log"))
+    part = {name: values[40_000:50_000] for name, values in run.channels.items()}
+    machine = weak_start([replace(run, channels=part)], "coenergy", angle_orders=(6, 12)).machine
+    shown = {name: values[::20] for name, values in part.items()}
+    with float64():
+        currents = jnp.stack([shown["i_d"], shown["i_q"]])
+        flux = with_batch_axis(machine).flux.at_angle(currents, shown["theta_el"])
+    inductance = np.moveaxis(np.asarray(flux.inductance), -1, 0)
+    assert np.linalg.eigvalsh(inductance).min() > 0
+    resistance = physical_values(machine.terms)["R"]
+    assert resistance == pytest.approx(drawn.truth["R"], rel=0.02)
 
 
 def test_the_seed_decides_nothing(slow_run, start):

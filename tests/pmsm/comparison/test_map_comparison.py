@@ -11,6 +11,7 @@ from penode.fit.outcome import Contribution
 from penode.pmsm.comparison.comparison_picture import comparison_picture
 from penode.pmsm.comparison.map_comparison import compare_maps, compare_resistances
 from penode.pmsm.machine.flux_grid import read_grid, tabulate
+from penode.pmsm.machine.temperatures import RECORDED
 from penode.pmsm.result_files import flux_map_csv
 from penode.report.quantities import number
 
@@ -55,6 +56,26 @@ def test_a_file_is_compared_at_its_own_points(machine_fit, tmp_path):
     assert shifted.rms == pytest.approx(2e-3, rel=1e-6)
     grid = tabulate(machine_fit, 21)
     assert compare_maps(machine_fit, grid).largest == 0
+
+
+def test_resistances_at_two_temperatures_are_compared_at_one(machine_fit):
+    """Copper: 0.393 % a kelvin of what it is at 20 degC."""
+    kelvin = 0.00393
+    estimate = machine_fit.parameters["R"]
+    warm, cold = (
+        replace(
+            machine_fit,
+            provenance={**machine_fit.provenance, RECORDED: {"winding_temperature": (t, t, t)}},
+            parameters={"R": Estimate.of((1 + kelvin * (t - 20)) * 0.01, 1e-5, "ohm")},
+        )
+        for t in (60.0, 30.0)
+    )
+    assert estimate.unit == "ohm"
+    sentence = compare_resistances(warm, cold)
+    assert "0.0 % apart with the second brought from 30 to 60 °C as copper" in sentence
+    same = compare_resistances(warm, replace(cold, provenance=machine_fit.provenance))
+    assert "10 % apart where" in same
+    assert "DISAGREE" in same
 
 
 def test_maps_without_common_currents_are_refused(machine_fit):

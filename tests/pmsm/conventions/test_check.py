@@ -133,6 +133,26 @@ def test_mechanical_speed_and_angle(drawn):
         assert names_of(angle) == ["mechanical angle for electrical"]
 
 
+def test_wrong_pole_pairs_with_a_speed_of_the_shaft_and_an_angle(drawn):
+    """The speed is mechanical and said to be; the angle shows how many pole pairs there are."""
+    machine, run = drawn
+    pairs = machine.pole_pairs
+    for wrong in (pairs - 1, pairs + 1, 2 * pairs):
+        found = check_conventions(scaled(run, wrong / pairs, "omega_el"), wrong).broken
+        assert found
+        assert all(f"pole_pairs = {pairs} in place of {wrong}" in one.fix for one in found)
+
+
+def test_of_currents_in_phases_the_phases_are_named(drawn):
+    run = drawn[1]
+    phases = {f"i_{phase}": in_phases(run).channels[f"i_{phase}"] for phase in "abc"}
+    turned = without(changed(run, **phases), "i_d", "i_q")
+    counted = scaled(turned, -1.0, "i_a", "i_b", "i_c")
+    (found,) = check_conventions(counted).broken
+    assert found.fix.startswith("give i_a, i_b and i_c sign = -1")
+    assert "Rms values of u_d and u_q cannot" in check_conventions(turned).undetermined[-1]
+
+
 def test_rms_shows_against_a_name_plate_or_phases_and_not_without(drawn):
     machine, run = drawn
     plate = NamePlate(machine.magnet_flux_linkage, machine.resistance)

@@ -364,7 +364,8 @@ def _timing_sentences(
     """Yield what was found of the timing where it is corrected; delay and deviation in samples."""
     middle = timing.drive.ripple != 0.0
     late = timing["delay"]
-    taken = [f"a delay of {late:.3g} (`delay = {-late:.3g}` in a study file)"] if late else []
+    entry = f" (`delay = {-late:.0f}` in a study file)" if late == round(late) else ""
+    taken = [f"a delay of {late:.3g}{entry}"] if late else []
     taken += [f"a turn of {timing['turn']:.3g}"] if timing["turn"] and not middle else []
     if timing.drive.hold == "stationary":
         about = " about the middle of the sample" if middle else ""

@@ -9,12 +9,16 @@ from penode.errors import InputError
 from penode.fit.fit import Estimate, Fit
 from penode.fit.outcome import NORMAL_95
 from penode.pmsm.machine.flux_grid import FluxGrid
+from penode.pmsm.machine.temperatures import Temperatures, temperatures_of
+from penode.pmsm.machine.terms import REFERENCE
 from penode.report.quantities import number, with_unit
 from penode.report.statements import estimate_text
 
 _POINTS = 81
 #: Relative change of the resistance of copper per K at 20 degC.
 _COPPER = 3.93e-3
+#: Temperatures that differ by less are the same, K.
+_SAME_K = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +113,13 @@ def compare_resistances(first: Fit, second: Fit | FluxGrid) -> str:
         if not fit.horizon.answered:
             return f"R cannot be compared: the verdict of the {name} is {fit.horizon.verdict!r}"
     one, other = first.parameters["R"], second.parameters["R"]
-    apart = abs(other.value / one.value - 1)
+    factor, at = _brought_to(temperatures_of(first), temperatures_of(second))
+    apart = abs(factor * other.value / one.value - 1)
     chance, same = (
-        float(np.hypot(of(one), of(other))) / one.value
+        float(np.hypot(of(one), factor * of(other))) / one.value
         for of in (_half_width, _half_width_of_same_sensors)
     )
-    values = f"R is {_text(one)} and {_text(other)}, {number(100 * apart, 2)} % apart"
+    values = f"R is {_text(one)} and {_text(other)}, {number(100 * apart, 2)} % apart{at}"
     limits = [f"{number(100 * limit, 2)} % may be chance" for limit in (chance, same)]
     kelvin = f"; in copper that is {number(apart / _COPPER, 2)} K"
     if apart > chance:
@@ -124,6 +129,15 @@ def compare_resistances(first: Fit, second: Fit | FluxGrid) -> str:
     of_same = f"of the same sensors, where {limits[1]}, they "
     of_same += f"DISAGREE{kelvin}" if apart > same else "agree too"
     return f"{values} where {limits[0]}: they agree; {of_same}"
+
+
+def _brought_to(first: Temperatures, second: Temperatures) -> tuple[float, str]:
+    """Return what the second R is multiplied by to be that at the first one's temperature."""
+    warm, cold = first.resistance, second.resistance
+    if warm is None or cold is None or abs(warm - cold) < _SAME_K:
+        return 1.0, ""
+    at, was = (1 + _COPPER * (one - REFERENCE) for one in (warm, cold))
+    return at / was, f" with the second brought from {cold:.3g} to {warm:.3g} °C as copper"
 
 
 def _beside_stated(fit: Fit, stated: float) -> str:

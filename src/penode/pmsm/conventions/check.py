@@ -41,9 +41,11 @@ _JUDGED = 2000
 #: Shorter ones that are asked where there is no longer one.
 _SHORT_ONES = 5
 _RMS_UNDETERMINED = (
-    "Rms values cannot be distinguished from peak values; add magnet_flux_linkage and "
+    "Rms values{of} cannot be distinguished from peak values; add magnet_flux_linkage and "
     "resistance to [name_plate] of the study file, or record phase channels beside."
 )
+#: Where the phases of one of the two kinds were recorded, whose samples are no amplitudes.
+_OF_OTHER = {"": "", "i": " of u_d and u_q", "u": " of i_d and i_q"}
 
 
 @dataclass(frozen=True)
@@ -183,7 +185,7 @@ def _as_recorded(experiment: Experiment, pole_pairs: int | None) -> _Recorded:
         return _Recorded(found, experiment, "", ended=True)
     experiment = with_phases(experiment)
     kinds = "".join(kind for kind in "ui" if _in_phases(experiment, kind))
-    broken, fixed = _judge_motion(experiment, kinds)
+    broken, fixed = _judge_motion(experiment, kinds, pole_pairs)
     try:
         broken += judge_rms_by_phases(fixed)
         drive = drive_recording(fixed)
@@ -192,7 +194,7 @@ def _as_recorded(experiment: Experiment, pole_pairs: int | None) -> _Recorded:
             raise
         return _Recorded(Conventions(broken), fixed, kinds, ended=True)
     (finding, drive), undetermined = judge_cures(drive, pole_pairs)
-    broken += (finding,) if finding else ()
+    broken += (_of_phases(finding, kinds),) if finding else ()
     return _Recorded(
         Conventions(broken, (undetermined,) if undetermined else ()), drive, kinds, not undetermined
     )
@@ -229,20 +231,20 @@ def _sized(drive: Experiment, kinds: str, plate: NamePlate) -> Conventions:
     broken: tuple[BrokenConvention, ...] = (aside,) if aside else ()
     broken += judge_units(drive, try_balance(drive)) + judge_rms_by_plate(drive, plate)
     undetermined: tuple[str, ...] = (why_not,) if why_not else ()
-    if plate.magnet_flux_linkage is None and not _has_both(drive, kinds):
-        undetermined += (_RMS_UNDETERMINED,)
+    if plate.magnet_flux_linkage is None and kinds in _OF_OTHER and not _has_both(drive, kinds):
+        undetermined += (_RMS_UNDETERMINED.format(of=_OF_OTHER[kinds]),)
     return Conventions(broken, undetermined)
 
 
 def _judge_motion(
-    experiment: Experiment, kinds: str
+    experiment: Experiment, kinds: str, pole_pairs: int | None
 ) -> tuple[tuple[BrokenConvention, ...], Experiment]:
     """Judge angle, speed and phases; return what was found and the recording set right."""
     steps: list[Judge] = []
     if "theta_el" in experiment.channels:
         steps.append(judge_angle_unit)
         if "omega_el" in experiment.channels:
-            steps.append(judge_speed_and_angle)
+            steps.append(lambda run: judge_speed_and_angle(run, pole_pairs))
     if kinds:
         steps.append(lambda run: judge_turns(run, kinds))
         steps.append(lambda run: judge_phases(run, kinds))
@@ -251,6 +253,12 @@ def _judge_motion(
         finding, experiment = step(experiment)
         broken += (finding,) if finding else ()
     return broken, experiment
+
+
+def _of_phases(finding: BrokenConvention, kinds: str) -> BrokenConvention:
+    """Return a finding whose fix names the phases of currents that were recorded in phases."""
+    fix = finding.fix.replace("i_d and i_q sign", "i_a, i_b and i_c sign")
+    return replace(finding, fix=fix) if "i" in kinds else finding
 
 
 def _in_phases(experiment: Experiment, kind: str) -> bool:

@@ -3,6 +3,8 @@
 The angle starts again after one turn, and its slope is the speed.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from penode.arrays import FloatArray
@@ -73,27 +75,32 @@ def _turn_of(experiment: Experiment) -> tuple[float | None, str]:
     return 2 * np.pi * abs(ratio), f"the angle turns {ratio:.4g} times as fast as the speed says"
 
 
-def judge_speed_and_angle(experiment: Experiment) -> Judged:
+def judge_speed_and_angle(experiment: Experiment, pole_pairs: int | None = None) -> Judged:
     """Find a speed or an angle (rad) of the shaft, by the slope of the angle over the speed.
 
     A ratio of -1 is left to the voltage balance, which shows which of the two is reversed.
     """
     ratio = angle_over_speed(experiment)
     size = abs(ratio)
+    fitting = _other_pairs(size, pole_pairs)
+    instead = f"pole_pairs = {fitting} in place of {pole_pairs}"
     evidence = f"the angle turns {ratio:.4g} times as fast as the speed says"
     for pairs in range(2, MOST_POLE_PAIRS + 1):
+        other = fitting and pairs != pole_pairs
+        or_else = f"; or, where omega_el is mechanical already, {instead}" if other else ""
         if abs(size / pairs - 1.0) < _RATIO_TOLERANCE:
             finding = BrokenConvention(
                 "mechanical speed for electrical",
                 experiment.name,
                 ("omega_el",),
                 f"{evidence}, as with {pairs} pole pairs",
-                f"give omega_el mechanical = true, and pole_pairs = {pairs}",
+                f"give omega_el mechanical = true, and pole_pairs = {pairs}{or_else}",
             )
             speed = experiment.channels["omega_el"] * pairs
             return finding, with_channels(experiment, {"omega_el": speed})
         if abs(size * pairs - 1.0) < _RATIO_TOLERANCE:
-            return of_shaft(experiment, pairs, evidence)
+            shaft, changed = of_shaft(experiment, pairs, evidence)
+            return shaft and replace(shaft, fix=f"{shaft.fix}{or_else}"), changed
     if abs(size - 1.0) < _RATIO_TOLERANCE:
         return None, experiment
     finding = BrokenConvention(
@@ -101,9 +108,19 @@ def judge_speed_and_angle(experiment: Experiment) -> Judged:
         experiment.name,
         ("omega_el", "theta_el"),
         evidence,
-        "give both their units, and mechanical = true where one is of the shaft",
+        f"give {instead}"
+        if fitting
+        else "give both their units, and mechanical = true where one is of the shaft",
     )
-    return finding, experiment
+    speed = experiment.channels["omega_el"] * (size if fitting else 1.0)
+    return finding, with_channels(experiment, {"omega_el": speed})
+
+
+def _other_pairs(size: float, pole_pairs: int | None) -> int | None:
+    """Return the pole pairs with which a speed of the shaft would fit the angle; None for none."""
+    whole = round(size * (pole_pairs or 0))
+    fits = whole not in (0, pole_pairs) and abs(size * (pole_pairs or 0) / whole - 1.0)
+    return whole if fits and fits < _RATIO_TOLERANCE and whole <= MOST_POLE_PAIRS else None
 
 
 def angle_over_speed(experiment: Experiment) -> float:

@@ -42,7 +42,7 @@ class Excitation:
     def advice(self) -> tuple[str, ...]:
         """What would widen the excitation, a sentence each."""
         suggestions = []
-        empty = [q for q, part in zip(_QUARTERS, self.quarters, strict=True) if part < _VISITED]
+        empty = [q for q, part in zip(QUARTERS, self.quarters, strict=True) if part < _VISITED]
         if self.fraction < ENOUGH:
             suggestions.append(
                 f"The currents visit {100 * self.fraction:.2g} % of the disc of "
@@ -60,7 +60,7 @@ class Excitation:
         return tuple(suggestions)
 
 
-_QUARTERS = (
+QUARTERS = (
     "i_d > 0 and i_q > 0",
     "i_d < 0 and i_q > 0",
     "i_d < 0 and i_q < 0",
