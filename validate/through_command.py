@@ -3,7 +3,7 @@
 ``python -m validate.through_command [COUNT] [FIRST] [--jobs 2]``: logs FIRST to FIRST + COUNT of
 `validate.drawn_logs` are written to files and identified by ``penode identify`` with nothing given
 beside, in processes that are begun anew every 25 logs. ``--developing SEED`` identifies one log of
-each kind of `validate.sampled_drive` at a seed below 1000 instead. What became of each is kept in
+each kind of `validate.sampled_drive` at a seed below 1000 instead, ``--kind NAME`` that kind alone. What became of each is kept in
 ``out/validate/through_command.jsonl``; delete it after a change. Ctrl-C prints the table so far;
 the same command goes on.
 """
@@ -228,6 +228,7 @@ def main() -> None:
     parser.add_argument("first", type=int, nargs="?", default=0)
     parser.add_argument("--jobs", type=int, default=2, help="processes at a time")
     parser.add_argument("--developing", type=int, metavar="SEED", help=f"below {HELD_OUT}")
+    parser.add_argument("--kind", choices=KINDS, help="the only one, beside --developing")
     asked = parser.parse_args()
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of the processes that are begun from here
     name, draw, numbers = "through_command", draw_log, range(asked.first, asked.first + asked.count)
@@ -235,6 +236,8 @@ def main() -> None:
         if asked.developing >= HELD_OUT:
             parser.error(f"seeds from {HELD_OUT} on are held out; give one below.")
         name, numbers = f"through_command_developing_{asked.developing}", range(len(KINDS))
+        if asked.kind is not None:
+            numbers = [list(KINDS).index(asked.kind)]
         draw = partial(developing, asked.developing)
     elif not recorded_elsewhere():
         print("Nothing of other people's simulators is recorded; the bench stands in for them.")
