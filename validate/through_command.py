@@ -3,9 +3,9 @@
 ``python -m validate.through_command [COUNT] [FIRST] [--jobs 2]``: logs FIRST to FIRST + COUNT of
 `validate.drawn_logs` are written to files and identified by ``penode identify`` with nothing given
 beside, in processes that are begun anew every 25 logs. ``--developing SEED`` identifies one log of
-each kind of `validate.sampled_drive` at a seed below 1000 instead, ``--kind NAME`` that kind alone. What became of each is kept in
-``out/validate/through_command.jsonl``; delete it after a change. Ctrl-C prints the table so far;
-the same command goes on.
+each kind of `validate.sampled_drive` at a seed below 1000 instead, ``--kind NAME`` that kind
+alone. What became of each is kept in ``out/validate/through_command.jsonl``; delete it after a
+change. Ctrl-C prints the table so far; the same command goes on.
 """
 
 import argparse

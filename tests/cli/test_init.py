@@ -221,6 +221,15 @@ def test_init_refuses_what_cannot_be_read_and_leaves_nothing(penode, tmp_path):
     assert not (tmp_path / "study.toml").exists()
 
 
+def test_a_flux_map_is_no_recording(penode, tmp_path):
+    table = tmp_path / "fem.csv"
+    table.write_text("i_d,i_q,psi_d,psi_q\n0,0,0.06,0\n1,0,0.061,0\n")
+    done = penode("init", table, "--out", tmp_path / "study.toml")
+    assert done.returncode == 2
+    assert "got the table of a flux map; compare it" in done.stderr
+    assert not (tmp_path / "study.toml").exists()
+
+
 def test_identify_refuses_a_bad_study_file_in_one_sentence(recording, penode, tmp_path):
     config = tmp_path / "study.toml"
     config.write_text("horizn = 3\n")

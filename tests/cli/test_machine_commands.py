@@ -118,6 +118,12 @@ def test_compare_with_a_fit_and_with_a_file(result, machine_fit, penode, tmp_pat
     assert done.returncode == 0, done.stderr
     assert "R " not in done.stdout
     assert out.read_bytes().startswith(b"\x89PNG")
+    turned = penode("compare", result / "flux_map.csv", result)
+    assert turned.returncode == 2
+    assert "a map must be given second" in turned.stderr
+    absent = penode("compare", result, tmp_path / "none.csv")
+    assert absent.returncode == 2
+    assert "there is no such file" in absent.stderr
     alone = penode("compare", result, other)
     assert alone.returncode == 0, alone.stderr
     assert "picture" not in alone.stdout

@@ -9,6 +9,7 @@ import typer
 from penode.cli.console import print_rows
 from penode.cli.fits import load_machine
 from penode.cli.options import Json, SavedFit, TrustClasses, require_png
+from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.comparison.map_comparison import compare_maps, compare_resistances
 from penode.pmsm.machine.flux_grid import read_grid
@@ -29,6 +30,8 @@ def compare_command(
     """
     if out is not None:
         require_png(out)
+    if _is_map(first):
+        raise InputError(f"{first}: a map must be given second, got it first; exchange the two.")
     fit, resistance = load_machine(first, trust), None
     if second.suffix.lower() == ".csv":
         maps = compare_maps(fit, read_grid(second))
@@ -47,3 +50,12 @@ def compare_command(
     else:
         told = {"map": maps.sentence, "R": resistance, "picture": picture}
         print_rows([(name, text) for name, text in told.items() if text is not None])
+
+
+def _is_map(path: Path) -> bool:
+    """Return whether a file is the table of a flux map."""
+    try:
+        read_grid(path)
+    except InputError:
+        return False
+    return True

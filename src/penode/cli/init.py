@@ -35,6 +35,11 @@ def init_command(
     if out.exists() and recording.exists():
         raise InputError(f"{out}: this file exists; remove it, or give another name with --out.")
     table, _ = read(recording)
+    if {"psi_d", "psi_q"} <= set(table.columns):
+        raise InputError(
+            f"{recording}: must be a recording, got the table of a flux map; compare it with a "
+            f"result: penode compare RESULT {recording}."
+        )
     guess = guess_study(table)
     if standstill:
         guess = at_standstill(guess, table, str(recording))

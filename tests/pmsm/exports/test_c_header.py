@@ -175,7 +175,9 @@ def test_the_code_on_the_page_compiles(grid, control, tmp_path):
     (code,) = re.findall(r"```c\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
     (tmp_path / "machine.h").write_text(encode(grid, "machine", *control))
     main = "float torque(float wanted);\n" + code + "int main(void) { return "
-    (tmp_path / "main.c").write_text(main + "(torque(50.0F) > 49.0F) ? 0 : 1; }\n")
+    (tmp_path / "main.c").write_text(
+        main + "(torque(50.0F) > 49.0F) && (torque(1e6F) > 49.0F) ? 0 : 1; }\n"
+    )
     subprocess.run([GCC, *STRICT, "main.c", "-o", "main"], cwd=tmp_path, check=True)
     subprocess.run([tmp_path / "main"], check=True)
 

@@ -193,6 +193,8 @@ def read_grid(path: str | Path) -> FluxGrid:
 
 
 def _read_columns(path: Path) -> dict[str, FloatArray]:
+    if not path.exists():
+        raise InputError(f"{path}: there is no such file; name a flux map, or a result's folder.")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             header, *rows = [row for row in csv.reader(file) if row]
