@@ -117,7 +117,11 @@ def ladder_table(
         columns.append((labelled(name, scale.unit, _SPACE), [value for value, _ in shown]))
         columns.append(("± std", [std for _, std in shown]))
     shared = len({unit for _, unit in states}) < 2
-    caption = "Errors are root mean squares over the training recordings. "
+    caption = (
+        "Errors are root mean squares over the training recordings; over H steps they start from "
+        "the estimated begin of each window, and at H = 1 hold less noise than a prediction from a "
+        "sample. "
+    )
     if shared:
         unit = states[0][1] if states else ""
         head = labelled("H-step rmse", unit, _SPACE)
