@@ -29,9 +29,8 @@ OUTLINE = (
     "greyed, the map is an extrapolation that no recording supports."
 )
 _BAND = (
-    "It allows for the accuracy of the sensors, assumed or declared, for residuals that are "
-    "correlated in time and for the spread over the horizons that agree; it holds if the model's "
-    "structure is right."
+    "It allows for what the uncertainty budget lists, for residuals that are correlated in time "
+    "and for the spread over the horizons that agree; it holds if the model's structure is right."
 )
 
 
