@@ -254,7 +254,7 @@ def test_a_simulation_is_held_against_a_recording_of_the_same_kind_only(result, 
         (("loci", "{}", "--i-max", "-5", "--out", "loci.png"), "must be > 0 A"),
         (("loci", "{}", "--i-max", "5", "--out", "loci.pdf"), "use .png"),
         (("loci", "{}", "--i-max", "5", "--out", "a.png", "--csv", "a.txt"), "use .csv"),
-        (("compare", "{}", "absent.csv", "--out", "a.png"), "cannot be read"),
+        (("compare", "{}", "absent.csv", "--out", "a.png"), "there is no such file"),
         (("compare", "{}", "{}", "--out", "a.svg"), "use .png"),
     ],
 )
