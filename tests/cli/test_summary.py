@@ -13,6 +13,7 @@ from penode.cli.fits import print_demo, print_fit
 from penode.cli.options import given, whole_numbers
 from penode.errors import InputError
 from penode.fit.outcome import Contribution, Estimate, HorizonChoice
+from penode.pmsm.machine.temperatures import RECORDED
 from penode.validation.comparison import Comparison
 
 ROWS = (Contribution("gain", 8e-5, "0.8 %"), Contribution("statistics", 6e-5))
@@ -75,6 +76,10 @@ def test_a_machine_without_a_band_is_told_its_flux_linkage_alone(machine_fit):
     psi = 1e3 * machine_fit.flux_map(0.0, 0.0)[0]
     assert told["psi_PM"] == f"{psi:.1f} mVs"
     assert "of the d and the q axis" in told["L_d,"]
+    assert "winding" not in told
+    known = {**machine_fit.provenance, RECORDED: {"winding_temperature": (41.0, 40.0, 42.0)}}
+    told = dict(lines(print_fit, replace(machine_fit, provenance=known), Path("out")))
+    assert told["winding"] == "R is that of the winding at 41 °C (recorded: 40 to 42)."
 
 
 @pytest.mark.parametrize(("verdict", "colour"), [("plateau", 32), ("implausible", 31)])

@@ -18,7 +18,7 @@ from penode.fit.result_folder import REPORT, claimed
 from penode.pmsm.demo import Demo
 from penode.pmsm.machine.flux_grid import FluxGrid
 from penode.pmsm.machine.model import Machine
-from penode.pmsm.report.no_current import no_current
+from penode.pmsm.report.no_current import no_current, of_winding
 from penode.pmsm.result_files import write_report
 from penode.report.quantities import decimals_for, fixed, number, scale_for
 from penode.report.statements import free_run_text, one_step_text
@@ -83,11 +83,13 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
 
 
 def _no_current(fit: Fit) -> Iterator[Row]:
-    """Yield what the map is at no current, of a machine."""
+    """Yield what the map of a machine is at no current, and the temperature that R belongs to."""
     if isinstance(fit.model, Machine):
         for name, one in zip(("psi_PM", "L_d, L_q"), no_current(fit), strict=False):
             said = ", ".join(filter(None, (one.text, one.detail)))
             yield name, said.replace("\N{NO-BREAK SPACE}", " ")
+        for one in of_winding(fit):
+            yield "winding", one.detail.replace("\N{NO-BREAK SPACE}", " ")
 
 
 def _stationary(fit: Fit) -> Iterator[str]:

@@ -521,6 +521,12 @@ def test_the_magnet_and_the_inductances_stand_in_the_answer():
     assert "psi_PM" in machine_report(machine_fit())
 
 
+def test_the_temperature_that_resistance_belongs_to_stands_in_the_answer():
+    assert "Winding that R belongs to" not in machine_report(machine_fit())
+    warm = machine_fit(recorded_temperatures={"winding_temperature": (41.0, 40.0, 42.0)})
+    assert "41.0\N{NO-BREAK SPACE}°C" in machine_report(warm)
+
+
 def test_nothing_is_said_at_no_current_where_it_is_not_known():
     beyond = machine_fit()
     beyond.supported = lambda points: points[:, 0] < -1

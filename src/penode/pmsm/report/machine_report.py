@@ -8,7 +8,7 @@ from penode.fit.fit import Fit
 from penode.pmsm.report.against import Against
 from penode.pmsm.report.flux_sections import flux_linkage, inductances
 from penode.pmsm.report.line_causes import named_lines, signed_frequency
-from penode.pmsm.report.no_current import no_current
+from penode.pmsm.report.no_current import no_current, of_winding
 from penode.pmsm.report.points_sections import points_balance, points_parameters
 from penode.pmsm.report.torque_sections import torque_and_operating_points
 from penode.report import sections
@@ -101,12 +101,12 @@ MACHINE_PAGE = Page(
     method="together with the machine's flux-linkage map, so that the voltage equation predicts "
     "the measured currents",
     own=_OWN,
-    beside=no_current,
+    beside=lambda fit: (*no_current(fit), *of_winding(fit)),
     words=(
         (
             "Stator resistance R",
-            "Of one phase, at the temperature of the recordings. Where the voltages are those that "
-            "were commanded, cable and conducting switches are in it.",
+            "Of one phase, at the temperature of the recordings, or at that beside it. Where the "
+            "voltages are those that were commanded, cable and conducting switches are in it.",
         ),
         (
             "Flux-linkage map",
@@ -129,7 +129,7 @@ POINTS_PAGE = Page(
         sections.provenance,
     ),
     own={sections.learned_maps: (*_OWN[sections.learned_maps],)},
-    beside=no_current,
+    beside=lambda fit: (*no_current(fit), *of_winding(fit)),
     words=MACHINE_PAGE.words,
 )
 

@@ -1,12 +1,13 @@
-"""Flux linkage and inductances at no current, the numbers by which a machine is known."""
+"""What a machine is known by beside R: flux linkage and inductances at no current, temperature."""
 
 import numpy as np
 
 from penode.fit.fit import Fit
 from penode.fit.outcome import Estimate
 from penode.pmsm.machine.standstill import STANDSTILL, excited_axes
+from penode.pmsm.machine.temperatures import temperatures_of
 from penode.report.document import KeyValue
-from penode.report.quantities import with_unit
+from penode.report.quantities import number, with_unit
 from penode.report.statements import estimate_text
 
 
@@ -31,3 +32,13 @@ def no_current(fit: Fit) -> tuple[KeyValue, ...]:
         KeyValue("Magnet's flux linkage psi_PM", text, detail, psi),
         KeyValue("Inductances L_d, L_q", f"{l_d}, {l_q}", "of the d and the q axis at no current"),
     )
+
+
+def of_winding(fit: Fit) -> tuple[KeyValue, ...]:
+    """Return the temperature that R belongs to; nothing where none was recorded."""
+    known = temperatures_of(fit)
+    if known.resistance is None or not fit.horizon.answered:
+        return ()
+    sentence = known.of_resistance.replace(" degC", "\N{NO-BREAK SPACE}°C")
+    text = f"{number(known.resistance)}\N{NO-BREAK SPACE}°C"
+    return (KeyValue("Winding that R belongs to", text, sentence, known.resistance),)
