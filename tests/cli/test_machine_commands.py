@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from penode.bench.config import load_config
+from penode.cli.fits import require_same_pole_pairs
 from penode.cli.loci import _supported
 from penode.data.save import save
 from penode.errors import InputError
@@ -36,6 +37,14 @@ def test_every_format_is_written(result, penode, tmp_path, to):
     assert out.stat().st_size > 1000
     told = "linear interpolation is within" in " ".join(done.stdout.split())
     assert told == (to not in ("csv", "onnx"))
+
+
+def test_other_pole_pairs_than_the_fit_was_identified_with_are_refused(machine_fit):
+    known = replace(machine_fit, provenance={**machine_fit.provenance, "pole_pairs": 5})
+    for right in (None, 5):
+        require_same_pole_pairs(known, right)
+    with pytest.raises(InputError, match="pole pairs must be 5, .* got 4"):
+        require_same_pole_pairs(known, 4)
 
 
 def test_points_and_pole_pairs_are_taken(result, penode, tmp_path):

@@ -7,7 +7,7 @@ import typer
 
 from penode.arrays import FloatArray
 from penode.cli.console import Row, print_rows
-from penode.cli.fits import load_machine, warn_if_unanswered
+from penode.cli.fits import load_machine, require_same_pole_pairs, warn_if_unanswered
 from penode.cli.options import SavedFit, TrustClasses
 from penode.pmsm.exports.formats import FORMATS, export
 from penode.pmsm.exports.motorcad import reference_resistance
@@ -39,6 +39,7 @@ def export_command(
     Example: penode export result --to c --out machine.h
     """
     fit = load_machine(folder, trust)
+    require_same_pole_pairs(fit, pole_pairs)
     grid = export(fit, to, out, points=points, pole_pairs=pole_pairs)
     rows: list[Row] = [("map", str(out))]
     if to not in ("csv", "onnx"):

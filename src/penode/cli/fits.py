@@ -40,6 +40,16 @@ def load_machine(folder: Path, trust: bool = False) -> Fit:
     return fit
 
 
+def require_same_pole_pairs(fit: Fit, pole_pairs: int | None) -> None:
+    """Refuse pole pairs other than those that a fit was identified with."""
+    stored = fit.provenance.get("pole_pairs")
+    if stored and pole_pairs not in (None, stored):
+        raise InputError(
+            f"pole pairs must be {stored}, as the fit was identified with, got {pole_pairs}; "
+            "leave --pole-pairs out."
+        )
+
+
 def warn_if_unanswered(fit: Fit) -> None:
     """Print a warning where the recordings could not answer."""
     if not fit.horizon.answered:

@@ -9,7 +9,7 @@ import typer
 
 from penode.arrays import FloatArray
 from penode.cli.console import Row, print_rows
-from penode.cli.fits import load_machine, warn_if_unanswered
+from penode.cli.fits import load_machine, require_same_pole_pairs, warn_if_unanswered
 from penode.cli.options import Json, SavedFit, TrustClasses, require_png, require_suffix
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
@@ -74,6 +74,7 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     require_suffix(table, ".csv")
     _require_table(table, torque, speed)
     fit = load_machine(folder, trust)
+    require_same_pole_pairs(fit, pole_pairs)
     machine = ControlledMachine.of(fit, pole_pairs)
     backed = backed_current(machine, float(np.hypot(*fit.excited.T).max()))
     volts = voltage_limit_of(fit) if u_max is None else u_max

@@ -69,13 +69,7 @@ class ControlledMachine:
         InputError
             If neither the fit nor the caller says the pole pairs.
         """
-        stored = fit.provenance.get("pole_pairs")
-        if stored and pole_pairs not in (None, stored):
-            raise InputError(
-                f"pole pairs must be {stored}, as the fit was identified with, got {pole_pairs}; "
-                "leave --pole-pairs out."
-            )
-        pairs = stored if pole_pairs is None else pole_pairs
+        pairs = fit.provenance.get("pole_pairs") if pole_pairs is None else pole_pairs
         if not pairs or pairs < 1:
             raise InputError(
                 "pole pairs must be a whole number >= 1 for the torque, got "
