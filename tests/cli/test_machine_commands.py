@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from penode.bench.config import load_config
-from penode.cli.fits import require_same_pole_pairs
 from penode.cli.loci import _supported
 from penode.data.save import save
 from penode.errors import InputError
@@ -39,21 +38,19 @@ def test_every_format_is_written(result, penode, tmp_path, to):
     assert told == (to not in ("csv", "onnx"))
 
 
-def test_other_pole_pairs_than_the_fit_was_identified_with_are_refused(machine_fit):
-    known = replace(machine_fit, provenance={**machine_fit.provenance, "pole_pairs": 5})
-    for right in (None, 5):
-        require_same_pole_pairs(known, right)
-    with pytest.raises(InputError, match="pole pairs must be 5, .* got 4"):
-        require_same_pole_pairs(known, 4)
-
-
-def test_points_and_pole_pairs_are_taken(result, penode, tmp_path):
+def test_points_are_taken_and_pole_pairs_are_those_of_the_fit(result, penode, tmp_path):
     out = tmp_path / "map.npz"
-    done = penode("export", result, "--to", "npz", "--out", out, "--points", 9, "--pole-pairs", 3)
+    asked = ("export", result, "--to", "npz", "--out", out, "--points", 9)
+    for wrong in ((*asked, "--pole-pairs", 3), ("loci", result, "--pole-pairs", 3)):
+        done = penode(*wrong)
+        assert done.returncode == 2
+        assert "pole pairs must be 5, as the fit was identified with, got 3" in done.stderr
+    assert not out.exists()
+    done = penode(*asked, "--pole-pairs", 5)
     assert done.returncode == 0, done.stderr
     assert "9 x 9" in done.stdout
     with np.load(out) as arrays:
-        assert arrays["n_p"] == 3
+        assert arrays["n_p"] == 5
 
 
 def test_every_range_of_torque_that_recordings_support_is_said():
