@@ -105,5 +105,5 @@ def test_files_that_are_no_map_are_refused(tmp_path, text, words):
     path.write_text(text)
     with pytest.raises(InputError, match=words):
         read_grid(path)
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="there is no such file"):
         read_grid(tmp_path / "absent.csv")
