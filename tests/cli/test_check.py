@@ -1,6 +1,7 @@
 """penode check: findings as sentences or as JSON, a picture, and the exit status."""
 
 import json
+import re
 from dataclasses import replace
 
 import pytest
@@ -31,6 +32,9 @@ def test_a_good_recording(recording, penode, tmp_path):
     told = " ".join(done.stdout.split())
     assert "agree with physics" in told
     assert "R 0." in told
+    visited = [float(part) for part in re.findall(r"([\d.]+) % at i_d [<>] 0 and i_q", told)]
+    assert len(visited) == 4
+    assert sum(visited) == pytest.approx(100, abs=1)
     assert (
         "These recordings can be used as they are; what is undetermined is taken as recorded."
         in told

@@ -15,6 +15,7 @@ from tests.pmsm.injection import injected
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
+from penode.data.save import save
 from penode.fit.fit import Fit
 from penode.pmsm.machine.frames import abc_from_dq
 from penode.pmsm.study_file import load_study
@@ -223,11 +224,23 @@ def test_init_refuses_what_cannot_be_read_and_leaves_nothing(penode, tmp_path):
 
 def test_a_flux_map_is_no_recording(penode, tmp_path):
     table = tmp_path / "fem.csv"
-    table.write_text("i_d,i_q,psi_d,psi_q\n0,0,0.06,0\n1,0,0.061,0\n")
+    points = [f"{d},{q},{0.06 + 1e-3 * d},{2e-3 * q}" for d in range(9) for q in range(9)]
+    table.write_text("\n".join(["i_d,i_q,psi_d,psi_q", *points]))
     done = penode("init", table, "--out", tmp_path / "study.toml")
     assert done.returncode == 2
     assert "got the table of a flux map; compare it" in done.stderr
     assert not (tmp_path / "study.toml").exists()
+
+
+def test_a_recording_with_an_observers_flux_linkage_is_one(run, penode, tmp_path):
+    save(run, tmp_path / "run.csv")
+    header, *rows = (tmp_path / "run.csv").read_text().splitlines()
+    lines = [f"{header},psi_d,psi_q", *(f"{row},0.06,{k}e-6" for k, row in enumerate(rows))]
+    observed = tmp_path / "observed.csv"
+    observed.write_text("\n".join(lines))
+    done = penode("init", observed, "--out", tmp_path / "study.toml")
+    assert done.returncode == 0, done.stderr
+    assert "psi_d" in done.stdout
 
 
 def test_identify_refuses_a_bad_study_file_in_one_sentence(recording, penode, tmp_path):

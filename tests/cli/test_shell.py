@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from penode.cli.console import print_rows
-from penode.cli.main import app
+from penode.cli.main import _reflowed, app
 
 COMMANDS = [command.name for command in app.registered_commands]
 TYPED = """
@@ -110,6 +110,11 @@ def test_wrong_usage_is_refused_in_one_sentence(typed, words, penode):
     assert words in done.stderr
     assert done.stderr.endswith(" --help.\n")
     assert done.stderr.count("\n") == 1
+
+
+def test_a_paragraph_of_help_has_no_line_ends_of_its_own():
+    assert _reflowed("a\n    b\n\n    c") == "a b\n\nc"
+    assert all("\n" not in one for c in app.registered_commands for one in c.help.split("\n\n"))
 
 
 def test_no_words_at_all_show_the_help(penode):

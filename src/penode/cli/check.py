@@ -131,8 +131,8 @@ def _coverage(check: RecordingCheck) -> list[Row]:
         f"electrical speed {speeds} rpm."
     )
     parts = zip(cover.quarters, QUARTERS, strict=True)
-    visited = ", ".join(f"{number(100 * part, 2)} % {name}" for part, name in parts)
-    sentences = (summary, f"Of the samples have {visited}.", *cover.advice)
+    visited = ", ".join(f"{number(100 * part, 2)} % at {name}" for part, name in parts)
+    sentences = (summary, f"Samples by quarter: {visited}.", *cover.advice)
     return [("coverage", sentence) for sentence in sentences]
 
 

@@ -12,7 +12,7 @@ from penode.cli.options import Json, SavedFit, TrustClasses, require_png
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.comparison.map_comparison import compare_maps, compare_resistances
-from penode.pmsm.machine.flux_grid import read_grid
+from penode.pmsm.machine.flux_grid import is_map, read_grid
 
 
 def compare_command(
@@ -30,7 +30,7 @@ def compare_command(
     """
     if out is not None:
         require_png(out)
-    if _is_map(first):
+    if is_map(first):
         raise InputError(f"{first}: a map must be given second, got it first; exchange the two.")
     fit, resistance = load_machine(first, trust), None
     if second.suffix.lower() == ".csv":
@@ -50,12 +50,3 @@ def compare_command(
     else:
         told = {"map": maps.sentence, "R": resistance, "picture": picture}
         print_rows([(name, text) for name, text in told.items() if text is not None])
-
-
-def _is_map(path: Path) -> bool:
-    """Return whether a file is the table of a flux map."""
-    try:
-        read_grid(path)
-    except InputError:
-        return False
-    return True

@@ -10,6 +10,7 @@ from penode.data.load import read
 from penode.data.table import TIME, list_names
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
+from penode.pmsm.machine.flux_grid import is_map
 from penode.pmsm.machine.terms import SPEED
 from penode.pmsm.recording.guess import StudyGuess, at_standstill, guess_study
 from penode.pmsm.recording.study_text import study_text
@@ -34,12 +35,12 @@ def init_command(
     """
     if out.exists() and recording.exists():
         raise InputError(f"{out}: this file exists; remove it, or give another name with --out.")
-    table, _ = read(recording)
-    if {"psi_d", "psi_q"} <= set(table.columns):
+    if is_map(recording):
         raise InputError(
             f"{recording}: must be a recording, got the table of a flux map; compare it with a "
             f"result: penode compare RESULT {recording}."
         )
+    table, _ = read(recording)
     guess = guess_study(table)
     if standstill:
         guess = at_standstill(guess, table, str(recording))

@@ -199,7 +199,7 @@ def _last(locus: Locus) -> dict[str, float | bool] | None:
 def _supported(locus: Locus) -> str:
     """Return the ranges of torque, Nm, in which recordings support a locus."""
     edges = np.flatnonzero(np.diff(locus.supported.astype(int), prepend=0, append=0))
-    ranges = [
+    ranges = [  # + 0.0 takes the sign of a zero away
         f"{locus.torque[first] + 0.0:.3g} to {locus.torque[end - 1] + 0.0:.3g}"
         for first, end in edges.reshape(-1, 2)
     ]

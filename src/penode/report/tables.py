@@ -118,9 +118,9 @@ def ladder_table(
         columns.append(("± std", [std for _, std in shown]))
     shared = len({unit for _, unit in states}) < 2
     caption = (
-        "Errors are root mean squares over the training recordings; over H steps they start from "
-        "the estimated begin of each window, and at H = 1 hold less noise than a prediction from a "
-        "sample. "
+        "Errors are root mean squares over the training recordings. Where the state at the start "
+        "of a window is estimated, an error over one step holds less noise than a prediction from "
+        "a sample. "
     )
     if shared:
         unit = states[0][1] if states else ""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from penode.pmsm.balance.smoothing import Roughness, _Normal, lowest, smoothed
+from penode.pmsm.balance.smoothing import Roughness, _Normal, lowest, smoothed, stiffened
 from penode.training.weak_form import WeakRegression
 
 COUNT, SIZE = 400, 12
@@ -95,6 +95,22 @@ def test_noise_shrinks_what_is_penalised_and_nothing_else(rng):
     assert np.linalg.norm(found.solution[1:]) < 0.5 * np.linalg.norm(plain[1:])
     assert found.solution[0] == pytest.approx(plain[0], abs=1.0)
     assert np.linalg.norm(found.solution - truth) < np.linalg.norm(plain - truth)
+
+
+def test_strengths_are_raised_alike_until_the_solution_is_possible(rng):
+    every, *_ = problem(rng, 0.5)
+    penalties = [Roughness.of(1, np.eye(SIZE)[:6, :6]), Roughness.of(7, np.eye(SIZE)[:6, :6])]
+    found = smoothed(every, penalties)
+    least = np.linalg.norm(found.solution[1:]) / 2
+    stiff = stiffened(every, penalties, found, lambda one: np.linalg.norm(one[1:]) < least)
+    assert np.linalg.norm(stiff.solution[1:]) < least
+    raised = stiff.strength / found.strength
+    np.testing.assert_allclose(raised, raised[0])
+    steps = np.log10(raised[0]) / 0.5
+    assert steps == pytest.approx(round(steps))
+    before = stiffened(every, penalties, found, lambda one: True)
+    np.testing.assert_allclose(before.strength / found.strength, 10**0.5)
+    assert stiffened(every, penalties, found, lambda one: False) is None
 
 
 def test_two_penalties_have_strengths_of_their_own(rng):

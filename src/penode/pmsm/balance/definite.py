@@ -86,7 +86,7 @@ def held_definite(
         left = target - rows @ unseen
         solution = penalised(equations, penalties, smoothed, (rows, left)) + unseen
     # A little below, so that rounding lets no penalty begin where training does.
-    reached = (1 - 1e-5) * float(_principal(everywhere, solution[first:])[0].min())
+    reached = (1 - 1e-5) * least_inductance(everywhere, solution[first:])
     least = min(floor / 2, reached) if reached > 0 else floor / 2
     return Held(solution, everywhere, rows, target, least)
 
@@ -95,9 +95,9 @@ def is_definite(
     parts: Sequence[CoenergyPart], currents: FloatArray, beyond: float, coefficients: FloatArray
 ) -> bool:
     """Return whether a mean map needs no such observations."""
-    values = _principal(hessians(parts, _rectangle(currents, beyond)), coefficients)[0]
+    least = least_inductance(hessians(parts, _rectangle(currents, beyond)), coefficients)
     floor = _LEAST * _visited(parts, currents, coefficients)
-    return bool(floor and (values[:, 0] >= floor / 2).all())
+    return 0 < floor / 2 <= least
 
 
 def _visited(
@@ -186,10 +186,9 @@ def _known(inductances: FloatArray) -> float:
     return 0.0
 
 
-def least_inductance(hessian: FloatArray) -> float:
-    """Return the least principal inductance of W_dd, W_dq and W_qq (point, 3)."""
-    a, b, c = hessian.T
-    return float(((a + c) / 2 - np.hypot((a - c) / 2, b)).min())
+def least_inductance(hessians: FloatArray, weights: FloatArray) -> float:
+    """Return the least principal inductance of coefficients (coefficient,)."""
+    return float(_principal(hessians, weights)[0].min())
 
 
 def _principal(hessians: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,7 +1,7 @@
 """Start of the map of splines: its coefficients by the weak form, its smoothness by likelihood."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TypeAlias
@@ -227,43 +227,47 @@ def _with_harmonics(
         (even, odd),
         (odd, even),
     ]  # cosines and sines; the second of each are those of skew
+
+    def modulated(theta: FloatArray, of: Callable[[_Parts], FloatArray]) -> FloatArray:
+        turning = waves(theta, orders)  # cos and sin of each order by turns
+        return np.concatenate(
+            [
+                turning[:, first + 2 * k, None, None] * table
+                for first, side in enumerate(sides)
+                for table in (of((part,)) for part in side)
+                for k in range(count)
+            ],
+            axis=2,
+        )
+
     regressions = []
     for e in setting.experiments:
         length = short_window(e, max(orders))
         mean = balance_equations(e, setting.terms, setting.basis(e, network.mean), length)
         left = mean.target - mean.matrix @ mean_solution.solution
-        turning = waves(e.channels["theta_el"], orders)  # cos and sin of each order by turns
-        tables = []
-        for first, side in enumerate(sides):
-            for basis in (setting.basis(e, (part,)) for part in side):
-                tables += [turning[:, first + 2 * k, None, None] * basis for k in range(count)]
-        every = balance_equations(e, setting.terms, np.concatenate(tables, axis=2), length)
+        basis = modulated(e.channels["theta_el"], partial(setting.basis, e))
+        every = balance_equations(e, setting.terms, basis, length)
         regressions.append(WeakRegression(every.matrix[:, physical:], left))
     whole = join(regressions)
     tables = np.split(whole.matrix, _ends(sides), axis=1)
     x, theta = setting.samples
-    bent, turning = hessians(network.mean, x), waves(theta, orders)
-    mean = bent @ np.concatenate([part.coefficients.ravel() for part in network.mean])
-    inductances = [
-        turning[:, first + 2 * k, None, None] * hessians((part,), x)
-        for first, side in enumerate(sides)
-        for part in side
-        for k in range(count)
-    ]
-    inductances = np.split(np.concatenate(inductances, axis=2), _ends(sides), axis=2)
+    of_mean = hessians(network.mean, x)
+    constant = np.concatenate([part.coefficients.ravel() for part in network.mean])
+    bends = np.split(modulated(theta, partial(hessians, points=x)), _ends(sides), axis=2)
 
     def fitted(skew: bool) -> tuple[Smoothed, FloatArray, list[Roughness], list[_Parts]]:
         parts = sides if skew else [side[:1] for side in sides]
         matrix = block_diag(*[roughness(p) for side in parts for p in side for _ in orders])
         penalties = [Roughness.of(0, matrix)]
         chosen, bent = (
-            np.concatenate(some if skew else some[::2], axis=-1) for some in (tables, inductances)
+            np.concatenate(some if skew else some[::2], axis=-1) for some in (tables, bends)
         )
         equations = WeakRegression(chosen, whole.target)
         solved = smoothed(equations, penalties)
+        inductances = np.concatenate([of_mean, bent], axis=2)
 
         def possible(amplitudes: FloatArray) -> bool:
-            return least_inductance(mean + bent @ amplitudes) > 0
+            return least_inductance(inductances, np.concatenate([constant, amplitudes])) > 0
 
         if not possible(solved.solution):
             solved = stiffened(equations, penalties, solved, possible) or solved

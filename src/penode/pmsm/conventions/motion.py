@@ -83,10 +83,10 @@ def judge_speed_and_angle(experiment: Experiment, pole_pairs: int | None = None)
     ratio = angle_over_speed(experiment)
     size = abs(ratio)
     fitting = _other_pairs(size, pole_pairs)
-    instead = f"pole_pairs = {fitting} in place of {pole_pairs}"
+    instead = f"pole_pairs = {fitting} in place of {pole_pairs}" if fitting else ""
     evidence = f"the angle turns {ratio:.4g} times as fast as the speed says"
     for pairs in range(2, MOST_POLE_PAIRS + 1):
-        other = fitting and pairs != pole_pairs
+        other = instead and pairs != pole_pairs
         or_else = f"; or, where omega_el is mechanical already, {instead}" if other else ""
         if abs(size / pairs - 1.0) < _RATIO_TOLERANCE:
             finding = BrokenConvention(
@@ -109,18 +109,21 @@ def judge_speed_and_angle(experiment: Experiment, pole_pairs: int | None = None)
         ("omega_el", "theta_el"),
         evidence,
         f"give {instead}"
-        if fitting
+        if instead
         else "give both their units, and mechanical = true where one is of the shaft",
     )
-    speed = experiment.channels["omega_el"] * (size if fitting else 1.0)
-    return finding, with_channels(experiment, {"omega_el": speed})
+    if not instead:
+        return finding, experiment
+    return finding, with_channels(experiment, {"omega_el": size * experiment.channels["omega_el"]})
 
 
 def _other_pairs(size: float, pole_pairs: int | None) -> int | None:
     """Return the pole pairs with which a speed of the shaft would fit the angle; None for none."""
-    whole = round(size * (pole_pairs or 0))
-    fits = whole not in (0, pole_pairs) and abs(size * (pole_pairs or 0) / whole - 1.0)
-    return whole if fits and fits < _RATIO_TOLERANCE and whole <= MOST_POLE_PAIRS else None
+    pairs = size * (pole_pairs or 0)
+    whole = round(pairs)
+    if whole == pole_pairs or not 1 <= whole <= MOST_POLE_PAIRS:
+        return None
+    return whole if abs(pairs / whole - 1.0) < _RATIO_TOLERANCE else None
 
 
 def angle_over_speed(experiment: Experiment) -> float:

@@ -192,6 +192,15 @@ def read_grid(path: str | Path) -> FluxGrid:
     return FluxGrid(i_d, i_q, psi, np.full((2, 2, *shape), np.nan), supported)
 
 
+def is_map(path: Path) -> bool:
+    """Return whether a file is the table of a flux map."""
+    try:
+        read_grid(path)
+    except InputError:
+        return False
+    return True
+
+
 def _read_columns(path: Path) -> dict[str, FloatArray]:
     if not path.exists():
         raise InputError(f"{path}: there is no such file; name a flux map, or a result's folder.")

@@ -255,7 +255,7 @@ class _Delay(DriveImperfection):
     """Samples by which the voltage acts later than it is recorded."""
 
     name, source = "delay", "delay of the voltage"
-    remedy = "Measure when the recorded voltage acts; give how surely in the study file."
+    remedy = "Measure when the recorded voltage acts, and give its accuracy in the study file."
     unit, declared, exact, near = (1.0, "samples"), 0.02, 1.0, 0.1
     credible = (0.1, 4.0)
 

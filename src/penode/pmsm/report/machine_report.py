@@ -12,7 +12,7 @@ from penode.pmsm.report.no_current import no_current, of_winding
 from penode.pmsm.report.points_sections import points_balance, points_parameters
 from penode.pmsm.report.torque_sections import torque_and_operating_points
 from penode.report import sections
-from penode.report.document import Section
+from penode.report.document import KeyValue, Section
 from penode.report.fit_report import Page, Part, fit_report
 from penode.report.loss_weighting import weighting_of, weighting_section
 from penode.report.quantities import fixed, number, with_unit
@@ -87,6 +87,11 @@ def _times(order: float) -> str:
     return f"{sign}{fixed(order, 0) if order == round(order) else number(order)}×"
 
 
+def _beside(fit: Fit) -> tuple[KeyValue, ...]:
+    """Return what stands beside R in the answer."""
+    return *no_current(fit), *of_winding(fit)
+
+
 #: Sections of a machine's report in place of those of any fit.
 _OWN: dict[Part, tuple[Part, ...]] = {
     uncertainty_budget: (uncertainty_budget, points_balance),
@@ -101,7 +106,7 @@ MACHINE_PAGE = Page(
     method="together with the machine's flux-linkage map, so that the voltage equation predicts "
     "the measured currents",
     own=_OWN,
-    beside=lambda fit: (*no_current(fit), *of_winding(fit)),
+    beside=_beside,
     words=(
         (
             "Stator resistance R",
@@ -129,7 +134,7 @@ POINTS_PAGE = Page(
         sections.provenance,
     ),
     own={sections.learned_maps: (*_OWN[sections.learned_maps],)},
-    beside=lambda fit: (*no_current(fit), *of_winding(fit)),
+    beside=_beside,
     words=MACHINE_PAGE.words,
 )
 
