@@ -32,6 +32,7 @@ def draw_climb(axes, ladders, horizon: int) -> None:
     low, high = (1e3 * f(r.parameters["R"] for r in every) for f in (min, max))
     room = 0.15 * (high - low)
     axes.set(xlim=(0.8, 1.4 * every[-1].horizon), ylim=(low - room, high + room))
+    axes.legend(frameon=False, fontsize=9, loc="lower right")
     axes.set_title("Resistance after training at H", loc="left", fontsize=10)
 
 

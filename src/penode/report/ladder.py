@@ -100,6 +100,7 @@ def parameter_over_ladder(fit: Fit, name: str) -> go.Figure:
         _draw_estimates(figure, ladder, panel)
         _set_axes(figure, ladder, panel, shown)
     figure.layout.yaxis.title.text = labelled(symbol(name), ladder.scale.unit)
+    figure.layout.yaxis.automargin = True  # a narrow plateau takes labels of many digits
     if len(views) > 1:
         figure.layout.xaxis2.title.text = "H, plateau enlarged"
     return figure
