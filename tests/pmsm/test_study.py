@@ -105,6 +105,11 @@ def test_everything_written_reads_back(fit, slow_run, tmp_path):
     write(fit, tmp_path)
     result = json.loads((tmp_path / "result.json").read_text())
     assert result["parameters"]["R"]["value"] == fit.parameters["R"].value
+    magnet, l_q = (result["no_current"][name] for name in ("psi_PM", "L_q"))
+    low, high = magnet["interval_95"]
+    assert low < magnet["value"] == float(fit.flux_map(0.0, 0.0)[0]) < high
+    assert l_q["value"] == pytest.approx(float(fit.differential_inductance(0.0, 0.0)[1, 1]))
+    assert l_q["interval_95"] == [None, None]
     assert set(result["metrics"]["train"][slow_run.name]) == {
         "one_step_rmse_A",
         "free_run_rmse_A",

@@ -20,6 +20,8 @@ from penode.report.quantities import number
 
 #: Points of an axis of the table, and the most of them.
 _POINTS, _MOST = 21, 1001
+#: Current limit over the largest recorded current, beyond which a map says nothing.
+_BEYOND = 1.5
 
 
 def loci_command(  # noqa: PLR0913 (an argument an option)
@@ -76,7 +78,13 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     fit = load_machine(folder, trust)
     require_same_pole_pairs(fit, pole_pairs)
     machine = ControlledMachine.of(fit, pole_pairs)
-    backed = backed_current(machine, float(np.hypot(*fit.excited.T).max()))
+    largest = float(np.hypot(*fit.excited.T).max())
+    if i_max is not None and i_max > _BEYOND * largest:
+        raise InputError(
+            f"--i-max must be at most {number(_BEYOND * largest)} A, {_BEYOND} times the largest "
+            f"current that was recorded, got {number(i_max)} A; record larger currents."
+        )
+    backed = backed_current(machine, largest)
     volts = voltage_limit_of(fit) if u_max is None else u_max
     loci = control_loci(machine, backed if i_max is None else i_max, volts)
     points = _points(machine, loci, torque, speed) if table is not None else None

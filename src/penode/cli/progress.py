@@ -112,7 +112,7 @@ class EventLog:
 
 
 class LadderView:
-    """A live table of the ladder on a terminal; nothing where the output is piped."""
+    """A live table of the ladder on a terminal; where the output is piped, a line a horizon."""
 
     def __init__(self, console: Console):
         self._console = console
@@ -141,6 +141,8 @@ class LadderView:
         """Show one event."""
         if event["event"] == "rung":
             self._rows.append(_row(event, str(event["evaluations"])))
+            if not self._console.is_terminal:
+                self._console.print(_line(event), soft_wrap=True, highlight=False)
         self._now = _row(event, "") if event["event"] == "evaluation" else None
         if said := _said(event):
             self._progress.update(self._line, description=said, visible=True)
@@ -179,6 +181,12 @@ def _said(event: Mapping[str, Any]) -> str:
 def _row(event: Mapping[str, Any], evaluations: str) -> tuple[str, ...]:
     error = event["rmse"] if "rmse" in event else math.sqrt(event["loss"])
     return (str(event["horizon"]), _values(event), number(error, 4), evaluations)
+
+
+def _line(event: Mapping[str, Any]) -> str:
+    """Return a finished horizon as a line of a log."""
+    horizon, values, error, _ = _row(event, "")
+    return f"rung {event['stage']} of {event['stages']}: H = {horizon}, {values}, RMSE {error}"
 
 
 def _values(event: Mapping[str, Any]) -> str:

@@ -329,13 +329,19 @@ class Fit:
         with claimed(Path(folder)):
             replace_together(Path(folder), self.files())
 
-    def files(self, beside: Mapping[str, bytes] = MappingProxyType({})) -> dict[str, bytes]:
+    def files(
+        self,
+        beside: Mapping[str, bytes] = MappingProxyType({}),
+        entries: Mapping[str, Any] = MappingProxyType({}),
+    ) -> dict[str, bytes]:
         """Return what `save` writes: names in the folder to contents.
 
         Parameters
         ----------
         beside : mapping of str to bytes
             Other files of the same result; ``result.json`` has the digests of all.
+        entries : mapping
+            Further entries of ``result.json``.
         """
         arrays: dict[str, FloatArray] = {}
         parts = {
@@ -343,7 +349,7 @@ class Fit:
         }
         archived = archive({"schema": SCHEMA, **parts}, arrays)
         made = {**beside, **{f"fit/{name}": content for name, content in archived.items()}}
-        result = to_json({**self.result(), "files": digests(made)})
+        result = to_json({**self.result(), **entries, "files": digests(made)})
         return {**made, "result.json": result.encode()}
 
     @classmethod

@@ -9,6 +9,7 @@ from penode.fit.fit import Fit
 from penode.fit.result_folder import REPORT, claimed, replace_together
 from penode.pmsm.machine.flux_grid import FluxGrid
 from penode.pmsm.machine.standstill import STANDSTILL, excited_axes
+from penode.pmsm.report.no_current import at_no_current
 
 #: Points a side of the grid in ``flux_map.csv``.
 GRID = 41
@@ -37,7 +38,12 @@ def write(fit: Fit, folder: str | Path) -> None:
 
 def write_answer(fit: Fit, folder: Path) -> None:
     """Write all but the report into a claimed folder, and remove the report of what was there."""
-    replace_together(folder, fit.files(beside={"flux_map.csv": flux_map_csv(fit).encode()}))
+    known = {
+        name: {"value": one.value, "interval_95": one.interval_95, "unit": one.unit}
+        for name, one in at_no_current(fit).items()
+    }
+    beside = {"flux_map.csv": flux_map_csv(fit).encode()}
+    replace_together(folder, fit.files(beside, {"no_current": known} if known else {}))
 
 
 def write_report(fit: Fit, folder: Path, truth: FluxGrid | None = None) -> None:

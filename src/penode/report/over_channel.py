@@ -1,4 +1,4 @@
-"""The one-step residual over the value of a channel: speed, angle, or an input of any model."""
+"""The one-step residual along the value of a channel: speed, angle, or an input of any model."""
 
 from collections.abc import Mapping, Sequence
 
@@ -19,14 +19,14 @@ def over_channel_title(shown: Sequence[OverChannel]) -> str:
     for one in shown:
         rms = np.sqrt(np.nanmean(one.rms**2, axis=0))
         shares[one.channel] = float(np.nanmax(np.abs(one.mean) / np.maximum(rms, 1e-300)))
-    texts = [f"{number(100 * share, 2)} % over {name}" for name, share in shares.items()]
-    return f"Mean of the residual over its rms: at most {listed(texts)}"
+    texts = [f"{number(100 * share, 2)} % along {name}" for name, share in shares.items()]
+    return f"Mean of the residual as a share of its rms: at most {listed(texts)}"
 
 
 def over_channel(
     tests: Correlations, shown: Sequence[OverChannel], units: Mapping[str, str]
 ) -> go.Figure:
-    """Draw mean and rms of the residual over each channel, a row per state and a column a channel.
+    """Draw mean and rms of the residual along each channel, a row per state and a column a channel.
 
     ``units`` are those of predicted states and channels, as far as they are known.
     """

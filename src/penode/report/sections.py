@@ -35,7 +35,7 @@ _DRAWN = 8
 #: Inputs over whose values the residual is drawn, and how to read the figure.
 _OVER = 3
 _OVER_CAPTION = (
-    "One-step residual over the value of a channel at the same sample, in stretches of its range. "
+    "One-step residual along the value of a channel at the same sample, in stretches of its range. "
     "A mean away from zero is something the model lacks that goes with the channel; an rms that "
     "changes, noise or ripple that does."
 )

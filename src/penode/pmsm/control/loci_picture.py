@@ -12,7 +12,7 @@ from penode.report import palette
 from penode.report.png import D_AXIS, Q_AXIS, png
 
 _INK, _MUTED, _VEIL = palette.INK.light, palette.MUTED.light, "#e4e9f0"
-_MTPA, _MTPV, _SPEED = D_AXIS, palette.MARKER_LINE.light, Q_AXIS
+_MTPA, _MTPV, _SPEED, _POWER = D_AXIS, palette.MARKER_LINE.light, Q_AXIS, _INK
 _PIXELS = 161
 _TO_RPM = 30 / np.pi
 
@@ -69,8 +69,8 @@ def _draw_over_speed(axes: Axes, loci: ControlLoci, locus: Locus) -> None:
     rpm = locus.speed * _TO_RPM
     _draw_locus(axes, rpm, locus.torque, locus, _SPEED, "torque")
     power = axes.twinx()
-    _draw_locus(power, rpm, 1e-3 * locus.torque * locus.speed, locus, _MTPA, "power")
-    power.set_ylabel("power (kW)", color=_MTPA)
+    _draw_locus(power, rpm, 1e-3 * locus.torque * locus.speed, locus, _POWER, "power")
+    power.set_ylabel("power (kW)", color=_POWER)
     power.spines["top"].set_visible(False)
     axes.set(xlabel="speed (rpm)", xlim=(0, rpm.max()))
     axes.set_ylabel("torque (Nm)", color=_SPEED)

@@ -159,7 +159,10 @@
   });
   dark.addEventListener("change", refit);
   addEventListener("resize", refit);
-  addEventListener("beforeprint", () => drawAll(false, PAPER));
+  addEventListener("beforeprint", () => {
+    document.querySelectorAll("details").forEach((one) => { one.open = true; });
+    drawAll(false, PAPER);
+  });
   addEventListener("afterprint", refit);
 
   // The contents show where the reader is.
