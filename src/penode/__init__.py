@@ -18,7 +18,7 @@ from penode.horizon.identifiability import Start
 from penode.horizon.ladder import ladder_plan
 from penode.identify import Stopped, identify
 from penode.models.base import Model
-from penode.models.parameters import nuisance, parameter, physical
+from penode.models.parameters import delay, nuisance, parameter, physical
 from penode.predictors.base import Predictor
 from penode.training.plan import Plan, Stage
 
@@ -38,6 +38,7 @@ __all__ = [
     "Stopped",
     "Windows",
     "bench",
+    "delay",
     "engine",
     "identify",
     "ladder_plan",

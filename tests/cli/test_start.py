@@ -58,6 +58,10 @@ def test_version(penode, penode_process):
         done = run_command("--version")
         assert (done.returncode, done.stdout, done.stderr) == (0, said, "")
     assert "--version" in penode("--help").stdout
+    as_module = subprocess.run(
+        [sys.executable, "-m", "penode", "--version"], capture_output=True, text=True, timeout=120
+    )
+    assert (as_module.returncode, as_module.stdout) == (0, said)
 
 
 def test_init_knows_a_drives_names_and_pole_pairs_may_come_with_the_command(

@@ -79,11 +79,7 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     require_same_pole_pairs(fit, pole_pairs)
     machine = ControlledMachine.of(fit, pole_pairs)
     largest = float(np.hypot(*fit.excited.T).max())
-    if i_max is not None and i_max > _BEYOND * largest:
-        raise InputError(
-            f"--i-max must be at most {number(_BEYOND * largest)} A, {_BEYOND} times the largest "
-            f"current that was recorded, got {number(i_max)} A; record larger currents."
-        )
+    _require_near(i_max, largest)
     backed = backed_current(machine, largest)
     volts = voltage_limit_of(fit) if u_max is None else u_max
     loci = control_loci(machine, backed if i_max is None else i_max, volts)
@@ -116,6 +112,15 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
             told.append(("voltage limit", limit))
         print_rows([*told, *_figures(loci), *files])
     warn_if_unanswered(fit)
+
+
+def _require_near(i_max: float | None, largest: float) -> None:
+    """Refuse a current limit far beyond the largest recorded current, both A."""
+    if i_max is not None and i_max > _BEYOND * largest:
+        raise InputError(
+            f"--i-max must be at most {number(_BEYOND * largest)} A, {_BEYOND} times the largest "
+            f"current that was recorded, got {number(i_max)} A; record larger currents."
+        )
 
 
 def _require_table(table: Path | None, torque: str | None, speed: str | None) -> None:

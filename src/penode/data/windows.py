@@ -120,6 +120,8 @@ class Windows:
         Measured outputs beside the states, of a model that declares them; without columns else.
     time_steps : ndarray, shape (recording,), or None
         Sampling interval of each recording in s; None where all have `time_step`.
+    begins : ndarray of int64, shape (recording,), or None
+        First sample of each recording, an index into `states`; None: there is one recording.
     """
 
     states: FloatArray
@@ -131,12 +133,15 @@ class Windows:
     time_step: float
     outputs: FloatArray | None = None
     time_steps: FloatArray | None = None
+    begins: IntArray | None = None
 
     def __post_init__(self) -> None:
+        if self.begins is None:
+            object.__setattr__(self, "begins", np.zeros(1))
         if self.outputs is None:
             object.__setattr__(self, "outputs", np.empty((len(self.states), 0)))
-        for name in ("states", "inputs", "outputs", "starts", "recording"):
-            kind = np.int64 if name in ("starts", "recording") else np.float64
+        for name in ("states", "inputs", "outputs", "starts", "recording", "begins"):
+            kind = np.int64 if name in ("starts", "recording", "begins") else np.float64
             copy = np.array(getattr(self, name), dtype=kind, order="C")
             copy.setflags(write=False)
             object.__setattr__(self, name, copy)
@@ -252,6 +257,7 @@ def cut(  # noqa: PLR0913 (three of them are rarely given)
         time_step=fastest,
         outputs=np.concatenate([_columns(each, output_names) for each in experiments]),
         time_steps=sampled if np.ptp(sampled) else None,
+        begins=np.cumsum([0, *map(len, experiments[:-1])]),
     )
 
 

@@ -140,7 +140,9 @@ def _pushed(
     flat = history.reshape(-1, len(at))
 
     def step(flat: JaxArray) -> JaxArray:
-        ahead = predictor.step(model, flat.reshape(history.shape), lambda k: inputs[:, at + k])
+        ahead = predictor.step(
+            model, flat.reshape(history.shape), lambda k: inputs[:, at + jnp.maximum(k, 0)]
+        )
         return ahead.reshape(flat.shape)
 
     seeds = jnp.broadcast_to(jnp.eye(len(flat))[:, :, None], (len(flat), *flat.shape))

@@ -10,7 +10,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.errors import InputError
-from penode.models.transforms import Identity, Transform
+from penode.models.transforms import Bounded, Identity, Transform
 from penode.models.users_code import declaring_line
 
 
@@ -50,6 +50,8 @@ class Setting:
     lowest: float = -np.inf
     # Whether a learned map is linear in it: mean coefficients then give the mean map.
     linear: bool = False
+    # Inputs that act this many s late.
+    delays: tuple[str, ...] = ()
 
 
 _DEFAULT = Setting()
@@ -133,6 +135,36 @@ def physical(
     return _declare(setting, default)
 
 
+def delay(*inputs: str, longest: float, prior: Normal | None = None, meaning: str = "") -> Any:
+    """Declare a physical parameter, in s, by which inputs act late: the dead time of a plant.
+
+    `Model.derivative` and `Model.output` are given these inputs as they act. Between samples an
+    input is interpolated in proportion; before the first sample it is taken to be as there.
+
+    Parameters
+    ----------
+    *inputs : str
+        Of `Model.inputs`, one or several.
+    longest : float
+        Delay in s that is not reached; a start value must lie between none and it.
+    prior, meaning
+        As of `physical`.
+
+    Raises
+    ------
+    InputError
+        If no input is named, or the longest is not above zero.
+    """
+    if not inputs or not 0 < longest < np.inf:
+        raise InputError(
+            f"{declaring_line() or 'a delay'}: name the inputs it delays, and the longest in s "
+            f'above zero, as in penode.delay("power", longest=10.0), got {inputs} and {longest!r}.'
+        )
+    transform = Bounded(0.0, longest)
+    setting = Setting("s", "physical", True, transform, prior, meaning=meaning, delays=inputs)
+    return _declare(setting)
+
+
 def nuisance(unit: str, transform: Transform = _UNCONSTRAINED, prior: Normal | None = None) -> Any:
     """Declare a parameter of which every recording has its own value, such as a sensor offset.
 
@@ -187,6 +219,12 @@ def setting_at(model: eqx.Module, path: Sequence[Any]) -> Setting:
         else:
             node = node[key.idx if hasattr(key, "idx") else key.key]
     return setting
+
+
+def delays_of(model: eqx.Module) -> list[tuple[str, Any]]:
+    """Return the inputs that act late, each with its delay in s as the model has it."""
+    leaves = jax.tree_util.tree_leaves_with_path(model)
+    return [(name, leaf) for path, leaf in leaves for name in setting_at(model, path).delays]
 
 
 def settings(model: eqx.Module) -> Any:

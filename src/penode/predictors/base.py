@@ -9,6 +9,7 @@ from penode.arrays import FloatArray, JaxArray
 from penode.data.rates import alike
 from penode.models.base import Model
 from penode.predictors.band_limited import BandLimitedHold
+from penode.predictors.delays import delayed
 from penode.predictors.field import Field
 from penode.predictors.holds import Drive, Hold, RecordedHold, ZeroOrderHold
 from penode.predictors.input_table import InputTable
@@ -92,7 +93,8 @@ class Predictor:
         history : array, shape (past, state, batch)
             State at t_k first, then at t_(k-1) and before.
         drive : callable
-            Input (row, batch) by offset from sample k, as `prepared` gives its rows.
+            Input (row, batch) by offset from sample k, as `prepared` gives its rows. Of a model
+            with delayed inputs offsets lie far back, and may differ over the batch.
 
         Returns
         -------
@@ -100,6 +102,7 @@ class Predictor:
             Predicted state at t_(k+1) first (paper, eqs. for the explicit single-step, the
             multistep and the implicit predictor).
         """
+        drive = delayed(model, drive, self.time_step)
         if self.table:
             return self.table.step(model, history, drive(0), self.time_step)
         field = Field(model, drive, self.hold, self.time_step)

@@ -10,8 +10,9 @@ import numpy as np
 from penode.arrays import FloatArray, JaxArray
 from penode.models.inputs import Inputs
 
-#: Gives the input (input, batch) at sample k + offset, gathered only when asked for.
-Drive = Callable[[int], JaxArray]
+#: Gives the input (input, batch) at sample k + offset, gathered only when asked for. Offsets may
+#: differ over the batch.
+Drive = Callable[[int | JaxArray], JaxArray]
 
 
 class Hold(Protocol):

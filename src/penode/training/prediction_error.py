@@ -30,6 +30,7 @@ from penode.models.inputs import Inputs
 from penode.models.layout import Layout, Parts
 from penode.models.measured import free_states, predicted_outputs
 from penode.predictors.base import Predictor
+from penode.predictors.delays import Recorded, delayed
 from penode.predictors.holds import Drive
 from penode.predictors.input_table import Substep
 from penode.training.loss import NO_FILTER, Loss, every_step, states
@@ -51,15 +52,16 @@ class Batch(eqx.Module):
     substeps: JaxArray
     # Measured outputs (output, time); no rows where states are measured as they are.
     outputs: JaxArray
+    # First sample of each recording.
+    begins: JaxArray
 
-    def drive(self, step: JaxArray) -> Drive:
-        """Return the input by offset from sample `step` of each window."""
-        at = self.starts + step
-        return lambda offset: self.inputs[:, at + offset]
+    def drive(self, step: JaxArray, number: JaxArray | int = 0) -> Drive:
+        """Return the inputs by offset from sample `step` of each window.
 
-    def tabulated(self, step: JaxArray, number: JaxArray | int) -> JaxArray:
-        """Return what sub-step `number` after sample `step` reads, (place * input, batch)."""
-        return self.inputs[:, (self.starts + step) * self.substeps + number]
+        With a table they are what sub-step `number` after a sample reads, (place * input, batch).
+        """
+        begin = self.begins[self.recording]
+        return Recorded(self.inputs, self.starts + step, begin, self.substeps, number)
 
     def of_windows(self, starts: JaxArray, recording: JaxArray, used: JaxArray) -> "Batch":
         """Return other windows of the same recordings."""
@@ -117,6 +119,7 @@ def compiled_windows(
         used=on_device((np.arange(capacity) < len(windows.starts)).astype(float)),
         substeps=on_device(error.predictor.substeps),
         outputs=with_shared_length(windows.measured.T[: len(error.model.outputs)]),
+        begins=on_device(windows.begins),
     )
 
 
@@ -294,7 +297,7 @@ class PredictionError:
             return history
         model = self._model(parts, batch)
         measured = batch.output(step) if model.outputs else self._measured(model, step, batch)
-        return model.filtered(history[0], measured, self._input(step, batch))[None]
+        return model.filtered(history[0], measured, self._input(model, step, batch))[None]
 
     def _measured(self, model: Model, step: JaxArray, batch: Batch) -> JaxArray:
         return model.corrected(batch.recorded(step))[self.compared]
@@ -314,8 +317,10 @@ class PredictionError:
         model, predictor = self._model(parts, batch), self.predictor
         if predictor.table is None:
             return predictor.step(model, history, batch.drive(step))
-        rows = batch.tabulated(step, number)
-        start = batch.tabulated(step, 0)[: len(driving_channels(model))]
+        rows, start = (
+            delayed(model, batch.drive(step, n), predictor.time_step)(0) for n in (number, 0)
+        )
+        start = start[: len(driving_channels(model))]
         part = Substep(number, batch.substeps, start, predictor.time_step)
         return predictor.table.substep(model, history, rows, part)
 
@@ -329,17 +334,18 @@ class PredictionError:
         """
         model, weight = self._model(parts, batch), self.weight(step, horizon)[:, None]
         if model.outputs:
-            gap = batch.output(step) - predicted_outputs(model, predicted, self._input(step, batch))
+            gap = batch.output(step) - predicted_outputs(
+                model, predicted, self._input(model, step, batch)
+            )
             return gap * jnp.where(step == 0, 1 / jnp.asarray(self.scale)[:, None], weight)
         measured = model.corrected(batch.recorded(step))
         gap = self.loss.domain(model, measured) - self.loss.domain(model, predicted)
         return (gap * weight)[self.compared]
 
-    def _input(self, step: JaxArray, batch: Batch) -> Inputs:
+    def _input(self, model: Model, step: JaxArray, batch: Batch) -> Inputs:
         """Return the input at sample `step` of each window."""
-        tabulated = self.predictor.table is not None
-        rows = batch.tabulated(step, 0) if tabulated else batch.drive(step)(0)
         names = driving_channels(self.model)
+        rows = delayed(model, batch.drive(step), self.predictor.time_step)(0)
         return Inputs(rows[: len(names)], names)
 
     def _model(self, parts: Parts, batch: Batch) -> Model:

@@ -25,6 +25,7 @@ from penode.models.measured import (
 )
 from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
+from penode.predictors.delays import Recorded, as_acting, delayed
 from penode.predictors.rollout import rollout
 from penode.validation.comparison import Comparison
 
@@ -114,7 +115,7 @@ def compare(
             ahead = ahead[:, :samples]
         first = np.asarray(start)[::-1].T
         one_step, free_run = (
-            _predicted(batched, np.concatenate([first, after], axis=1), inputs)
+            _predicted(predictor, batched, np.concatenate([first, after], axis=1), inputs)
             for after in (ahead if guessed else ahead * np.nan, run)
         )
     return Comparison(
@@ -155,15 +156,18 @@ def _measured(model: Model, experiment: Experiment, states: FloatArray) -> Float
     return states[[model.states.index(name) for name in measured_units(model)]]
 
 
-def _predicted(model: Model, states: FloatArray, inputs: FloatArray) -> FloatArray:
+def _predicted(
+    predictor: Predictor, model: Model, states: FloatArray, inputs: FloatArray
+) -> FloatArray:
     """Return what sensors read at states (state, time) and inputs (input, time)."""
     padded = with_shared_length(states), with_shared_length(inputs)
-    return np.asarray(_outputs(model, *padded))[:, : states.shape[1]]
+    return np.asarray(_outputs(model, *padded, predictor.time_step))[:, : states.shape[1]]
 
 
 @jax.jit
-def _outputs(model: Model, states: JaxArray, inputs: JaxArray) -> JaxArray:
-    return predicted_outputs(model, states, Inputs(inputs, driving_channels(model)))
+def _outputs(model: Model, states: JaxArray, inputs: JaxArray, time_step: float) -> JaxArray:
+    acting = as_acting(model, inputs, time_step)
+    return predicted_outputs(model, states, Inputs(acting, driving_channels(model)))
 
 
 def _free_run_squares(
@@ -198,8 +202,8 @@ def _squares(
         return jnp.broadcast_to(column, (len(record), batch))
 
     def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
-        now = k + past - 1
-        return predictor.step(models, history, lambda offset: at(inputs, now + offset)), None
+        now = jnp.full(batch, k + past - 1)
+        return predictor.step(models, history, Recorded(inputs, now)), None
 
     def visit(k: JaxArray, history: JaxArray, _: None, total: JaxArray) -> JaxArray:
         gap = models.corrected(at(measured, k + past)) - history[0]
@@ -247,7 +251,7 @@ def _ahead(
 
     def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
         at = origin + k
-        ahead = predictor.step(model, history, lambda offset: inputs[:, at + offset])
+        ahead = predictor.step(model, history, Recorded(inputs, at))
         return jnp.where(at < target, ahead, history), None
 
     def visit(k: JaxArray, history: JaxArray, _: None, path: JaxArray) -> JaxArray:
@@ -277,11 +281,10 @@ def run_freely(
         return jax.lax.dynamic_slice_in_dim(record, k, 1, axis=1)
 
     def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
-        def drive(offset: int) -> JaxArray:
-            return column(inputs, k + last + offset)
-
+        drive = Recorded(inputs, (k + last)[None])
         if measured is not None:
-            now = Inputs(drive(0)[: len(names)], names)
+            acting = delayed(model, drive, predictor.time_step)(0)
+            now = Inputs(acting[: len(names)], names)
             history = model.filtered(history[0], column(measured, k), now)[None]
         return predictor.step(model, history, drive), None
 
@@ -362,7 +365,8 @@ def _from_free(
     run = run_freely(predictor, model, start, *drive)
     path = jnp.concatenate([start.T, run[:, :-1]], axis=1)
     names = driving_channels(model)
-    return predicted_outputs(model, path, Inputs(drive[0][: len(names)], names))
+    acting = as_acting(model, drive[0][: len(names)], predictor.time_step)
+    return predicted_outputs(model, path, Inputs(acting, names))
 
 
 # Compiled once for all recordings of about a length, all values of parameters and all starts.

@@ -15,6 +15,7 @@ from penode.models.inputs import Inputs
 from penode.models.layout import Layout
 from penode.models.measured import free_states, measured_units, predicted_outputs
 from penode.predictors.base import Predictor
+from penode.predictors.delays import as_acting
 from penode.validation.autocovariance import score_covariance
 from penode.validation.free_run import compare, run_freely, scale_of_errors, with_unmeasured
 
@@ -155,7 +156,8 @@ def _run(
     after = run_freely(predictor, model, start.T[::-1], inputs, samples)
     path = jnp.concatenate([start, after[:, : after.shape[1] - start.shape[1]]], axis=1)
     names = driving_channels(model)
-    return predicted_outputs(model, path, Inputs(inputs[: len(names)], names))
+    acting = as_acting(model, inputs[: len(names)], predictor.time_step)
+    return predicted_outputs(model, path, Inputs(acting, names))
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
