@@ -13,7 +13,7 @@ Training
 Horizon
     `default_plan`; the selectors `Plateau`, `Longest`, `HeldOut`; `Checkpoint`; `LearnedPrior`;
     `weight_matrix`, which shows how a horizon weighs the residual; `profile`, the likelihood over
-    one parameter; what joins a result: `Imperfection`, `Objection`.
+    one parameter, and `bootstrap`; what joins a result: `Imperfection`, `Objection`.
 Data and validation
     `read`, `cut`, `excerpt`; `compare`, `power_spectrum`, `find_lines`.
 
@@ -24,6 +24,7 @@ from penode.data.load import read
 from penode.data.stretches import excerpt
 from penode.data.windows import cut
 from penode.fit.outcome import Objection
+from penode.horizon.bootstrap import Bootstrap, bootstrap
 from penode.horizon.checkpoint import Checkpoint
 from penode.horizon.default_plan import default_plan
 from penode.horizon.held_out import HeldOut
@@ -67,6 +68,7 @@ __all__ = [
     "AdamsBashforth",
     "BandLimitedHold",
     "BestOf",
+    "Bootstrap",
     "Bounded",
     "Checkpoint",
     "ConvexGradient",
@@ -104,6 +106,7 @@ __all__ = [
     "Trapezoidal",
     "WeightDecay",
     "ZeroOrderHold",
+    "bootstrap",
     "compare",
     "cut",
     "default_plan",

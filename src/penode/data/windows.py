@@ -178,7 +178,7 @@ class Windows:
             found.append((np.flatnonzero(own == step), replace(alone, time_steps=None)))
         return found
 
-    def among(self, chosen: slice | BoolArray) -> "Windows":
+    def among(self, chosen: slice | BoolArray | IntArray) -> "Windows":
         """Return some of the windows of the same recordings."""
         return replace(self, starts=self.starts[chosen], recording=self.recording[chosen])
 

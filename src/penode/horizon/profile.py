@@ -108,16 +108,16 @@ def profile(
     deviation = _deviation(fit, parameter)
     if points < 2 or not reach > 0:
         raise InputError(f"points must be >= 2 and reach > 0, got {points} and {reach:g}.")
-    problem, raw = _problem(fit, experiments, plan)
+    problem, raw = problem_of(fit, experiments, plan, fit.horizon.selected)
     layout = problem.objective.layout
     place = int(np.flatnonzero(layout.physical_members)[layout.physical.index(parameter)])
     step, held = deviation * reach / points, problem.moving.copy()
     held[place] = False
-    best = _minimised(problem, raw)
+    best = minimised(problem, raw)
     if best is None:
         raise InputError(f"{parameter}: the predictions diverge at horizon {fit.horizon.selected}.")
     loss, raw = best
-    centre = float(_physical(problem, raw)[layout.physical.index(parameter)])
+    centre = float(physical_of(problem, raw)[layout.physical.index(parameter)])
     values: FloatArray = centre + step * np.arange(-points, points + 1, dtype=np.float64)
     following = replace(problem, moving=held)
     below, above = (
@@ -148,13 +148,13 @@ def _deviation(fit: Fit, parameter: str) -> float:
     return float(deviation)
 
 
-def _problem(
-    fit: Fit, experiments: Sequence[Experiment], plan: Plan | None
+def problem_of(
+    fit: Fit, experiments: Sequence[Experiment], plan: Plan | None, horizon: int
 ) -> tuple[Problem, FloatArray]:
-    """Return the problem of the chosen horizon, and the fit's raw parameters."""
+    """Return the problem of a horizon, and the fit's raw parameters."""
     assert fit.predictor is not None
     plan = plan or default_plan(fit.model, experiments)
-    stage = Stage(fit.horizon.selected, LevenbergMarquardt(_EVALUATIONS))
+    stage = Stage(horizon, LevenbergMarquardt(_EVALUATIONS))
     plan = replace(plan, stages=(stage,), solver=fit.predictor.solver, hold=fit.predictor.hold)
     ladder = LadderProblem.of(fit.model, experiments, plan, ignore_events)
     problem, raw = ladder.problem(stage, plan), ladder.objective.layout.raw(fit.model)
@@ -164,14 +164,14 @@ def _problem(
     return problem, raw
 
 
-def _physical(problem: Problem, raw: FloatArray) -> FloatArray:
+def physical_of(problem: Problem, raw: FloatArray) -> FloatArray:
     """Return the physical parameters (physical,) of raw ones, SI units."""
     layout = problem.objective.layout
     with float64():
         return np.array(layout.physical_values(layout.values(jnp.asarray(raw))))
 
 
-def _minimised(problem: Problem, raw: FloatArray) -> tuple[float, FloatArray] | None:
+def minimised(problem: Problem, raw: FloatArray) -> tuple[float, FloatArray] | None:
     """Return the least loss and its raw parameters; None where predictions diverge."""
     optimiser = LevenbergMarquardt(_EVALUATIONS)
     solution = optimiser.minimise(problem, raw, lambda *_: None)
@@ -185,10 +185,10 @@ def _along(
     layout = problem.objective.layout
     number, found = layout.physical.index(parameter), (0.0, raw)
     for value in values:
-        own = _physical(problem, found[1])
+        own = physical_of(problem, found[1])
         own[number] = value
         try:
-            there = _minimised(problem, layout.with_physical(found[1], own))
+            there = minimised(problem, layout.with_physical(found[1], own))
         except ValueError:  # beyond the parameter's bounds
             there = None
         if there is None:
