@@ -39,6 +39,7 @@ from penode.predictors.tableaus import EULER, RK4
 from penode.training.covariance import Reported
 from penode.training.plan import Problem
 from penode.training.residuals import Objective
+from penode.validation.comparison import StationaryComparison
 from penode.validation.residual_tests import Spectrum
 
 settings.register_profile("seeded", derandomize=True, database=None, deadline=None)
@@ -356,7 +357,7 @@ class ObservedFit:
 
 @pytest.fixture(scope="session")
 def oscillator() -> ObservedFit:
-    """Return the fit of `Duffing` to a mass on a cubic spring, on a short ladder."""
+    """Return the fit of `Duffing` to a mass on a cubic spring, on a short ladder, beside points."""
     start = Duffing(TanhLayers.random((1, 3, 1), seed=1), mass=1.0, damping=0.1)
     recording, events = oscillation("train.csv", 800, 1.0), []
     fit = identify(
@@ -366,7 +367,10 @@ def oscillator() -> ObservedFit:
         validation=[oscillation("unseen.csv", 300, 2.0)],
         observer=events.append,
     )
-    return ObservedFit(fit, recording, events)
+    at, ones = np.array([[0.1, 0.0], [0.3, 0.0]]), np.ones((2, 1))
+    near = (at[:, :1], at[:, :1] + 0.01, at[:, :1] - 0.02, 0.015 * ones)
+    points = StationaryComparison("springs.csv", ("position",), ("m",), at, *near)
+    return ObservedFit(replace(fit, stationary=points), recording, events)
 
 
 # --- compiled once, or quickly ----------------------------------------------------------------

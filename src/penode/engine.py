@@ -9,7 +9,7 @@ Learned maps and transforms
     `Gradient`, `Scaled`; `Positive`, `Bounded`, `PositiveDefinite`; `Normal`, a prior.
 Training
     `Loss` with `Prefilter`, scales, weights and domains; penalties; the optimisers
-    `LevenbergMarquardt`, `FirstOrder`, `BestOf`.
+    `LevenbergMarquardt`, `FirstOrder`, `BestOf`; `SteadyPoints`, measured at rest.
 Horizon
     `default_plan`; the selectors `Plateau`, `Longest`, `HeldOut`; `Checkpoint`; `LearnedPrior`;
     `weight_matrix`, which shows how a horizon weighs the residual; `profile`, the likelihood over
@@ -59,6 +59,7 @@ from penode.training.penalties import (
     WeightDecay,
 )
 from penode.training.second_order import LevenbergMarquardt
+from penode.training.steady_points import SteadyPoints
 from penode.validation.free_run import compare
 from penode.validation.residual_lines import find_lines, power_spectrum
 
@@ -100,6 +101,7 @@ __all__ = [
     "Smoothness",
     "SoftReciprocity",
     "Spline",
+    "SteadyPoints",
     "StudentT",
     "Substeps",
     "TanhLayers",

@@ -20,6 +20,7 @@ from penode.horizon.noise_model import searched
 from penode.horizon.objections import checks_of, guarded, objections, with_objections
 from penode.horizon.search import Search
 from penode.horizon.selection import Selector
+from penode.horizon.steady import checks_of_points
 from penode.models.base import Model
 from penode.models.checked import require_sound
 from penode.training.plan import Plan
@@ -112,7 +113,10 @@ def identify(
     def examined() -> Fit:
         fit = restored(assembly.fit(validation, began))
         missed: list[str] = []
-        checks = [guarded(one, missed) for one in (*start.checks, *checks_of(plan))]
+        checks = [
+            guarded(one, missed)
+            for one in (*start.checks, *checks_of_points(start), *checks_of(plan))
+        ]
         raised = [*climbed.objections, *objections(fit, experiments, checks), *check.objections]
         return with_objections(replace(fit, warnings=(*missed, *fit.warnings)), raised)
 

@@ -56,6 +56,7 @@ def test_a_report_of_any_model_has_every_section(text):
     assert titles == [
         "Parameters over the horizon",
         "Uncertainty budget",
+        "Points against the model",
         "Learned maps",
         "Prediction against measurement",
         "What the model does not explain",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from penode.validation.comparison import Comparison
+from penode.validation.comparison import Comparison, StationaryComparison
 
 if TYPE_CHECKING:
     from penode.fit.fit import Fit
@@ -25,6 +25,8 @@ def text(fit: "Fit") -> str:
         for row in rows
     ]
     lines += [f"  {_where(c)}: {_errors(c)}" for c in fit.recordings]
+    if fit.stationary is not None:
+        lines.append(f"  {fit.stationary.name} (at rest): {_at_rest(fit.stationary)}")
     lines += [f"  Warning: {warning}" for warning in fit.warnings]
     return "\n".join([f"Fit of {type(fit.model).__name__}: {_horizon(fit)}", *lines])
 
@@ -70,6 +72,14 @@ def _number(value: float, std: float) -> str:
 
 def _where(comparison: Comparison) -> str:
     return f"{comparison.name} ({comparison.role})"
+
+
+def _at_rest(points: StationaryComparison) -> str:
+    """Return the errors at points in words."""
+    return ", ".join(
+        f"{name} {one['rmse']:.3g} {one['unit']}, without the point {one['rmse_without']:.3g}"
+        for name, one in points.metrics().items()
+    )
 
 
 def _errors(comparison: Comparison) -> str:

@@ -14,7 +14,15 @@ from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.fit.learned_uncertainty import LearnedUncertainty
 from penode.fit.outcome import Contribution
 from penode.fit.provenance import provenance_of
-from penode.horizon.consensus import LEFT_OUT, Consensus, averaged, map_weights, retrained
+from penode.horizon.consensus import (
+    BESIDE,
+    LEFT_OUT,
+    PRIOR,
+    Consensus,
+    averaged,
+    map_weights,
+    retrained,
+)
 from penode.horizon.cross_checks import CrossCheck
 from penode.horizon.discrepancy import what_is_left_out
 from penode.horizon.identifiability import Start
@@ -23,6 +31,7 @@ from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.horizon.loss_weighting import linearised
 from penode.horizon.selection import Choice
 from penode.horizon.simulation import best_in_free_run
+from penode.horizon.steady import compared_at_rest
 from penode.horizon.uncertainty_budget import Imperfection, budget, raw_shifts
 from penode.models.base import Model
 from penode.models.measured import hidden_states, measured_units
@@ -88,6 +97,9 @@ class Assembly:
             learned_uncertainty=self._uncertainty(),
             initial_states=initial_states(self.problem, self._raw, self._covariance, seen),
             covariance=self._joint,
+            stationary=compared_at_rest(
+                self.start, self.problem, self.rungs[self.choice.index], self._raw, self._moving
+            ),
             correlations=residual_correlations(comparisons[shown], whole[shown], model.inputs),
             nuisances=self._nuisances(),
             simulation=self._model(self.rungs[best_in_free_run(self.rungs)].solution.raw),
@@ -212,10 +224,13 @@ class Assembly:
     @cached_property
     def _parts(self) -> Mapping[str, FloatArray]:
         """What the data show of the physical parameters' covariance, by source."""
-        if not self.plan.discrepancy:
-            return self._consensus.parts
-        left_out = what_is_left_out(self.problem, self.plan, self.rungs, self.choice.index)
-        return {**self._consensus.parts, LEFT_OUT: left_out}
+        parts = dict(self._consensus.parts)
+        if self.start.points is not None and PRIOR in parts:
+            parts[BESIDE] = parts.pop(PRIOR)
+        if self.plan.discrepancy:
+            chosen = self.choice.index
+            parts[LEFT_OUT] = what_is_left_out(self.problem, self.plan, self.rungs, chosen)
+        return parts
 
     @cached_property
     def _moved(self) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Priors act where they are declared, as strong as the recordings' own residuals make them."""
+"""What is known beside recordings acts as strongly as their own residuals make it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,25 +14,31 @@ from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.training.covariance import bartlett
 from penode.training.gauss_newton_terms import squared
-from penode.training.penalties import GaussianPrior, Priors
+from penode.training.penalties import GaussianPrior, Penalty, Priors
 from penode.training.plan import Plan
 
 
 def with_declared_priors(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:
-    """Return a plan whose loss has the priors that the model's parameters were declared with.
+    """Return a plan whose loss has priors that were declared, and points at which the plant rests.
 
     The data's loss is a mean of squares. A prior weighs against it as one more measurement does if
     its squared standardised distance is multiplied by the variance of an independent residual over
     the number of all. That variance is the parameter's sandwich variance over its variance under
     white residuals of variance one: a prior as sure as the data then counts as much. The first
-    horizon, trained without priors, shows it. A plan with `penode.engine.Priors` stays as it is.
+    horizon, trained without priors, shows it, and for points that of all parameters together.
+    Priors of a plan with `penode.engine.Priors` stay as they are.
     """
-    layout, loss = Layout(start.model, len(experiments)), plan.loss
+    layout, loss, added = Layout(start.model, len(experiments)), plan.loss, list[Penalty]()
     declared = any(setting.prior for setting in layout.settings)
-    if not declared or any(isinstance(penalty, Priors) for penalty in loss.penalties):
+    declared &= not any(isinstance(penalty, Priors) for penalty in loss.penalties)
+    if not declared and start.points is None:
         return plan
-    priors = declared_priors(layout, _variances(plan, start, experiments))
-    return replace(plan, loss=replace(loss, penalties=(*loss.penalties, *priors)))
+    own, whole = _variances(plan, start, experiments)
+    if declared:
+        added += declared_priors(layout, own)
+    if start.points is not None:
+        added.append(start.points.penalty(start.model, whole))
+    return replace(plan, loss=replace(loss, penalties=(*loss.penalties, *added)))
 
 
 def declared_priors(layout: Layout[Model], variance: FloatArray) -> tuple[GaussianPrior, ...]:
@@ -53,8 +59,13 @@ def declared_priors(layout: Layout[Model], variance: FloatArray) -> tuple[Gaussi
     return tuple(priors)
 
 
-def _variances(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> FloatArray:
-    """Return the variance of an independent residual over the number of all, for each value."""
+def _variances(
+    plan: Plan, start: Start, experiments: Sequence[Experiment]
+) -> tuple[FloatArray, float]:
+    """Return the variance of an independent residual over the number of all.
+
+    For each value, and for all together.
+    """
     ladder = LadderProblem.of(start.model, experiments, plan, ignore_events)
     error, layout = ladder.objective.error, ladder.objective.layout
     # At horizons as short all goes into the windows' starts.
@@ -69,7 +80,7 @@ def _variances(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> F
     scores = bartlett(terms.scores, fit.series.lags)
     of_data = terms.normal - terms.count * squared(problem.penalties(fit.solution.raw)[1])
     robust, white = (np.sum((along @ part) * along, axis=1) for part in (scores, of_data))
-    whole = np.sum(terms.inverse * scores) / max(np.sum(terms.inverse * of_data), 1e-300)
+    whole = float(np.sum(terms.inverse * scores) / max(np.sum(terms.inverse * of_data), 1e-300))
     known = white > 0
     own = np.where(known, robust / np.where(known, white, 1.0), whole)
-    return np.asarray(own / terms.count)
+    return np.asarray(own / terms.count), whole / terms.count

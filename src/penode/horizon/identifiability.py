@@ -9,6 +9,7 @@ from penode.horizon.uncertainty_budget import Imperfection
 from penode.models.base import Model
 from penode.training.penalties import Penalty
 from penode.training.plan import Plan
+from penode.training.steady_points import SteadyPoints
 
 #: Below this independence a parameter and the learned map can stand in for each other.
 THRESHOLD = 0.01
@@ -42,6 +43,8 @@ class Start:
         Of the recordings, by one standard deviation each; they join the uncertainty budget.
     left_out : callable, optional
         Takes the trained model; returns further imperfections for what it leaves out, if anything.
+    points : SteadyPoints, optional
+        At which the plant was at rest: they are fitted together with the recordings.
     """
 
     model: Model
@@ -54,6 +57,7 @@ class Start:
     checks: tuple[Check, ...] = ()
     imperfections: tuple[Imperfection, ...] = ()
     left_out: Callable[[Any], tuple[Imperfection, ...]] | None = None
+    points: SteadyPoints | None = None
 
     def with_penalties(self, plan: Plan) -> Plan:
         """Return a plan with what is known of the learned map in its loss."""

@@ -23,6 +23,7 @@ from penode.report.document import (
     missing,
 )
 from penode.report.html import render
+from penode.report.points_section import points_balance
 from penode.report.quantities import number, scale_for
 from penode.report.sections import (
     horizons,
@@ -51,6 +52,7 @@ Part: TypeAlias = Callable[[Fit], Section | None]
 PARTS: tuple[Part, ...] = (
     parameters,
     uncertainty_budget,
+    points_balance,
     learned_maps,
     predictions,
     residual_section,

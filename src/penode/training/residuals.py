@@ -26,6 +26,7 @@ from penode.training.noise import StudentT
 from penode.training.penalties import GaussianPrior, Penalty
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
 from penode.training.sample_scores import sample_scores
+from penode.training.steady_points import Rest
 
 #: Least curvature of noise with outliers over that of its weighted squares: far from a minimum the
 #: mean curvature may have any sign.
@@ -181,15 +182,20 @@ class Objective:
         return at
 
     def _prior(self, raw: JaxArray, residuals: int) -> FloatArray | float:
-        """Return what Gaussian priors add to the covariance of the scores."""
+        """Return what Gaussian priors and points at rest add to the covariance of the scores."""
         beliefs = [p for p in self.loss.penalties if isinstance(p, GaussianPrior)]
-        if not beliefs:
+        rests = [p for p in self._arguments if isinstance(p, Rest)]
+        if not beliefs and not rests:
             return 0.0
         transform = np.asarray(_transform(self.layout, raw))
+        at_rest = [
+            (rest.scale, np.asarray(_penalties_at(self.layout, (rest,), raw)[1])) for rest in rests
+        ]
         with np.errstate(invalid="ignore"):  # a step too far has none, and is rejected
             slopes = [belief.slopes(self.layout) @ transform for belief in beliefs]
-        parts = zip(beliefs, slopes, strict=True)
-        return residuals**2 * sum(s.T @ (b.variance[:, None] * s) for b, s in parts)
+            believed = [(b.variance[:, None], s) for b, s in zip(beliefs, slopes, strict=True)]
+            parts = [s.T @ (variance * s) for variance, s in (*believed, *at_rest)]
+        return np.asarray(residuals**2 * sum(parts))
 
     def _sums(
         self, raw: FloatArray, windows: Windows, normal: bool = True

@@ -139,6 +139,9 @@ class StationaryComparison:
         Measured; said by the model; said by a model fitted without the point.
     deviation : ndarray, shape (point, quantity)
         Of the difference between the measured one and that without the point.
+    distance : float
+        Of all points together from the model without any, in standard deviations (rms) of that
+        difference; nan where it is not known.
     """
 
     name: str
@@ -149,6 +152,7 @@ class StationaryComparison:
     fitted: FloatArray
     without: FloatArray
     deviation: FloatArray
+    distance: float = float("nan")
 
     @property
     def covered(self) -> dict[str, float]:

@@ -359,14 +359,14 @@ def test_the_residual_is_drawn_over_speed_and_one_turn_of_the_angle():
     fit = machine_fit()
     assert "omega_el" in [one.channel for one in fit.correlations.over]
     text = machine_report(fit)
-    assert "over omega_el" in text
-    assert "over u_d" not in text
+    assert "along omega_el" in text
+    assert "along u_d" not in text
     (one, *_) = fit.correlations.over
     turns = [replace(one, channel="theta_el", value=np.linspace(0, end, 40)) for end in (6.2, 99.0)]
     for angle, shown in zip(turns, (True, False), strict=True):
         fit.correlations = replace(fit.correlations, over=(angle,))
         page = machine_report(fit)
-        assert ("over theta_el" in page) is shown
+        assert ("along theta_el" in page) is shown
         assert ("theta_el in rad" in page) is shown
 
 

@@ -9,14 +9,15 @@ from penode.pmsm.report.against import Against
 from penode.pmsm.report.flux_sections import flux_linkage, inductances
 from penode.pmsm.report.line_causes import named_lines, signed_frequency
 from penode.pmsm.report.no_current import no_current, of_winding
-from penode.pmsm.report.points_sections import points_balance, points_parameters
 from penode.pmsm.report.torque_sections import torque_and_operating_points
 from penode.report import sections
 from penode.report.document import KeyValue, Section
 from penode.report.fit_report import Page, Part, fit_report
 from penode.report.loss_weighting import weighting_of, weighting_section
+from penode.report.points_section import points_balance
 from penode.report.quantities import fixed, number, with_unit
 from penode.report.statements import listed
+from penode.report.tables import parameter_table
 from penode.report.uncertainty_budget import uncertainty_budget
 from penode.validation.residual_lines import Line
 
@@ -92,9 +93,17 @@ def _beside(fit: Fit) -> tuple[KeyValue, ...]:
     return *no_current(fit), *of_winding(fit)
 
 
+def points_parameters(fit: Fit) -> Section:
+    """Return the section on the physical parameters."""
+    lead = (
+        "What the balance of all points says together, with everything that the bench may be wrong "
+        "by left open within its accuracy."
+    )
+    return Section("Physical parameters", lead, [parameter_table(fit)])
+
+
 #: Sections of a machine's report in place of those of any fit.
 _OWN: dict[Part, tuple[Part, ...]] = {
-    uncertainty_budget: (uncertainty_budget, points_balance),
     sections.learned_maps: (flux_linkage, inductances, torque_and_operating_points),
     sections.residual_section: (residual,),
     sections.loss_weighting: (loss_weighting,),

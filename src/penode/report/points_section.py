@@ -1,22 +1,13 @@
-"""The report's sections of a machine that operating points show."""
+"""The report's section on points at which nothing changes."""
 
 from penode.fit.fit import Fit
 from penode.report.document import Section, Table
-from penode.report.quantities import number
-from penode.report.tables import numeric, parameter_table, plain, table
+from penode.report.quantities import labelled, number
+from penode.report.tables import numeric, plain, table
 from penode.validation.comparison import StationaryComparison
 
 #: Points that are listed, those farthest from what the others say.
 _LISTED = 8
-
-
-def points_parameters(fit: Fit) -> Section:
-    """Return the section on the physical parameters."""
-    lead = (
-        "What the balance of all points says together, with everything that the bench may be wrong "
-        "by left open within its accuracy."
-    )
-    return Section("Physical parameters", lead, [parameter_table(fit)])
 
 
 def points_balance(fit: Fit) -> Section | None:
@@ -53,13 +44,16 @@ def _farthest(fit: Fit, one: StationaryComparison) -> Table:
     order = size.max(axis=1).argsort()[::-1][:_LISTED]
     worst = size[order].argmax(axis=1)
     pairs = list(zip(order, worst, strict=True))
+    where = zip(fit.model.states, fit.model.state_units, strict=True)
     return table(
         "Points farthest from what all others say",
         [
             # Of all rows; beside recordings some of them may be left out.
             *([] if fit.comparisons else [("row", [numeric(str(k + 1)) for k in order])]),
-            ("i_d in A", [plain(one.states[k, 0]) for k in order]),
-            ("i_q in A", [plain(one.states[k, 1]) for k in order]),
+            *[
+                (labelled(name, unit), [plain(one.states[k, column]) for k in order])
+                for column, (name, unit) in enumerate(where)
+            ],
             ("quantity", [one.quantities[q] for _, q in pairs]),
             (
                 "measured less expected",
