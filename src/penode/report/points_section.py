@@ -1,5 +1,7 @@
 """The report's section on points at which nothing changes."""
 
+import math
+
 from penode.fit.fit import Fit
 from penode.report.document import Section, Table
 from penode.report.quantities import labelled, number
@@ -44,12 +46,13 @@ def _farthest(fit: Fit, one: StationaryComparison) -> Table:
     order = size.max(axis=1).argsort()[::-1][:_LISTED]
     worst = size[order].argmax(axis=1)
     pairs = list(zip(order, worst, strict=True))
+    joined = fit.comparisons and math.isnan(one.distance)
     where = zip(fit.model.states, fit.model.state_units, strict=True)
     return table(
         "Points farthest from what all others say",
         [
-            # Of all rows; beside recordings some of them may be left out.
-            *([] if fit.comparisons else [("row", [numeric(str(k + 1)) for k in order])]),
+            # Of all rows; points that are joined to a fit may be some of them.
+            *([] if joined else [("row", [numeric(str(k + 1)) for k in order])]),
             *[
                 (labelled(name, unit), [plain(one.states[k, column]) for k in order])
                 for column, (name, unit) in enumerate(where)

@@ -52,7 +52,8 @@ def parameters(fit: Fit) -> Section | None:
     """Return the section on the physical parameters over the horizons."""
     if not fit.parameters:
         return None
-    moved = _MOVED if fit.stationary else ""
+    # Points of one objective with the recordings are in every bar, and their distance is known.
+    moved = _MOVED if fit.stationary and math.isnan(fit.stationary.distance) else ""
     figures = [
         picture(
             ladder_title(fit, name),
