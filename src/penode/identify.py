@@ -91,6 +91,8 @@ def identify(
     start = start if isinstance(start, Start) else Start(start)
     selector = selector_for(purpose, validation or experiments)
     require_sound(start.model)
+    if start.points is not None:
+        start.points.require(start.model)
     require_single_steps(purpose, start.model, validation or experiments)
     given = plan
     plan = start.with_penalties(plan or default_plan(start.model, experiments))

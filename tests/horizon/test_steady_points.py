@@ -21,7 +21,7 @@ from penode import (
     physical,
 )
 from penode.arrays import float64
-from penode.engine import LevenbergMarquardt, SteadyPoints
+from penode.engine import ExtendedKalman, LevenbergMarquardt, SteadyPoints
 from penode.models.inputs import Inputs
 from penode.models.layout import Layout
 from penode.training.plan import Plan, Stage
@@ -180,7 +180,7 @@ def test_outputs_at_rest_are_compared(run):
     with float64():
         layout = Layout(model)
         values = layout.values(jnp.asarray(layout.raw(model)))
-        gaps = table.penalty(model, 1.0).gaps(layout, values)
+        gaps = table.penalty(model).gaps(layout, values)
     np.testing.assert_allclose(gaps, np.zeros((1, 3)), atol=1e-3)
 
 
@@ -192,6 +192,9 @@ class Moving(Decay):
 class Timed(Decay):
     def derivative(self, x, u, t):
         return jnp.stack([self.rate * (self.gain * u[0] - x[0]) + 0 * t])
+
+
+NOISY = ExtendedKalman(Decay(1.0, 1.0), process=(0.1,), sensor=(0.1,))
 
 
 @pytest.mark.parametrize(
@@ -219,6 +222,7 @@ def test_a_bad_table_is_refused(channels, std, words):
             "finds no state of rest at the point of row 1",
         ),
         (Timed(1.0, 1.0), {"u": [1.0], "x": [1.0]}, "time in its equation is never at rest"),
+        (NOISY, {"u": [1.0], "x": [1.0]}, "noise on its states is never at rest"),
     ],
 )
 def test_a_model_that_is_never_at_rest_is_refused(run, model, channels, words):

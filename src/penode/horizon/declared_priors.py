@@ -33,11 +33,12 @@ def with_declared_priors(plan: Plan, start: Start, experiments: Sequence[Experim
     declared &= not any(isinstance(penalty, Priors) for penalty in loss.penalties)
     if not declared and start.points is None:
         return plan
+    rest = None if start.points is None else start.points.penalty(start.model)
     own, whole = _variances(plan, start, experiments)
     if declared:
         added += declared_priors(layout, own)
-    if start.points is not None:
-        added.append(start.points.penalty(start.model, whole))
+    if rest is not None:
+        added.append(replace(rest, scale=whole))
     return replace(plan, loss=replace(loss, penalties=(*loss.penalties, *added)))
 
 

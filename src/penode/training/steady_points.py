@@ -73,12 +73,8 @@ class SteadyPoints:
         object.__setattr__(self, "channels", columns)
         object.__setattr__(self, "std", spread)
 
-    def penalty(self, model: Model, variance: float) -> "Rest":
-        """Return the points as a penalty of the loss of a model.
-
-        `variance` is of an independent residual over the number of all, in units of the loss.
-        Refuses a model without a state of rest at a point, or whose inputs are no columns.
-        """
+    def require(self, model: Model) -> None:
+        """Refuse a model whose inputs are no columns, or that is never at rest."""
         known = measured_units(model)
         strange = [name for name in self.std if name not in known]
         absent = [name for name in model.inputs if name not in self.channels]
@@ -92,16 +88,23 @@ class SteadyPoints:
         if model.covariances or driving_channels(model) != model.inputs:
             what = "noise on its states" if model.covariances else "time in its equation"
             raise InputError(f"{self.name}: a model with {what} is never at rest; leave it out.")
+
+    def penalty(self, model: Model) -> "Rest":
+        """Return the points as a penalty, each standardised gap as one residual.
+
+        Refuses a model without a state of rest at a point.
+        """
+        self.require(model)
+        known = list(measured_units(model))
         count = len(next(iter(self.channels.values())))
         columns = [self.channels.get(name, np.zeros(count)) for name in model.states]
-        places = [list(known).index(name) for name in self.std]
+        places = [known.index(name) for name in self.std]
         made = Rest(
             np.array(columns),
             np.array([self.channels[n] for n in model.inputs]).reshape(-1, count),
             np.array([self.channels[name] for name in self.std]),
             np.array(list(self.std.values())),
             np.array(places),
-            variance,
         )
         with float64():
             layout = Layout(model)
@@ -132,7 +135,7 @@ class Rest:
     # Which of the model's measured quantities the rows are.
     places: Any
     # Variance of a standardised gap in units of the loss.
-    scale: float
+    scale: float = 1.0
 
     def residuals(self, layout: Layout[Model], values: JaxArray) -> JaxArray:
         """Return the standardised gaps, scaled, quantity by quantity."""
