@@ -200,11 +200,13 @@ NOISY = ExtendedKalman(Decay(1.0, 1.0), process=(0.1,), sensor=(0.1,))
 @pytest.mark.parametrize(
     ("channels", "std", "words"),
     [
-        ({"u": [1.0, 2.0], "x": [1.0]}, {"x": 1.0}, "columns of one length"),
-        ({"u": [1.0], "x": [1.0]}, {}, "std of nothing"),
+        ({"u": [1.0, 2.0], "x": [1.0]}, {"x": 1.0}, "columns of numbers of one length"),
+        ({"u": [1.0], "x": [1.0]}, {}, "std must name a measured channel at least, got none"),
         ({"u": [1.0, 2.0], "x": [1.0, np.nan]}, {"x": 1.0}, "x is not finite in row 2"),
         ({"u": [1.0], "x": [1.0]}, {"x": 0.0}, "x must have std > 0"),
         ({"u": [1.0], "x": [1.0]}, {"y": 1.0}, "y has no column"),
+        ({"u": ["off"], "x": [1.0]}, {"x": 1.0}, "columns of numbers"),
+        ({"u": [1.0], "x": [1.0]}, {"x": [1.0, 2.0]}, "or such columns"),
     ],
 )
 def test_a_bad_table_is_refused(channels, std, words):

@@ -1,7 +1,7 @@
 """Points at which nothing changes: f(x, u, theta) = 0 there, measured beside recordings."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -21,6 +21,8 @@ from penode.models.measured import measured_units, predicted_outputs
 _STEPS, _LONGER = 60, 2.0
 #: First step by the fastest rate of the equation.
 _FIRST = 0.1
+#: Change of a state, SI units and relative, from which it is not at rest.
+_STILL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,16 +54,18 @@ class SteadyPoints:
     name: str = "points"
 
     def __post_init__(self) -> None:
-        columns = {name: np.atleast_1d(np.asarray(c, float)) for name, c in self.channels.items()}
-        sizes = {column.shape for column in columns.values()}
-        if len(sizes) != 1 or len(next(iter(sizes))) != 1 or not self.std:
+        try:
+            columns = {n: np.atleast_1d(np.asarray(c, float)) for n, c in self.channels.items()}
+            (shape,) = {column.shape for column in columns.values()}
+            (count,) = shape
+            spread = {n: np.broadcast_to(np.asarray(s, float), count) for n, s in self.std.items()}
+        except (TypeError, ValueError):
             raise InputError(
-                f"{self.name}: channels must be columns of one length, and std must name one of "
-                f"them at least, got lengths {sorted(len(c) for c in columns.values())} and std of "
-                f"{', '.join(self.std) or 'nothing'}."
-            )
-        count = next(iter(sizes))[0]
-        spread = {n: np.broadcast_to(np.asarray(s, float), count) for n, s in self.std.items()}
+                f"{self.name}: channels must be columns of numbers of one length, and std numbers "
+                "or such columns; correct them."
+            ) from None
+        if not spread:
+            raise InputError(f"{self.name}: std must name a measured channel at least, got none.")
         for name, column in columns.items():
             if not np.isfinite(column).all():
                 row = int(np.argmin(np.isfinite(column))) + 1
@@ -108,13 +112,15 @@ class SteadyPoints:
         )
         with float64():
             layout = Layout(model)
-            gaps = np.asarray(made.gaps(layout, layout.values(jnp.asarray(layout.raw(model)))))
-        if not np.isfinite(gaps).all():
-            row = int(np.argmin(np.isfinite(gaps).all(axis=0))) + 1
+            values = layout.values(jnp.asarray(layout.raw(model)))
+            rest = np.asarray(made.state(layout, values))
+            again = np.asarray(replace(made, guess=rest).state(layout, values))
+        still = np.isclose(again, rest, rtol=_STILL, atol=_STILL).all(axis=0)
+        if not still.all():
             raise InputError(
-                f"{self.name}: the model finds no state of rest at the point of row {row} from its "
-                "start values; give a first guess of its states as channels, or leave out points "
-                "at which it moves."
+                f"{self.name}: the model finds no state of rest at the point of row "
+                f"{int(np.argmin(still)) + 1} from its start values; give a first guess of its "
+                "states as channels, or leave out points at which it moves."
             )
         return made
 
