@@ -19,6 +19,11 @@ def run_penode(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
 
+def without_progress(stderr: str) -> str:
+    """Return what was said on standard error beside the lines of finished horizons."""
+    return "".join(line for line in stderr.splitlines(True) if not line.startswith("rung "))
+
+
 @pytest.fixture(scope="session")
 def penode_process():
     return run_penode

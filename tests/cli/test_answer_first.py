@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.cli.conftest import without_progress
 
 from penode import Fit
 from penode.bench.machines import TRACTION_300A
@@ -232,7 +233,7 @@ def test_a_check_that_fails_is_a_warning_and_the_verdict_stands(identified, monk
     monkeypatch.setattr(objections, "finite_residual", failing)
     done = identified()
     assert done.returncode == 0, done.stderr
-    said = done.stderr.splitlines()
+    said = without_progress(done.stderr).splitlines()
     assert [line.split(" could ")[0] for line in said] == [
         "note: The check for few samples decide",
         "note: The check for dependent residual",

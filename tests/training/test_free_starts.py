@@ -149,7 +149,7 @@ def test_estimated_starts_are_those_of_scipy(case, windows):
     with float64():
         values, none = jnp.asarray(RAW[:, None]), np.empty((0, WINDOWS + HORIZON))
         parts = (few.states.T, few.inputs.T, few.starts, few.recording, np.ones(len(few)), 1, none)
-        batch = Batch(*(jnp.asarray(part) for part in parts))
+        batch = Batch(*(jnp.asarray(part) for part in (*parts, few.begins)))
         found = estimated_starts(case.objective.error, values, jnp.asarray(HORIZON), batch)
     expected = case.starts(RAW, few)
     assert np.abs(expected).max() > 0.05

@@ -186,7 +186,8 @@ def _row(event: Mapping[str, Any], evaluations: str) -> tuple[str, ...]:
 def _line(event: Mapping[str, Any]) -> str:
     """Return a finished horizon as a line of a log."""
     horizon, values, error, _ = _row(event, "")
-    return f"rung {event['stage']} of {event['stages']}: H = {horizon}, {values}, RMSE {error}"
+    found = ", ".join(filter(None, (f"H = {horizon}", values, f"RMSE {error}")))
+    return f"rung {event['stage']} of {event['stages']}: {found}"
 
 
 def _values(event: Mapping[str, Any]) -> str:
