@@ -34,7 +34,14 @@ def error(ended: Ended, name: str) -> float:
     return ended.result["parameters"]["R"]["value"] / MACHINES[machine].resistance - 1
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+#: The one with every part of a bench; `make validate` has all.
+SHORT = [
+    pytest.param(name, marks=() if name == "paper_testbench" else pytest.mark.slow)
+    for name in CONFIGS
+]
+
+
+@pytest.mark.parametrize("name", SHORT)
 def test_a_short_recording_of_it_ends_with_a_result(name, tmp_path):
     """Less of it, and few unknowns; calibration, checkpoint, map and report are the same."""
     text = CONFIGS[name].read_text()

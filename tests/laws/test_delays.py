@@ -74,7 +74,18 @@ def terms_of(model, runs, predictor, reach=(0, 10_000)):
     return objective.gauss_newton(objective.layout.raw(model), windows)
 
 
-@pytest.mark.parametrize("name", PREDICTORS)
+#: Every predictor is checked by `make validate`; one of each kind by every `make test`.
+QUICK = {
+    "rk4",
+    "ab2",
+    "implicit midpoint",
+    "sub-steps, straight input",
+    "rk4, band-limited input",
+}
+NAMES = [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in PREDICTORS]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_a_delay_is_a_recording_whose_input_is_moved(name, rng):
     predictor, (made, acting) = Predictor(STEP, *PREDICTORS[name]), recordings(rng)
     # At an end the band-limited input through moved samples is another one.
@@ -148,7 +159,7 @@ class Heater(Model):
         return ((self.gain * u["power"] - x[0]) / self.tau)[None]
 
 
-@pytest.mark.parametrize("start", [0.6, 9.0])
+@pytest.mark.parametrize("start", [pytest.param(0.6, marks=pytest.mark.slow), 9.0])
 def test_a_dead_time_is_estimated_from_far_off(heated, start):
     fit = identify(Heater(1.0, 8.0, start), [heated], plan=penode.ladder_plan((20, 60)))
     for name, truth in (("gain", 0.8), ("tau", 12.0), ("dead_time", 3.7)):
