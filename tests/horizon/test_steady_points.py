@@ -134,6 +134,16 @@ def test_both_are_one_least_squares_problem(run, points, fit):
     assert fit.horizon.ladder[0].std["gain"] == pytest.approx(known, rel=0.15)
 
 
+def test_recordings_and_points_weigh_as_their_noise_says(run):
+    """Points as sure as the recordings, and apart from them: the estimate lies in the middle."""
+    alone = identify(Decay(1.0, 1.0), [run], plan=PLAN)
+    gain, of_run = alone.parameters["gain"].value, alone.horizon.ladder[0].std["gain"]
+    apart = 2 * of_run
+    one = SteadyPoints({"u": [1.0], "x": [gain + apart]}, {"x": of_run})
+    both = identify(Start(Decay(1.0, 1.0), points=one), [run], plan=PLAN)
+    assert (both.parameters["gain"].value - gain) / apart == pytest.approx(0.5, abs=0.08)
+
+
 def test_a_point_is_compared_with_a_fit_without_it(run, points, fit, tmp_path):
     said = fit.stationary
     assert said.name == "bench"
