@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -170,3 +171,11 @@ def test_maps_that_cannot_be_drawn_are_named(oscillator):
         object.__setattr__(model, name, value)
     text = fit_report(dataclasses.replace(oscillator.fit, model=model))
     assert "drag: drawn are maps of one or two states" in text
+
+
+def test_the_caption_says_of_points_what_is_so(oscillator):
+    """Points that were joined to a fit moved its answer; those of one objective are in each bar."""
+    words, fit = "after the operating points have moved and narrowed it", oscillator.fit
+    assert words in fit_report(fit)
+    inside = replace(fit, stationary=replace(fit.stationary, distance=1.0))
+    assert words not in fit_report(inside)
