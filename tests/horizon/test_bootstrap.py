@@ -3,21 +3,13 @@
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from tests.horizon.test_profile import PLAN, STEP, Decay, fit, run  # noqa: F401 (fixtures)
+from tests.horizon.test_profile import PLAN, STEP, Decay, errors, fit, run  # noqa: F401 (fixtures)
 
 from penode import Experiment, InputError, identify
 from penode.engine import bootstrap
 from penode.horizon.bootstrap import resampled
 
 DRAWS, SEED = 6, 4
-
-
-def errors(parameters, run):  # noqa: F811
-    rate, gain = parameters
-    z = -rate * STEP
-    kept = 1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24
-    x, u = run.channels["x"], run.channels["u"]
-    return x[1:] - kept * x[:-1] - (1 - kept) * gain * u[:-1]
 
 
 def test_every_draw_is_least_squares_of_its_windows(fit, run):  # noqa: F811

@@ -45,13 +45,22 @@ def fit(run):
     return identify(Decay(1.0, 1.0), [run], plan=PLAN)
 
 
+def kept(rate):
+    """What a classic Runge-Kutta step keeps of x: 1 + z + z^2/2 + z^3/6 + z^4/24."""
+    z = -rate * STEP
+    return 1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24
+
+
+def errors(parameters, run):
+    """One-step errors of a rate and a gain."""
+    rate, gain = parameters
+    x, u = run.channels["x"], run.channels["u"]
+    return x[1:] - kept(rate) * x[:-1] - (1 - kept(rate)) * gain * u[:-1]
+
+
 def least_squares(run, rate):
     """The least sum of squares at a rate, the gain estimated: one linear column."""
-    # The classic Runge-Kutta step of a rate z: 1 + z + z^2/2 + z^3/6 + z^4/24.
-    z = -rate * STEP
-    kept = 1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24
-    x, u = run.channels["x"], run.channels["u"]
-    left, column = x[1:] - kept * x[:-1], (1 - kept) * u[:-1]
+    left, column = errors((rate, 0.0), run), (1 - kept(rate)) * run.channels["u"][:-1]
     return np.sum((left - column * (column @ left) / (column @ column)) ** 2)
 
 

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from tests.horizon.test_profile import GAIN, PLAN, RATE, STEP, Decay, errors
 
 from penode import (
-    Contiguous,
     Experiment,
     Fit,
     InputError,
@@ -21,28 +21,12 @@ from penode import (
     physical,
 )
 from penode.arrays import float64
-from penode.engine import ExtendedKalman, LevenbergMarquardt, SteadyPoints
+from penode.engine import ExtendedKalman, SteadyPoints
 from penode.models.inputs import Inputs
 from penode.models.layout import Layout
-from penode.training.plan import Plan, Stage
 from penode.training.steady_points import state_of_rest
 
-STEP, RATE, GAIN = 0.1, 0.7, 2.0
 NOISE, SURE = 0.05, 0.02
-
-
-class Decay(Model):
-    """x' = rate (gain u - x), at rest at gain u."""
-
-    states: ClassVar = ("x",)
-    inputs: ClassVar = ("u",)
-    state_units: ClassVar = ("V",)
-
-    rate: object = physical("1/s")
-    gain: object = physical("V/V")
-
-    def derivative(self, x, u):
-        return jnp.stack([self.rate * (self.gain * u[0] - x[0])])
 
 
 class Tanks(Model):
@@ -82,9 +66,6 @@ def points():
     return SteadyPoints({"u": u, "x": measured}, {"x": SURE}, "bench")
 
 
-PLAN = Plan((Stage(1, LevenbergMarquardt(60)),), Contiguous())
-
-
 @pytest.fixture(scope="module")
 def fit(run, points):
     return identify(Start(Decay(1.0, 1.0), points=points), [run], plan=PLAN)
@@ -106,14 +87,6 @@ def test_rest_and_its_slopes_are_the_closed_form():
     expected = np.zeros((2, 3, 2))
     expected[0, :, 0], expected[1, :, 1] = -2 * levels[0] / 0.5, -2 * levels[1] / 0.4
     np.testing.assert_allclose(slopes, expected, rtol=1e-4, atol=1e-6)
-
-
-def errors(parameters, run):
-    rate, gain = parameters
-    z = -rate * STEP
-    kept = 1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24
-    x, u = run.channels["x"], run.channels["u"]
-    return x[1:] - kept * x[:-1] - (1 - kept) * gain * u[:-1]
 
 
 def test_both_are_one_least_squares_problem(run, points, fit):
@@ -182,7 +155,7 @@ def test_points_that_contradict_are_an_objection(run, points):
     assert "points contradict" in [one.name for one in fit.horizon.objections]
 
 
-def test_outputs_at_rest_are_compared(run):
+def test_outputs_at_rest_are_compared():
     inflow = np.array([0.2, 0.5, 0.9])
     pressure = 0.1 * (inflow / 0.4) ** 2 + 0.01 * inflow
     table = SteadyPoints({"inflow": inflow, "pressure": pressure}, {"pressure": 0.001})

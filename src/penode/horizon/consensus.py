@@ -46,7 +46,7 @@ _FINEST = 1e-5
 #: What a deviation comes from: rows of the uncertainty budget.
 STATISTICS, HORIZON = "statistics of the residuals", "spread over the horizons"
 PRIOR, NUMERICS = "prior of the learned map", "numerical agreement"
-#: The prior's row where points at rest, or priors of parameters, are in it.
+#: That row where points at rest are in it.
 BESIDE = "priors and points at rest"
 LEFT_OUT, BETWEEN = "what the model leaves out", "differences between the recordings"
 

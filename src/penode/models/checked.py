@@ -64,15 +64,14 @@ def require_sound(model: Any) -> None:
             if declared or _overrides(model, name):
                 acting |= _traced(model, name)
     for place, (name, setting) in enumerate(zip(layout.names, layout.settings, strict=True)):
-        other = [late for late in setting.delays if late not in model.inputs]
-        if setting.delays and not other:
-            continue
-        if other:
-            raise InputError(
-                f"{kind.__name__}.{name} delays {other[0]}, which is no input"
-                f"{did_you_mean(other[0], model.inputs)}; the inputs are {', '.join(model.inputs)}."
-            )
-        if (setting.physical or setting.per_experiment) and place not in acting:
+        for late in setting.delays:
+            if late not in model.inputs:
+                raise InputError(
+                    f"{kind.__name__}.{name} delays {late}, which is no input"
+                    f"{did_you_mean(late, model.inputs)}; the inputs are {', '.join(model.inputs)}."
+                )
+        acts = place in acting or setting.delays  # a delay acts on the inputs
+        if (setting.physical or setting.per_experiment) and not acts:
             where = "derivative or output depends" if model.outputs else "derivative depends"
             raise InputError(
                 f"{kind.__name__}.{name} acts nowhere: no {where} on it, so no recording can show "
