@@ -39,14 +39,14 @@ class Cost:
     clock: float
 
 
-def cost(arguments: list[str]) -> Cost:
-    """Run a command of penode and return what it took."""
+def cost(module: str, arguments: list[str]) -> Cost:
+    """Run a module and return what it took."""
     began = time.monotonic()
-    command = [sys.executable, "-m", "penode_launcher", *arguments]
+    command = [sys.executable, "-m", module, *arguments]
     running = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(running.pid, 0)
     if os.waitstatus_to_exitcode(status):
-        raise SystemExit(f"penode {' '.join(arguments)} ended with status {status}.")
+        raise SystemExit(f"{module} {' '.join(arguments)} ended with status {status}.")
     seconds = usage.ru_utime + usage.ru_stime
     return Cost(usage.ru_maxrss * 1024 / 1e6, seconds, time.monotonic() - began)
 
@@ -73,7 +73,7 @@ def main() -> None:
             write(file, samples)
             commands = {"check": [], "identify": ["--out", f"{folder}/result"]}
             for name, options in commands.items():
-                taken = cost([name, str(file), *options])
+                taken = cost("penode_launcher", [name, str(file), *options])
                 print(
                     f"| {name} | {samples} | {taken.memory:.0f} MB | {taken.processor:.0f} s "
                     f"| {taken.clock:.0f} s | {_against_budget(name, samples, taken)} |",

@@ -467,6 +467,9 @@ def test_a_declared_prior_counts_like_a_measurement(unbelieved, sign):
     one = identify(Believed(1.0, 0.5), [driven()], plan=ladder_plan((3,))).parameters["a"]
     assert (one.value - value) / std == pytest.approx(sign, abs=0.15)
     assert one.std / std == pytest.approx(math.sqrt(0.5), abs=0.1)
+    rows = {row.source: row.std for row in one.budget}
+    assert 0 < rows["declared priors"] < one.std
+    assert "prior of the learned map" not in rows
 
 
 class Product(Model):

@@ -215,6 +215,23 @@ def test_init_says_what_it_could_not_find(penode, tmp_path):
     assert "pole_pairs is missing" in done.stderr
 
 
+def test_init_says_how_samples_that_are_counted_get_their_times(run, penode, tmp_path):
+    """The line it writes, with its comment sign removed, makes a recording of the file."""
+    save(run, tmp_path / "timed.csv")
+    header, *rows = (tmp_path / "timed.csv").read_text().splitlines()
+    counted, config = tmp_path / "run.csv", tmp_path / "study.toml"
+    lines = [f"{k},{row.split(',', 1)[1]}" for k, row in enumerate(rows)]
+    counted.write_text("\n".join([header.replace("t,", "SampleNo,", 1), *lines]))
+    done = penode("init", counted, "--out", config)
+    assert "Fill in before you use it: time_step (SampleNo counts samples)" in " ".join(
+        done.stdout.split()
+    )
+    config.write_text(config.read_text().replace("# time_step =", "time_step ="))
+    run_again = load_study(config).load(counted)
+    assert run_again.time_step == pytest.approx(1e-4)
+    assert len(run_again) == len(run)
+
+
 def test_init_refuses_what_cannot_be_read_and_leaves_nothing(penode, tmp_path):
     done = penode("init", tmp_path / "gone.csv", "--out", tmp_path / "study.toml")
     assert done.returncode == 2

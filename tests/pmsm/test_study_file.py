@@ -65,7 +65,14 @@ def test_settings_and_channels_are_read(config):
     )
     asked = load_study(path)
     assert asked.study == Study(
-        "spline", 9, 3, 4, terms=(DeadTime(),), candidates=(), hold="stationary"
+        "spline",
+        9,
+        3,
+        4,
+        terms=(DeadTime(),),
+        candidates=(),
+        hold="stationary",
+        of_shaft=("omega_el",),
     )
     run = asked.load(path.parent / "run.csv")
     np.testing.assert_allclose(run.channels["omega_el"], 3 * 1000 * np.pi / 30, rtol=1e-14)

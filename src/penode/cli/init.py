@@ -12,6 +12,7 @@ from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.machine.flux_grid import is_map
 from penode.pmsm.machine.terms import SPEED
+from penode.pmsm.recording.drive_mapping import TIME_STEP
 from penode.pmsm.recording.guess import StudyGuess, at_standstill, guess_study
 from penode.pmsm.recording.study_text import study_text
 
@@ -57,15 +58,18 @@ def init_command(
 
 def _open_questions(guess: StudyGuess) -> str:
     """Say what a person has to fill in, or only to look at."""
-    timeless = guess.missing == (TIME,)
-    missing = [f"column of {name}" for name in guess.missing if not timeless]
+    timeless = guess.missing == (TIME,) and not guess.counter
+    missing = [f"column of {name}" for name in guess.missing if not timeless and name != TIME]
+    if TIME in guess.missing and not timeless:
+        counted = f" ({guess.counter} counts samples)" if guess.counter else ""
+        missing.insert(0, f"{TIME_STEP}{counted}")
     missing += ["pole_pairs"] * guess.lacks_pole_pairs
     missing += guess.bases
     if timeless:
         first = f" Fill in before you use it: {', '.join(missing)}." if missing else ""
         return (
             "No column of time: penode identify takes it as a table of operating points; for a "
-            f"recording fill in the column of {TIME}.{first}"
+            f"recording fill in {TIME_STEP}, or the column of {TIME}.{first}"
         )
     if missing:
         still = (

@@ -16,6 +16,7 @@ from penode.fit.outcome import Contribution
 from penode.fit.provenance import provenance_of
 from penode.horizon.consensus import (
     BESIDE,
+    DECLARED,
     LEFT_OUT,
     PRIOR,
     Consensus,
@@ -225,12 +226,20 @@ class Assembly:
     def _parts(self) -> Mapping[str, FloatArray]:
         """What the data show of the physical parameters' covariance, by source."""
         parts = dict(self._consensus.parts)
-        if self.start.points is not None and PRIOR in parts:
-            parts[BESIDE] = parts.pop(PRIOR)
+        if PRIOR in parts:
+            parts[self._prior_row] = parts.pop(PRIOR)
         if self.plan.discrepancy:
             chosen = self.choice.index
             parts[LEFT_OUT] = what_is_left_out(self.problem, self.plan, self.rungs, chosen)
         return parts
+
+    @property
+    def _prior_row(self) -> str:
+        """What the budget calls what is known beside the recordings."""
+        if self.start.points is not None:
+            return BESIDE
+        declared = any(setting.prior for setting in self.problem.objective.layout.settings)
+        return DECLARED if declared else PRIOR
 
     @cached_property
     def _moved(self) -> FloatArray:

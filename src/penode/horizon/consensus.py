@@ -46,8 +46,8 @@ _FINEST = 1e-5
 #: What a deviation comes from: rows of the uncertainty budget.
 STATISTICS, HORIZON = "statistics of the residuals", "spread over the horizons"
 PRIOR, NUMERICS = "prior of the learned map", "numerical agreement"
-#: That row where points at rest are in it.
-BESIDE = "priors and points at rest"
+#: The row of the prior where priors of parameters are in it, and where points at rest are.
+DECLARED, BESIDE = "declared priors", "priors and points at rest"
 LEFT_OUT, BETWEEN = "what the model leaves out", "differences between the recordings"
 
 #: Deviations are cut here, SI units, so that no weight is zero over zero.
@@ -120,11 +120,13 @@ class Consensus:
         values, weights = _weighed(rungs)
         _, spread = _middle(values, weights)
         physical = values.shape[1]
-        own = reported_covariance(chosen.influence, chosen.series.lags) + chosen.prior
+        own = reported_covariance(chosen.influence, chosen.series.lags)
         known = np.isfinite(chosen.deviation[:physical])
         statistics = with_deviations(own, np.where(known, np.sqrt(np.diag(own)), np.inf))
         between = between_recordings([chosen], np.ones((1, physical)))
         parts = {STATISTICS: statistics, HORIZON: spread, **between}
+        if np.any(chosen.prior):
+            parts[PRIOR] = np.broadcast_to(chosen.prior, statistics.shape)
         return cls(chosen.values[:physical], parts, mean=False)
 
     @classmethod

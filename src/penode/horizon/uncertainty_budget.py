@@ -13,7 +13,15 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.fit.outcome import Contribution
-from penode.horizon.consensus import BESIDE, BETWEEN, HORIZON, LEFT_OUT, PRIOR, STATISTICS
+from penode.horizon.consensus import (
+    BESIDE,
+    BETWEEN,
+    DECLARED,
+    HORIZON,
+    LEFT_OUT,
+    PRIOR,
+    STATISTICS,
+)
 from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.training.plan import Plan, Stage
 
@@ -22,6 +30,7 @@ _REMEDIES = {
     STATISTICS: "Record longer, or with less noise.",
     HORIZON: "Add to the model what its residual still shows.",
     PRIOR: "Record more operating points.",
+    DECLARED: "Record what shows these parameters, or know them better beforehand.",
     BESIDE: "Measure more points at rest, or more exactly.",
     BETWEEN: "Look at what differs between the recordings, such as the temperature.",
     LEFT_OUT: "Add to the model what its residual still shows.",

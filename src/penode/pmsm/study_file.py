@@ -22,6 +22,7 @@ from penode.pmsm.recording.drive_mapping import (
     AS_NUMBERS,
     BASES,
     MAPPED,
+    TIME_STEP,
     DriveMapping,
     DriveOrigin,
 )
@@ -73,7 +74,7 @@ _FILE: Any = _table(
         "samples": COUNT,
         "purpose": str,
         "train_anyway": bool,
-        **dict.fromkeys((*BASES.values(), LINK), POSITIVE),
+        **dict.fromkeys((*BASES.values(), LINK, TIME_STEP), POSITIVE),
         SPEED.name: FINITE,
         "resample": Literal["linear"],
         "name_plate": _table("NamePlate", {one.name: POSITIVE for one in fields(NamePlate)}),
@@ -84,6 +85,10 @@ _FILE: Any = _table(
         "sweep": dict[str, Any],
     },
 )
+
+
+#: Entries of what is a number for a whole recording.
+_NUMBERS = (*BASES.values(), *AS_NUMBERS, TIME_STEP)
 
 
 @dataclass(frozen=True)
@@ -165,7 +170,7 @@ def load_study(
             {name: _origin(name, one) for name, one in channels.items() if one is not None},
             asked.pole_pairs,
             asked.resample is not None,
-            {name: entries[name] for name in (*BASES.values(), *AS_NUMBERS) if name in entries},
+            {name: entries[name] for name in _NUMBERS if name in entries},
         )
         read = StudyFile(_study(entries), mapping, asked.sweep or {}, own)
     except InputError as error:
@@ -176,6 +181,10 @@ def load_study(
 def _study(entries: Mapping[str, Any]) -> Study:
     """Return the study of entries of a file, some of them overridden by options."""
     settings = {f.name: entries[f.name] for f in fields(Study) if f.name in entries}
+    channels = entries.get("channels", {}).items()
+    settings["of_shaft"] = tuple(
+        name for name, one in channels if isinstance(one, Mapping) and one.get("mechanical")
+    )
     if settings.get("horizon") == "auto":
         settings["horizon"] = None
     if "angle_orders" in settings:

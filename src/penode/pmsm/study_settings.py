@@ -79,6 +79,9 @@ class Study:
         What the data sheet says; against it peak and rms values are distinguished.
     train_anyway : bool
         Train though a convention of the channels is broken; the verdict then names it.
+    of_shaft : tuple of str
+        Channels that were recorded of the shaft, and made electrical by the pole pairs: what is
+        advised where pole pairs are wrong depends on it.
 
     Raises
     ------
@@ -100,6 +103,7 @@ class Study:
     accuracy: Accuracy = DEFAULT_ACCURACY
     name_plate: NamePlate = NO_PLATE
     train_anyway: bool = False
+    of_shaft: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.flux_map not in FLUX_MAPS:
@@ -167,7 +171,7 @@ class Study:
     def conventions(self) -> dict[str, Any]:
         """What `penode.pmsm.conventions.check.judge` is to know."""
         of = {"terms": self.terms, "hold": self.hold, "pole_pairs": self.pole_pairs}
-        return {**of, "plate": self.name_plate}
+        return {**of, "plate": self.name_plate, "of_shaft": self.of_shaft}
 
     def facts(self, recordings: Sequence[Experiment], reasons: Sequence[str]) -> dict[str, Any]:
         """Return what provenance says of a model with nothing left open, and in sentences why."""

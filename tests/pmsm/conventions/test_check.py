@@ -138,9 +138,42 @@ def test_wrong_pole_pairs_with_a_speed_of_the_shaft_and_an_angle(drawn):
     machine, run = drawn
     pairs = machine.pole_pairs
     for wrong in (pairs - 1, pairs + 1, 2 * pairs):
-        found = check_conventions(scaled(run, wrong / pairs, "omega_el"), wrong).broken
-        assert found
-        assert all(f"pole_pairs = {pairs} in place of {wrong}" in one.fix for one in found)
+        slower = scaled(run, wrong / pairs, "omega_el")
+        found = check_conventions(slower, wrong, of_shaft=("omega_el",)).broken
+        assert [one.name for one in found] == ["wrong pole pairs"]
+        assert found[0].fix.startswith(f"give pole_pairs = {pairs} in place of {wrong}; or, ")
+
+
+def test_what_is_said_already_is_not_advised(drawn):
+    """Of one electrical and one mechanical column an entry is taken away, not given."""
+    machine, run = drawn
+    pairs = machine.pole_pairs
+    turned = changed(run, theta_el=np.unwrap(run.channels["theta_el"]) * pairs)
+    (found,) = check_conventions(turned, pairs, of_shaft=("omega_el", "theta_el")).broken
+    assert found.fix.startswith("take mechanical = true away from theta_el")
+    (found,) = check_conventions(turned, pairs, of_shaft=("theta_el",)).broken
+    assert found.name == "electrical angle for mechanical"
+    assert "give" not in found.fix
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(30 / np.pi, "rpm"), (np.pi / 30, "rad/s")])
+def test_a_speed_read_in_a_wrong_unit(drawn, factor, unit):
+    run = drawn[1]
+    (found,) = check_conventions(scaled(run, factor, "omega_el")).broken
+    assert found.name == "unit of the speed"
+    assert found.fix == f'give omega_el unit = "{unit}"'
+
+
+def test_a_wrong_sampling_time_is_named_beside_wrong_pole_pairs(drawn):
+    """The ratio alone cannot tell one from the other."""
+    run = drawn[1]
+    slow = replace(run, time_step=1.25 * run.time_step)
+    (found,) = check_conventions(slow, 5, of_shaft=("omega_el",)).broken
+    assert "give pole_pairs = 4 in place of 5; or, " in found.fix
+    assert f"{run.time_step:.4g} s a sample in place of {slow.time_step:.4g} s" in found.fix
+    counted = replace(run, time_step=1.0)
+    (found, *_) = check_conventions(counted, 5, of_shaft=("omega_el",)).broken
+    assert f"{run.time_step:.4g} s a sample in place of 1 s" in found.fix
 
 
 def test_of_currents_in_phases_the_phases_are_named(drawn):

@@ -54,6 +54,37 @@ def test_what_is_of_the_shaft_needs_the_pole_pairs():
         DriveMapping({"theta_el": origin("theta_el", mechanical=True)})
 
 
+def test_a_column_that_moves_is_one_channel(file):
+    channels = {name: origin(name) for name in ("t", "u_d", "u_q", "i_d", "i_q", "omega_el")}
+    channels["i_q"] = DriveOrigin(Origin("i_d", "A"))
+    words = r"column i_d is mapped to i_d and to i_q; .* \(not used: i_q, theta_el\)"
+    with pytest.raises(InputError, match=words):
+        DriveMapping(channels).load(file)
+    channels["i_q"] = DriveOrigin(Origin("i_d", "A", sign=-1))  # two phases of a line
+    assert len(DriveMapping(channels).load(file)) == 20
+
+
+def untimed(file):
+    """Rewrite a file with a counter of samples in place of the times."""
+    lines = file.read_text().splitlines()
+    rows = [f"{k},{line.split(',', 1)[1]}" for k, line in enumerate(lines[1:])]
+    file.write_text("\n".join([lines[0].replace("t,", "count,", 1), *rows]))
+
+
+def test_even_samples_need_no_column_of_times(file):
+    timed = DriveMapping().load(file)
+    with pytest.raises(InputError, match=r"time_step is a number .* has a column of its times"):
+        DriveMapping(constants={"time_step": 1e-3}).load(file)
+    untimed(file)
+    run = DriveMapping(constants={"time_step": 1e-3}).load(file)
+    assert run.time_step == pytest.approx(1e-3)
+    np.testing.assert_array_equal(
+        run.stack(tuple(timed.channels)), timed.stack(tuple(timed.channels))
+    )
+    with pytest.raises(InputError, match=r"time_step is a number \(0.001\) and t a channel"):
+        DriveMapping({"t": origin("t")}, constants={"time_step": 1e-3})
+
+
 def at_rest(file, **moving):
     """Rewrite a file without the speed, and without the angle but where it is given."""
     names = ["u_d", "u_q", "i_d", "i_q", *moving]
@@ -75,7 +106,7 @@ def test_without_a_speed_the_refusal_names_the_entry_of_a_rotor_that_stood_still
 
 def test_a_speed_that_is_a_number_is_zero_and_no_channel_beside(file):
     channels = {name: origin(name) for name in ("t", "u_d", "u_q", "i_d", "i_q", "omega_el")}
-    with pytest.raises(InputError, match="omega_el is both a number"):
+    with pytest.raises(InputError, match="omega_el is a number"):
         DriveMapping(channels, constants={"omega_el": 0.0})
     with pytest.raises(InputError, match="omega_el must be 0, of a rotor that stood still"):
         DriveMapping(at_rest(file), constants={"omega_el": 30.0})

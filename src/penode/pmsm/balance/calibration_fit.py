@@ -364,8 +364,7 @@ def _timing_sentences(
     """Yield what was found of the timing where it is corrected; delay and deviation in samples."""
     middle = timing.drive.ripple != 0.0
     late = timing["delay"]
-    entry = f" (`delay = {-late:.0f}` in a study file)" if late == round(late) else ""
-    taken = [f"a delay of {late:.3g}{entry}"] if late else []
+    taken = [f"a delay of {late:.3g}, beside any in the study file"] if late else []
     taken += [f"a turn of {timing['turn']:.3g}"] if timing["turn"] and not middle else []
     if timing.drive.hold == "stationary":
         about = " about the middle of the sample" if middle else ""

@@ -21,6 +21,7 @@ from penode.pmsm.conventions.balance import judge_delay, judge_magnet
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judge
 from penode.pmsm.conventions.cures import judge_cures
 from penode.pmsm.conventions.motion import (
+    OfShaft,
     find_stepped_angle,
     judge_angle_unit,
     judge_speed_and_angle,
@@ -86,7 +87,10 @@ class _Recorded:
 
 
 def check_conventions(
-    experiment: Experiment, pole_pairs: int | None = None, plate: NamePlate = NO_PLATE
+    experiment: Experiment,
+    pole_pairs: int | None = None,
+    plate: NamePlate = NO_PLATE,
+    of_shaft: tuple[str, ...] = (),
 ) -> Conventions:
     """Test the conventions of one recording.
 
@@ -98,6 +102,8 @@ def check_conventions(
         Of the machine.
     plate : NamePlate
         Of the machine; only against it, or against phases recorded beside, rms shows.
+    of_shaft : tuple of str
+        Channels that were recorded of the shaft, and are electrical by the pole pairs.
 
     Returns
     -------
@@ -109,7 +115,7 @@ def check_conventions(
         If a channel is missing or never moves; see
         `penode.pmsm.recording.channels.drive_recording`.
     """
-    recorded = _as_recorded(experiment, pole_pairs)
+    recorded = _as_recorded(experiment, OfShaft(pole_pairs, of_shaft))
     return recorded.found if recorded.ended else recorded.found + _placed([recorded], plate)
 
 
@@ -119,6 +125,7 @@ def judge(
     hold: str | None = None,
     pole_pairs: int | None = None,
     plate: NamePlate = NO_PLATE,
+    of_shaft: tuple[str, ...] = (),
 ) -> tuple[Conventions, Calibration]:
     """Test the conventions of recordings, and estimate what their channels are corrected by.
 
@@ -128,7 +135,8 @@ def judge(
     convention is broken or pole pairs cannot be determined.
     """
     recordings = [_long_enough(stretches) for stretches in by_recording(experiments)]
-    recorded = [[_as_recorded(e, pole_pairs) for e in some] for some in recordings]
+    said = OfShaft(pole_pairs, of_shaft)
+    recorded = [[_as_recorded(e, said) for e in some] for some in recordings]
     first = [_by_vote([r.found for r in some]) for some in recorded]
     calibration = Calibration(drive=KnownDrive(hold=hold or DEFAULT_HOLD))
     if any(one.broken for one in first):
@@ -177,7 +185,7 @@ def _sum(each: Sequence[Conventions]) -> Conventions:
     return replace(whole, undetermined=tuple(dict.fromkeys(whole.undetermined)))
 
 
-def _as_recorded(experiment: Experiment, pole_pairs: int | None) -> _Recorded:
+def _as_recorded(experiment: Experiment, said: OfShaft) -> _Recorded:
     """Return what is wrong with the channels as they were recorded, and the drive set right."""
     stepped = "theta_el" in experiment.channels and find_stepped_angle(experiment)
     if stepped:
@@ -185,7 +193,7 @@ def _as_recorded(experiment: Experiment, pole_pairs: int | None) -> _Recorded:
         return _Recorded(found, experiment, "", ended=True)
     experiment = with_phases(experiment)
     kinds = "".join(kind for kind in "ui" if _in_phases(experiment, kind))
-    broken, fixed = _judge_motion(experiment, kinds, pole_pairs)
+    broken, fixed = _judge_motion(experiment, kinds, said)
     try:
         broken += judge_rms_by_phases(fixed)
         drive = drive_recording(fixed)
@@ -193,7 +201,7 @@ def _as_recorded(experiment: Experiment, pole_pairs: int | None) -> _Recorded:
         if not broken:
             raise
         return _Recorded(Conventions(broken), fixed, kinds, ended=True)
-    (finding, drive), undetermined = judge_cures(drive, pole_pairs)
+    (finding, drive), undetermined = judge_cures(drive, said.pole_pairs)
     broken += (_of_phases(finding, kinds),) if finding else ()
     return _Recorded(
         Conventions(broken, (undetermined,) if undetermined else ()), drive, kinds, not undetermined
@@ -237,14 +245,14 @@ def _sized(drive: Experiment, kinds: str, plate: NamePlate) -> Conventions:
 
 
 def _judge_motion(
-    experiment: Experiment, kinds: str, pole_pairs: int | None
+    experiment: Experiment, kinds: str, said: OfShaft
 ) -> tuple[tuple[BrokenConvention, ...], Experiment]:
     """Judge angle, speed and phases; return what was found and the recording set right."""
     steps: list[Judge] = []
     if "theta_el" in experiment.channels:
         steps.append(judge_angle_unit)
         if "omega_el" in experiment.channels:
-            steps.append(lambda run: judge_speed_and_angle(run, pole_pairs))
+            steps.append(lambda run: judge_speed_and_angle(run, said))
     if kinds:
         steps.append(lambda run: judge_turns(run, kinds))
         steps.append(lambda run: judge_phases(run, kinds))

@@ -3,7 +3,7 @@
 The angle starts again after one turn, and its slope is the speed.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +16,9 @@ _TURNS = {"deg": 360.0, "turn": 1.0}
 _TURN_TOLERANCE = 0.05
 _RATIO_TOLERANCE = 0.02
 MOST_POLE_PAIRS = 24
+#: Unit that a speed may be in where another was said -> what corrects it: rpm read as rad/s, and
+#: rad/s read as rpm.
+_SPEEDS = {"rpm": 2 * np.pi / 60, "rad/s": 60 / (2 * np.pi)}
 #: Most values a turn of an angle that jumps.
 _STEPS = 24
 
@@ -75,55 +78,100 @@ def _turn_of(experiment: Experiment) -> tuple[float | None, str]:
     return 2 * np.pi * abs(ratio), f"the angle turns {ratio:.4g} times as fast as the speed says"
 
 
-def judge_speed_and_angle(experiment: Experiment, pole_pairs: int | None = None) -> Judged:
-    """Find a speed or an angle (rad) of the shaft, by the slope of the angle over the speed.
+@dataclass(frozen=True)
+class OfShaft:
+    """What is said of the shaft: the pole pairs, and the channels that were recorded of it."""
+
+    pole_pairs: int | None = None
+    channels: tuple[str, ...] = ()
+
+    def factor(self, channel: str) -> int:
+        """Return what turns the column of a channel into an electrical one."""
+        return (self.pole_pairs or 1) if channel in self.channels else 1
+
+
+def judge_speed_and_angle(experiment: Experiment, said: OfShaft) -> Judged:
+    """Find what is wrong of the shaft or in a unit, by the slope of the angle (rad) over the speed.
 
     A ratio of -1 is left to the voltage balance, which shows which of the two is reversed.
     """
     ratio = angle_over_speed(experiment)
-    size = abs(ratio)
-    fitting = _other_pairs(size, pole_pairs)
-    instead = f"pole_pairs = {fitting} in place of {pole_pairs}" if fitting else ""
-    evidence = f"the angle turns {ratio:.4g} times as fast as the speed says"
-    for pairs in range(2, MOST_POLE_PAIRS + 1):
-        other = instead and pairs != pole_pairs
-        or_else = f"; or, where omega_el is mechanical already, {instead}" if other else ""
-        if abs(size / pairs - 1.0) < _RATIO_TOLERANCE:
-            finding = BrokenConvention(
-                "mechanical speed for electrical",
-                experiment.name,
-                ("omega_el",),
-                f"{evidence}, as with {pairs} pole pairs",
-                f"give omega_el mechanical = true, and pole_pairs = {pairs}{or_else}",
-            )
-            speed = experiment.channels["omega_el"] * pairs
-            return finding, with_channels(experiment, {"omega_el": speed})
-        if abs(size * pairs - 1.0) < _RATIO_TOLERANCE:
-            shaft, changed = of_shaft(experiment, pairs, evidence)
-            return shaft and replace(shaft, fix=f"{shaft.fix}{or_else}"), changed
-    if abs(size - 1.0) < _RATIO_TOLERANCE:
+    if abs(abs(ratio) - 1.0) < _RATIO_TOLERANCE:
         return None, experiment
-    finding = BrokenConvention(
-        "angle against speed",
-        experiment.name,
-        ("omega_el", "theta_el"),
-        evidence,
-        f"give {instead}"
-        if instead
-        else "give both their units, and mechanical = true where one is of the shaft",
-    )
-    if not instead:
-        return finding, experiment
-    return finding, with_channels(experiment, {"omega_el": size * experiment.channels["omega_el"]})
+    evidence = f"the angle turns {ratio:.4g} times as fast as the speed says"
+    right, unit = _explained(abs(ratio) * said.factor("omega_el") / said.factor("theta_el"))
+    step = experiment.time_step
+    or_time = f"the time: {abs(ratio) * step:.4g} s a sample in place of {step:.4g} s"
+    if right is None:
+        finding = BrokenConvention(
+            "angle against speed",
+            experiment.name,
+            ("omega_el", "theta_el"),
+            evidence,
+            f"give both their units, and mechanical = true where one is of the shaft; or correct "
+            f"{or_time}",
+        )
+        speed = abs(ratio) * experiment.channels["omega_el"]
+        return finding, with_channels(experiment, {"omega_el": speed})
+    if right.pole_pairs and not set(right.channels) <= set(said.channels):
+        evidence += f", as with {right.pole_pairs} pole pairs"
+    fix = _advice(said, right, unit)
+    if said.pole_pairs is not None:
+        fix += f"; or, if pole_pairs = {said.pole_pairs} is right, correct {or_time}"
+    name, channels = _name(said, right, unit)
+    finding = BrokenConvention(name, experiment.name, channels, evidence, fix)
+    return finding, _corrected(experiment, said, right, unit)
 
 
-def _other_pairs(size: float, pole_pairs: int | None) -> int | None:
-    """Return the pole pairs with which a speed of the shaft would fit the angle; None for none."""
-    pairs = size * (pole_pairs or 0)
-    whole = round(pairs)
-    if whole == pole_pairs or not 1 <= whole <= MOST_POLE_PAIRS:
-        return None
-    return whole if abs(pairs / whole - 1.0) < _RATIO_TOLERANCE else None
+def _explained(ratio: float) -> tuple[OfShaft | None, str]:
+    """Return whose columns they are by the angle's slope over the speed, and the speed's unit."""
+    for pairs in range(1, MOST_POLE_PAIRS + 1):
+        if abs(ratio / pairs - 1.0) < _RATIO_TOLERANCE:
+            return OfShaft(pairs, ("omega_el",)) if pairs > 1 else OfShaft(), ""
+        if abs(ratio * pairs - 1.0) < _RATIO_TOLERANCE:
+            return OfShaft(pairs, ("theta_el",)), ""
+    for unit, factor in _SPEEDS.items():
+        for pairs in range(1, MOST_POLE_PAIRS + 1):
+            if abs(ratio / (pairs * factor) - 1.0) < _RATIO_TOLERANCE:
+                return OfShaft(pairs, ("omega_el",)) if pairs > 1 else OfShaft(), unit
+    return None, ""
+
+
+def _advice(said: OfShaft, right: OfShaft, unit: str) -> str:
+    """Return the entries of the study file that are to be given or taken away."""
+    give = [f'omega_el unit = "{unit}"'] if unit else []
+    give += [f"{name} mechanical = true" for name in right.channels if name not in said.channels]
+    if right.channels and right.pole_pairs != said.pole_pairs:
+        instead = f" in place of {said.pole_pairs}" if said.pole_pairs else ""
+        give.append(f"pole_pairs = {right.pole_pairs}{instead}")
+    away = [name for name in said.channels if name not in right.channels]
+    parts = [f"give {', and '.join(give)}"] if give else []
+    parts += [f"take mechanical = true away from {' and '.join(away)}"] if away else []
+    return ", and ".join(parts)
+
+
+def _name(said: OfShaft, right: OfShaft, unit: str) -> tuple[str, tuple[str, ...]]:
+    """Return what a convention that is broken is called, and its channels."""
+    words = {"omega_el": "speed", "theta_el": "angle"}
+    for name in right.channels:
+        if name not in said.channels:
+            return f"mechanical {words[name]} for electrical", (name,)
+    for name in said.channels:
+        if name not in right.channels:
+            return f"electrical {words[name]} for mechanical", (name,)
+    return "unit of the speed" if unit else "wrong pole pairs", ("omega_el",)
+
+
+def _corrected(experiment: Experiment, said: OfShaft, right: OfShaft, unit: str) -> Experiment:
+    """Return a recording with the electrical speed and angle."""
+    changed = {}
+    for name in ("omega_el", "theta_el"):
+        factor = right.factor(name) / said.factor(name)
+        factor *= _SPEEDS.get(unit, 1.0) if name == "omega_el" else 1.0
+        if factor != 1.0:
+            values = experiment.channels[name]
+            changed[name] = factor * (np.unwrap(values) if name == "theta_el" else values)
+    return with_channels(experiment, changed)
 
 
 def angle_over_speed(experiment: Experiment) -> float:
@@ -138,7 +186,7 @@ def _slope_over_speed(steps: FloatArray, experiment: Experiment) -> float:
     return float(steps @ expected) / square if square > 0.0 else 1.0
 
 
-def of_shaft(experiment: Experiment, pairs: int, evidence: str) -> Judged:
+def of_turning_shaft(experiment: Experiment, pairs: int, evidence: str) -> Judged:
     """Return the finding of a mechanical angle, rad, and the recording with the electrical one."""
     finding = BrokenConvention(
         "mechanical angle for electrical",

@@ -12,7 +12,7 @@ from penode.data.table import TIME, Table
 from penode.errors import InputError
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.terms import SPEED
-from penode.pmsm.recording.drive_mapping import MAPPED, DriveMapping
+from penode.pmsm.recording.drive_mapping import MAPPED, TIME_STEP, DriveMapping
 
 #: Fewest points, and slowest speed in rad/s at which a voltage shows the flux linkage.
 FEWEST, _STANDSTILL = 8, 1e-3
@@ -110,6 +110,7 @@ def points_of(path: str | Path, mapping: DriveMapping, table: Table, source: Sou
         raise InputError(
             f"{path}: no column {TIME}, and {len(points)} rows that follow each other like "
             f"samples: the currents change by {100 * step:.2g} % of their range from row to "
-            f"row; add the column {TIME} of a recording, or give operating points in any order."
+            f"row; map the column of {TIME} of a recording in a study file, or give {TIME_STEP} "
+            "there, in s; or give operating points in any order."
         )
     return points

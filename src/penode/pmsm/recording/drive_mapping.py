@@ -1,9 +1,11 @@
 """Which columns of a user's file are the channels of a drive, and in what convention."""
 
 import math
+from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -39,6 +41,8 @@ OF_SHAFT = ("omega_el", "theta_el")
 
 #: Channels that a study file may give as a number where no column holds them.
 AS_NUMBERS = (LINK, SPEED.name)
+#: Entry that says how far even samples are apart, in s, where no column holds the time.
+TIME_STEP = "time_step"
 #: What is to be done about a speed that no column holds.
 _STOOD_STILL = (
     f"; for a rotor that stood still, give {SPEED.name} = 0 in the study file "
@@ -83,13 +87,14 @@ class DriveMapping:
         `penode.data.mapping.map_channels`.
     constants : mapping of str to float
         ``u_dc`` in V where no channel holds it, ``omega_el`` of 0 for a rotor that stood still,
-        and what 1 is in V, A and rad/s of channels that were recorded per unit: values of `BASES`.
+        what 1 is in V, A and rad/s of channels that were recorded per unit: values of `BASES`, and
+        ``time_step`` in s of even samples where no column holds the time.
 
     Raises
     ------
     InputError
-        If a channel cannot be rms or mechanical, pole_pairs is needed and missing, u_dc or omega_el
-        is both a constant and a channel, or omega_el is a constant other than 0.
+        If a channel cannot be rms or mechanical, pole_pairs is needed and missing, u_dc, omega_el
+        or the time is both a constant and a channel, or omega_el is a constant other than 0.
     """
 
     channels: Mapping[str, DriveOrigin] = field(default_factory=dict)
@@ -113,10 +118,11 @@ class DriveMapping:
                     "machine, as a whole number."
                 )
 
-        for name in AS_NUMBERS:
-            if name in self.constants and name in self.channels:
+        for name, other in ((LINK, LINK), (SPEED.name, SPEED.name), (TIME_STEP, TIME)):
+            if name in self.constants and other in self.channels:
                 raise InputError(
-                    f"{name} is both a number ({self.constants[name]:g}) and a channel; remove one."
+                    f"{name} is a number ({self.constants[name]:g}) and {other} a channel; "
+                    "remove one."
                 )
         speed = self.constants.get(SPEED.name, 0.0)
         if speed:
@@ -169,12 +175,14 @@ class DriveMapping:
         """Return whether a file has what operating points have, and no time."""
         named = {name: one.origin.column for name, one in self.channels.items()}
         timed = TIME in named or TIME in table.columns or bool(table.clocks)
+        timed |= TIME_STEP in self.constants
         return not timed and all(named.get(n, n) in table.columns for n in OF_POINTS)
 
     def stretches_of(
         self, path: str | Path, table: Table, source: Source
     ) -> tuple[Experiment, ...]:
         """Make recordings of the columns of a file; see `load_stretches`."""
+        table = self._timed(path, table)
         origins = {n: channel.origin for n, channel in self.channels.items() if n != TORQUE}
         if not self.channels:
             for name in RECORDED:
@@ -183,12 +191,30 @@ class DriveMapping:
         constant = {n: self.constants[n] for n in AS_NUMBERS if n in self.constants}
         constant = {name: value for name, value in constant.items() if name not in origins}
         self._require(path, table, {*origins, *constant})
+        _require_own_columns(path, table, origins)
         origins = {n: self._in_base(str(path), table, n, o) for n, o in origins.items()}
         found = experiments_of(table, source, origins, self.resample)
         runs = tuple(self._completed(run, constant) for run in found)
         if SPEED.name in self.constants:
             _require_standstill(path, runs)
         return runs
+
+    def _timed(self, path: str | Path, table: Table) -> Table:
+        """Return a table with its times where the study file gives their step as a number."""
+        step = self.constants.get(TIME_STEP)
+        if step is None:
+            return table
+        if TIME in table.columns or table.clocks:
+            raise InputError(
+                f"{path}: {TIME_STEP} is a number in the study file ({step:g}), and the file has "
+                f"a column of its times; remove {TIME_STEP}."
+            )
+        used = [channel.origin.column for channel in self.channels.values()] or list(CANONICAL)
+        samples = next((len(table.columns[one]) for one in used if one in table.columns), 0)
+        times = gathered(np.arange(samples, dtype=np.float64) * step)
+        return replace(
+            table, columns=ChainMap({TIME: times}, cast("dict[str, FloatArray]", table.columns))
+        )
 
     def _completed(self, run: Experiment, constant: Mapping[str, float]) -> Experiment:
         """Return a recording with its channels scaled, and those that no column holds."""
@@ -250,6 +276,22 @@ class DriveMapping:
         if channel.mechanical and self.pole_pairs is not None:
             factor *= self.pole_pairs
         return factor * math.sqrt(2.0) if channel.rms else factor
+
+
+def _require_own_columns(path: str | Path, table: Table, origins: Mapping[str, Origin]) -> None:
+    """Refuse a column that moves and is two channels."""
+    own: dict[tuple[str, int, str], str] = {}
+    for name, origin in origins.items():
+        other = own.setdefault((origin.column, origin.sign, origin.times), name)
+        if other == name or origin.column not in table.columns:
+            continue
+        if np.ptp(table.columns[origin.column]) > 0:
+            used = {one.column for one in origins.values()}
+            rest = [one for one in table.columns if one not in {TIME, *used}]
+            raise InputError(
+                f"{path}: column {origin.column} is mapped to {other} and to {name}; give each its "
+                f"own{f' (not used: {list_names(rest)})' if rest else ''}."
+            )
 
 
 def _require_standstill(path: str | Path, runs: Sequence[Experiment]) -> None:

@@ -49,6 +49,8 @@ class StudyGuess:
         Entries that are needed for what is recorded per unit.
     numbers : mapping of str to float
         Channels that are a number, SI, as no column holds them.
+    counter : str
+        Column that counts samples where none holds the time; empty for none.
     """
 
     channels: Mapping[str, ChannelGuess]
@@ -58,6 +60,7 @@ class StudyGuess:
     resample: bool
     bases: tuple[str, ...] = ()
     numbers: Mapping[str, float] = field(default_factory=dict)
+    counter: str = ""
 
     @property
     def lacks_pole_pairs(self) -> bool:
@@ -92,13 +95,15 @@ def guess_study(table: Table) -> StudyGuess:
     used = {guess.column for guess in channels.values()} | set(table.clocks.values())
     measured = [guess.column for name, guess in channels.items() if name != TIME]
     clocks = {table.clocks.get(column) for column in measured}
+    unused = tuple(column for column in table.columns if column not in used)
     return StudyGuess(
         {name: channels[name] for name in MAPPED if name in channels},
         tuple(name for name in (TIME, *missing_channels(channels)) if name not in channels),
-        tuple(column for column in table.columns if column not in used),
+        unused,
         pole_pairs,
         len(clocks) > 1 and len({_times_key(table, clock) for clock in clocks}) > 1,
         bases,
+        counter=next((name for name in unused if _counts(table.columns[name])), ""),
     )
 
 
@@ -122,6 +127,11 @@ def at_standstill(guess: StudyGuess, table: Table, file: str) -> StudyGuess:
             f"speed from {values.min():.4g} to {values.max():.4g} rad/s; leave the option out."
         )
     return guess
+
+
+def _counts(values: FloatArray) -> bool:
+    """Return whether a column rises by one from row to row."""
+    return len(values) > 2 and bool((np.diff(values) == 1.0).all())
 
 
 def _times_key(table: Table, clock: str | None) -> bytes:

@@ -2,9 +2,10 @@
 
 import json
 
+from penode.data.table import TIME
 from penode.pmsm.machine.terms import SPEED
 from penode.pmsm.recording.channel_guess import ChannelGuess
-from penode.pmsm.recording.drive_mapping import BASES, IN_RMS, MAPPED
+from penode.pmsm.recording.drive_mapping import BASES, IN_RMS, MAPPED, TIME_STEP
 from penode.pmsm.recording.guess import StudyGuess
 from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY
 from penode.pmsm.recording.stationary_frame import LINK
@@ -66,6 +67,12 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
     if LINK in guess.missing:
         parts.append(
             f"# not found, and needed, as a column or as a number: {LINK} in V.\n# {LINK} =\n"
+        )
+    if TIME in guess.missing:
+        counted = f"; {_on_one_line(guess.counter)} counts samples" if guess.counter else ""
+        parts.append(
+            f"# not found, and needed: the column of {TIME} below, or the time from one sample to "
+            f"the next in s{counted}.\n# {TIME_STEP} = 1e-4\n"
         )
     parts.append("\n[channels]\n")
     parts += [_channel(name, channel) for name, channel in guess.channels.items()]
