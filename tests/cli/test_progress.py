@@ -28,7 +28,13 @@ def evaluation(stage, loss=4.0):
 
 
 def rung(stage):
-    event = {**evaluation(stage), "event": "rung", "rmse": 2.0, "std": {"R": 1e-4}}
+    event = {
+        **evaluation(stage),
+        "event": "rung",
+        "rmse": 2.0,
+        "rmse_unit": "A",
+        "std": {"R": 1e-4},
+    }
     return {**event, "evaluations": 5, "outcome": "Done."}
 
 
@@ -184,7 +190,18 @@ def test_the_table_shows_resistance_rmse_horizon_and_the_time_left():
         pictures.append(printed(view.picture()))
     assert "Finding a start" in pictures[0]
     assert words(pictures[1], "R =") == ["3", "R", "=", "12.30", "mΩ", "2.000"]
-    assert words(pictures[2], "R =") == ["3", "R", "=", "12.30", "±", "0.10", "mΩ", "2.000", "5"]
+    assert words(pictures[2], "R =") == [
+        "3",
+        "R",
+        "=",
+        "12.30",
+        "±",
+        "0.10",
+        "mΩ",
+        "2.000",
+        "A",
+        "5",
+    ]
     assert pictures[4].splitlines()[-1].strip() == "rung 2 of 4 -:--:--", "nothing to go by"
     assert pictures[6].splitlines()[-1].strip().startswith("rung 3 of 4 0:00:0")
     assert pictures[7].count("R =") == 2, "a horizon that was not finished counts for nothing"
@@ -201,10 +218,11 @@ def test_finished_rungs_stay_on_a_terminal_and_are_a_line_each_in_a_pipe(termina
     said = console.file.getvalue()
     if terminal:
         last = said.rpartition("horizon")[2]
-        assert words(last, "R =") == ["3", "R", "=", "12.30", "±", "0.10", "mΩ", "2.000", "5"]
+        found = words(last, "R =")
+        assert found == ["3", "R", "=", "12.30", "±", "0.10", "mΩ", "2.000", "A", "5"]
         assert last.count("R =") == 1
     else:
-        assert said == "rung 1 of 4: H = 3, R = 12.30 ± 0.10 mΩ, RMSE 2.000\n"
+        assert said == "rung 1 of 4: H = 3, R = 12.30 ± 0.10 mΩ (std), RMSE 2.000 A\n"
 
 
 def test_the_line_says_what_goes_on_before_and_after_the_ladder():

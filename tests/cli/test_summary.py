@@ -57,13 +57,14 @@ def test_a_fit_is_told_in_labelled_lines(fit):
     assert lines(print_fit, fit, Path("out")) == [
         ("R", "10.00 mΩ, 95 % interval 9.80 to 10.20 mΩ"),
         ("L", "0.500 , 95 % interval 0.476 to 0.524 "),
-        ("budget", "R: half width 2.0 %: gain 1.6 % (0.8 %), the data alone 1.2 %"),
+        ("budget", "R: half width 2.0 %: gain 1.6 % (std 0.8 %), the data alone 1.2 %"),
         ("horizon", "8 steps: plateau. Three agree."),
         ("model", "The voltage acts late."),
-        ("train", "a.csv: RMSE one step 0.125 A; free run 0.250 A"),
+        ("train", "a.csv: RMSE one step from a sample 0.125 A; free run 0.250 A"),
         (
             "validation",
-            "b.csv: RMSE one step i_d 0.125 A, n 0.125 rad/s; free run i_d 0.250 A, n 0.250 rad/s",
+            "b.csv: RMSE one step from a sample i_d 0.125 A, n 0.125 rad/s; "
+            "free run i_d 0.250 A, n 0.250 rad/s",
         ),
         ("warning", "First [sic]."),
         ("warning", "Second."),

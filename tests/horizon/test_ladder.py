@@ -217,5 +217,6 @@ def test_the_observer_hears_evaluations_and_rungs(systems, problem):
     assert evaluation["parameters"]["L_q"] == pytest.approx(3e-3)
     assert evaluation["units"] == {"L_d": "H", "L_q": "H", "R": "ohm", "psi": "Vs"}
     assert finished["rmse"] == pytest.approx(np.sqrt(rungs[1].solution.terms.loss))
+    assert (evaluation["rmse_unit"], finished["rmse_unit"]) == ("A", "A")
     assert finished["std"]["psi"] == pytest.approx(rungs[1].deviation[3])
     assert (finished["evaluations"], finished["outcome"]) == (4, CONVERGED)

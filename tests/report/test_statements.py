@@ -124,6 +124,16 @@ def test_a_peak_is_named_after_a_line_that_it_may_be(peak, line, named):
     assert title.endswith("Hz") == (not named)
 
 
+def test_noise_has_no_line_and_the_strongest_line_below_its_floor_is_named():
+    noise = np.random.default_rng(4).rayleigh(size=(5001, 2)) * np.linspace(0.1, 1, 5001)[:, None]
+    found = 0.04 * np.arange(5001)
+    lines = [(199.0, "42×")]
+    assert spectrum_title(Spectrum("run.csv", found, noise), SAME, lines).startswith("No line")
+    noise[500, 0] = 2.0
+    title = spectrum_title(Spectrum("run.csv", found, noise), SAME, lines)
+    assert title == f"The largest residual lies at 20.0{GAP}Hz"
+
+
 def test_a_constant_residual_is_no_line():
     assert spectrum_title(peaked(60.0, constant=9.0), SAME).endswith(f"at 60.0{GAP}Hz")
 

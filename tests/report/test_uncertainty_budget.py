@@ -51,7 +51,7 @@ def test_sensors_are_not_spoken_of_where_nothing_was_assumed(fit):
 
 def test_the_sentence_names_the_main_contributions():
     assert budget_sentence(R) == (
-        "half width 0.98 %: gain of the currents 0.78 % (0.4 %), the data alone 0.59 %"
+        "half width 0.98 %: gain of the currents 0.78 % (std 0.4 %), the data alone 0.59 %"
     )
     assert budget_sentence(replace(R, value=0.0)) == ""
 
@@ -64,7 +64,7 @@ def test_where_an_accuracy_is_from_stands_beside_it(fit, origin):
     (table,) = uncertainty_budget(fit).blocks
     assert table.rows[0].cells[1].text == f"0.4 % {origin}"
     sentence = budget_sentence(named)
-    assert f"gain of the currents 0.78 % (0.4 % {origin})" in sentence
+    assert f"gain of the currents 0.78 % (std 0.4 % {origin})" in sentence
     assert sentence.endswith("in the study file") == (origin == "assumed")
     assert named.sensor_std == (0.0 if origin == "estimated" else pytest.approx(4e-5))
 

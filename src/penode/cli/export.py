@@ -9,6 +9,7 @@ from penode.arrays import FloatArray
 from penode.cli.console import Row, print_rows
 from penode.cli.fits import load_machine, require_same_pole_pairs, warn_if_unanswered
 from penode.cli.options import SavedFit, TrustClasses
+from penode.pmsm.exports.control_tables import torque_per_ampere
 from penode.pmsm.exports.formats import FORMATS, export
 from penode.pmsm.exports.motorcad import reference_resistance
 from penode.pmsm.machine.flux_grid import interpolation_error
@@ -53,6 +54,8 @@ def export_command(
                 f"there, linear interpolation is within {error} mVs of the fit",
             ),
         ]
+    if to in ("c", "c_fixed", "mat", "m", "xlsx") and (best := torque_per_ampere(fit, grid)):
+        rows.append(("mtpa", f"up to ± {number(best.torque[-1])} Nm, supported of either sign"))
     if to == "motorcad" and reference_resistance(grid) is None:
         rows.append(("note", "R is left out: this form has it at 20 degC, which is not known"))
     print_rows(rows)

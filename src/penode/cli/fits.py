@@ -85,7 +85,7 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
     ]
     for comparison in fit.recordings:
         one_step, free_run = one_step_text(comparison), free_run_text(comparison)
-        errors = f"{comparison.name}: RMSE one step {one_step}; free run {free_run}"
+        errors = f"{comparison.name}: RMSE one step from a sample {one_step}; free run {free_run}"
         rows.append((comparison.role, errors.replace("\N{NO-BREAK SPACE}", " ")))
     rows += [("points", line) for line in _stationary(fit)]
     rows += [("warning", warning) for warning in fit.warnings]

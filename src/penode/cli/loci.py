@@ -103,15 +103,24 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
         paths = {"picture": out and str(out), "table": table and str(table)}
         typer.echo(json.dumps({**_as_json(loci), **paths}))
     else:
-        told: list[Row] = []
-        if i_max is None:
-            limit = f"{number(backed)} A, as far as recordings back MTPA; --i-max gives another"
-            told.append(("current limit", limit))
-        if u_max is None and volts is not None:
-            limit = f"{number(volts)} V, the recorded u_dc / sqrt(3); --u-max gives another"
-            told.append(("voltage limit", limit))
-        print_rows([*told, *_figures(loci), *files])
+        limits = _limits(backed if i_max is None else None, volts, u_max is None)
+        nothing = [("note", "nothing is drawn or written without --out, --csv or --table")]
+        print_rows([*limits, *_figures(loci), *(files or nothing)])
     warn_if_unanswered(fit)
+
+
+def _limits(backed: float | None, volts: float | None, recorded: bool) -> list[Row]:
+    """Return the limits that nobody gave: a current in A, a voltage in V that was recorded."""
+    found: list[Row] = []
+    if backed is not None:
+        limit = f"{number(backed)} A, as far as recordings back MTPA; --i-max gives another"
+        found.append(("current limit", limit))
+    if volts is None:
+        found.append(("voltage limit", "not known: torque over speed needs --u-max"))
+    elif recorded:
+        limit = f"{number(volts)} V, the recorded u_dc / sqrt(3); --u-max gives another"
+        found.append(("voltage limit", limit))
+    return found
 
 
 def _require_near(i_max: float | None, largest: float) -> None:

@@ -154,7 +154,7 @@ class LadderView:
     def picture(self) -> Group:
         """Return the table as it stands, with a line that says what is going on."""
         table = Table(box=None, header_style="bold", padding=(0, 2))
-        for column in ("horizon", "estimate", "RMSE", "evaluations"):
+        for column in ("horizon", "estimate ± std", "RMSE", "evaluations"):
             table.add_column(column, justify="right")
         for row in self._rows:
             table.add_row(*row)
@@ -180,12 +180,14 @@ def _said(event: Mapping[str, Any]) -> str:
 
 def _row(event: Mapping[str, Any], evaluations: str) -> tuple[str, ...]:
     error = event["rmse"] if "rmse" in event else math.sqrt(event["loss"])
-    return (str(event["horizon"]), _values(event), number(error, 4), evaluations)
+    shown = f"{number(error, 4)} {event.get('rmse_unit', '')}".rstrip()
+    return (str(event["horizon"]), _values(event), shown, evaluations)
 
 
 def _line(event: Mapping[str, Any]) -> str:
     """Return a finished horizon as a line of a log."""
     horizon, values, error, _ = _row(event, "")
+    values = f"{values} (std)" if "±" in values else values
     found = ", ".join(filter(None, (f"H = {horizon}", values, f"RMSE {error}")))
     return f"rung {event['stage']} of {event['stages']}: {found}"
 

@@ -53,7 +53,8 @@ def read_toml(path: Path) -> dict[str, Any]:
             f"{path}: not UTF-8 text (byte {error.start + 1}); save the file as UTF-8."
         ) from error
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not a TOML file ({error}); correct that line.") from error
+        twice = "an entry is given twice; remove one, " if "overwrite" in str(error) else ""
+        raise InputError(f"{path}: not a TOML file ({twice}{error}); correct that line.") from error
     except ValueError as error:  # Python reads no number of more than 4300 digits
         raise InputError(f"{path}: a whole number of thousands of digits; shorten it.") from error
 

@@ -424,6 +424,7 @@ class LadderProblem:
                 "stage": place[0],
                 "stages": place[1],
                 "rmse": float(np.sqrt(rung.solution.terms.loss)),
+                "rmse_unit": self._rmse_unit,
                 "parameters": dict(zip(names, rung.values.tolist(), strict=False)),
                 "std": dict(zip(names, rung.deviation.tolist(), strict=False)),
                 "units": self.objective.layout.units,
@@ -431,6 +432,12 @@ class LadderProblem:
                 "outcome": rung.solution.outcome,
             }
         )
+
+    @property
+    def _rmse_unit(self) -> str:
+        """Unit of the root of the loss, where all residuals share one and are not scaled."""
+        units, plain = set(measured_units(self.model).values()), np.all(self.objective.scale == 1)
+        return units.pop() if plain and len(units) == 1 and not self.objective.loss.noise else ""
 
     def _progress(
         self, horizon: int, place: tuple[int, int]
@@ -446,6 +453,7 @@ class LadderProblem:
                     "stage": place[0],
                     "stages": place[1],
                     "loss": loss,
+                    "rmse_unit": self._rmse_unit,
                     "parameters": dict(zip(names, values.tolist(), strict=True)),
                     "units": self.objective.layout.units,
                 }

@@ -66,9 +66,10 @@ PARTS: tuple[Part, ...] = (
 _NAMED = 4
 _WORDS = (
     ("Horizon H", "How many samples ahead the model predicts by itself during training, from the "
-     "measured states at the start and the inputs after that."),
-    ("One step ahead", "Each sample predicted from what was measured before it (H = 1). Easy to "
-     "do well, and therefore a weak test; noise counts twice in it, as it starts from a sample."),
+     "states at the start, measured or estimated, and the inputs after that."),
+    ("One step ahead", "Each sample predicted from what was measured just before it. Easy to do "
+     "well, and therefore a weak test; noise counts twice in it, as it starts from a sample, so "
+     "that a free run may err less."),
     ("Free run", "A whole recording predicted from its first sample, without the measured states "
      "after it. The hardest test: errors may add up."),
     ("Plateau", "Neighbouring horizons whose estimates agree within their uncertainty. The "

@@ -10,16 +10,23 @@ from penode.report.quantities import labelled, number, scale_for, symbol
 from penode.report.statements import listed
 from penode.validation.residual_tests import Correlations, OverChannel
 
+#: Deviations of a mean that none of some hundred stretches has by chance.
+_BY_CHANCE = 4.0
 _HEIGHT, _BETWEEN, _LABELS, _GAP = 150.0, 30.0, 46.0, 0.12
 
 
 def over_channel_title(shown: Sequence[OverChannel]) -> str:
-    """Say how much of the residual goes with the channels."""
-    shares = {}
+    """Say how much of the residual goes with the channels, as far as that is no chance."""
+    shares, texts = {}, []
     for one in shown:
         rms = np.sqrt(np.nanmean(one.rms**2, axis=0))
-        shares[one.channel] = float(np.nanmax(np.abs(one.mean) / np.maximum(rms, 1e-300)))
-    texts = [f"{number(100 * share, 2)} % along {name}" for name, share in shares.items()]
+        share = np.abs(one.mean) / np.maximum(rms, 1e-300)
+        shares[one.channel] = f"{number(100 * float(np.nanmax(share)), 2)} % along {one.channel}"
+        limit = _BY_CHANCE * one.chance[:, None] if len(one.chance) else 0.0
+        if np.nanmax(share - limit) > 0:
+            texts.append(shares[one.channel])
+    if not texts:
+        return f"No mean of the residual is beyond chance: of its rms {listed([*shares.values()])}"
     return f"Mean of the residual as a share of its rms: at most {listed(texts)}"
 
 

@@ -11,6 +11,7 @@ from penode.fit.outcome import NORMAL_95
 from penode.report.document import KeyValue, Notice
 from penode.report.quantities import Scale, decimals_for, fixed, number, scale_for, with_unit
 from penode.validation.comparison import Comparison
+from penode.validation.residual_lines import find_lines
 from penode.validation.residual_tests import Spectrum
 
 _SPACE = "\N{NO-BREAK SPACE}"
@@ -135,6 +136,9 @@ def spectrum_title(
     amplitude = np.nan_to_num(spectrum.amplitude, nan=0.0)[1:]
     if not amplitude.size or not amplitude.any():
         return "Nothing is left in the residual"
+    amplitude = _of_lines(spectrum.frequency[1:], amplitude)
+    if not amplitude.any():
+        return "No line stands out of the residual's noise"
     if len({unit for _, unit in states}) == 1:
         return f"The largest residual lies at {_peak(spectrum, amplitude.max(axis=1), lines)}"
     peaks = [
@@ -143,6 +147,15 @@ def spectrum_title(
         if column.any()
     ]
     return f"The residual is largest in {listed(peaks)}"
+
+
+def _of_lines(frequency: FloatArray, amplitude: FloatArray) -> FloatArray:
+    """Return amplitudes (frequency, state), zero where no line stands out of the noise."""
+    kept = np.zeros_like(amplitude)
+    for line in find_lines(frequency, amplitude**2):
+        at = (frequency >= line.low) & (frequency <= line.high)
+        kept[at, line.signal] = amplitude[at, line.signal]
+    return kept
 
 
 def _peak(spectrum: Spectrum, amplitude: FloatArray, lines: Sequence[tuple[float, str]]) -> str:

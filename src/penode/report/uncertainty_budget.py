@@ -42,7 +42,7 @@ def budget_sentence(estimate: Estimate) -> str:
     each = NORMAL_95 * 100 / abs(estimate.value)
     own = _assumed(estimate)
     main = [row for row in own if row.std >= _MINOR * estimate.budget[0].std]
-    parts = [f"{row.source} {number(each * row.std, 2)} % ({_size(row)})" for row in main]
+    parts = [f"{row.source} {number(each * row.std, 2)} % (std {_size(row)})" for row in main]
     shown = f"the data alone {number(each * estimate.statistical_std, 2)} %"
     whole = f"half width {number(each * estimate.std, 2)} %"
     give = ""

@@ -51,12 +51,15 @@ class OverChannel:
         Middles of equal stretches of its range, in its unit.
     mean, rms : ndarray, shape (stretch, state)
         Of the residual there, in the state's unit; NaN where there are few samples.
+    chance : ndarray, shape (stretch,)
+        Deviation of the mean over the rms of as many independent samples.
     """
 
     channel: str
     value: FloatArray
     mean: FloatArray
     rms: FloatArray
+    chance: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def of(cls, channel: str, values: FloatArray, residual: FloatArray) -> "OverChannel":
@@ -70,7 +73,8 @@ class OverChannel:
             for power in (residual, residual**2)
         )
         middles = (edges[:-1] + edges[1:]) / 2
-        return cls(channel, middles, sums / count[:, None], np.sqrt(squares / count[:, None]))
+        mean, rms = sums / count[:, None], np.sqrt(squares / count[:, None])
+        return cls(channel, middles, mean, rms, 1 / np.sqrt(count))
 
 
 @dataclass(frozen=True, eq=False)

@@ -144,8 +144,8 @@ def _orders(
             for each in (map(str, kept), (_rounded(power[n] / floor[n]) for n in kept))
         )
         reasons.append(
-            f"Angle harmonics were included: of order {named} a map of the currents alone leaves "
-            f"{times} times the power of the orders beside."
+            f"Angle harmonics were included: without them orders {named} of the electrical "
+            f"frequency have {times} times the power of the orders beside them in the residual."
         )
     missed = [n for n in shown if n not in kept]
     if missed:

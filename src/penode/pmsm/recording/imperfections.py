@@ -68,7 +68,7 @@ class _VoltageGain(_Gain):
     """Of all voltages together."""
 
     name, source = "voltage_gain", "gain of the voltages"
-    remedy = "Calibrate the voltage sensors, and give their accuracy in the study file."
+    remedy = "Calibrate the voltage sensors, or that of u_dc; give the accuracy in the study file."
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
         return Change(voltage=size * vector_of(experiment, VOLTAGES))
