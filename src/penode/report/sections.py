@@ -36,8 +36,8 @@ _DRAWN = 8
 _OVER = 3
 _OVER_CAPTION = (
     "One-step residual along the value of a channel at the same sample, in stretches of its range. "
-    "A mean away from zero is something the model lacks that goes with the channel; an rms that "
-    "changes, noise or ripple that does."
+    "A mean beyond chance, four deviations of that of independent samples, is something the model "
+    "lacks that goes with the channel; an rms that changes, noise or ripple that does."
 )
 #: Whether the plateau is averaged -> what the reported interval is centred on.
 _CENTRES = {

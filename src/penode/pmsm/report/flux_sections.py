@@ -20,7 +20,6 @@ from penode.report.statements import range_text
 
 _CONTOUR_POINTS = 121
 _SURFACE_POINTS = 81
-_BAND_POINTS = 41
 _BISECTIONS = 8
 #: The four nearest neighbours of a grid point, then the diagonal ones.
 _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -59,7 +58,7 @@ def flux_linkage(fit: Fit) -> Section:
 
 
 def _bands(fit: Fit) -> list[Figure | Notice]:
-    grid = current_grid(fit, _BAND_POINTS)
+    grid = current_grid(fit, _CONTOUR_POINTS)
     points = np.stack(grid.mesh, axis=-1).reshape(-1, 2)
     half = 1e3 * NORMAL_95 * fit.learned_deviation(points).T.reshape(2, *grid.supported.shape)
     titles = [f"{title}, ± mVs" for title in _FLUX]
