@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from penode.arrays import JaxArray
 from penode.models.base import Model
@@ -47,7 +48,7 @@ def places_of(solver: Solver) -> tuple[float, ...]:
 
     The solver is followed through one step of a model at rest.
     """
-    asked = _Asked(set())
-    field = Field(_Still(), lambda offset: jnp.zeros((1, 1)), asked, 1.0)
-    jax.eval_shape(lambda x: solver.advance(field, x), jnp.zeros((solver.past, 1, 1)))
+    asked, at_rest = _Asked(set()), jnp.asarray(np.zeros((1, 1)))
+    field = Field(_Still(), lambda offset: at_rest, asked, 1.0)
+    jax.eval_shape(lambda x: solver.advance(field, x), np.zeros((solver.past, 1, 1)))
     return tuple(sorted(asked.fractions))

@@ -311,7 +311,7 @@ def _estimated_start(
             f"{predictor.past} samples; choose a one-step solver."
         )
 
-    first, ahead = start[0], measured.shape[1] - 1
+    first, ahead = on_device(np.asarray(start)[0]), measured.shape[1] - 1
     scale = scale_of_errors(model, measured)[:, None]
     free = np.asarray(first)[freed]
     # A long run of a nonlinear model has several minima; its beginning leads to the right one.
@@ -330,8 +330,9 @@ def _estimated_start(
 
         with np.errstate(all="ignore"):  # of a run that diverges from every start
             free = least_squares(residual, free, jac=slope, x_scale="jac", max_nfev=50).x
-    found: JaxArray = first.at[np.array(freed)].set(free)[None]
-    return found
+    found = np.array(start)
+    found[:, freed] = free
+    return on_device(found)
 
 
 def scale_of_errors(model: Model, measured: FloatArray) -> FloatArray:

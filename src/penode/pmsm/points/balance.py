@@ -152,19 +152,24 @@ class PointsBalance:
         return (*both, slice(voltages, None)) if self.torque else both
 
     @cached_property
-    def likeliest(self) -> tuple[PointsSolution, "_Search"]:
-        """The solution with the most likely noise; map and imperfections follow each other."""
+    def likeliest(self) -> tuple[PointsSolution, "_Search", FloatArray]:
+        """The solution with the most likely noise; map and imperfections follow each other.
+
+        Behind it are the last search and its steps of noise and strength.
+        """
         drive: KnownDrive | None = None
+        steps = _STEPS * np.array([*_FIRST[: len(self.outputs)], _FIRST[-1]])
         for _ in range(_ROUNDS):
             search = _Search.of(self, self._matrix(drive, self._basis))
-            likeliest = search.solution(self._most_likely(search))
+            steps = search.most_likely(steps)
+            likeliest = search.solution(steps)
             drive = self._drive(likeliest)
-        return likeliest, search
+        return likeliest, search, steps
 
     def solve(self) -> Solved:
         """Solve for map, parameters and imperfections."""
-        likeliest, search = self.likeliest
-        return Solved(search.around(self._most_likely(search)), likeliest, search.matrix)
+        likeliest, search, steps = self.likeliest
+        return Solved(search.around(steps), likeliest, search.matrix)
 
     @property
     def noise(self) -> FloatArray:
@@ -266,12 +271,6 @@ class PointsBalance:
         known |= dict.fromkeys(self.imperfections, 1.0)
         return np.array([known.get(name, np.inf) ** -2.0 for name in self.names])
 
-    def _most_likely(self, search: "_Search") -> FloatArray:
-        """Return the steps of noise and strength at which the points are most likely."""
-        first = _STEPS * np.array([*_FIRST[: len(self.outputs)], _FIRST[-1]])
-        limits = (_STEPS * _LIMITS[0], _STEPS * _LIMITS[1])
-        return lowest(lambda steps: search.at(steps)[0], first, limits)
-
 
 @dataclass(frozen=True, eq=False)
 class _Search:
@@ -298,6 +297,17 @@ class _Search:
         even = float(np.sum(of_map**2) / np.trace(penalty.matrix))
         return cls(balance, matrix, balance.target, np.maximum(largest, 1e-300), penalty, even)
 
+    @cached_property
+    def _outputs(self) -> list[tuple[int, FloatArray, FloatArray, float]]:
+        """Of each output the number of its equations, and their normal equations."""
+        parts = [(self.matrix[rows], self.target[rows]) for rows in self.balance.outputs]
+        return [(len(y), a.T @ a, a.T @ y, float(y @ y)) for a, y in parts]
+
+    def most_likely(self, first: FloatArray) -> FloatArray:
+        """Return the steps of noise and strength at which the points are most likely."""
+        limits = (_STEPS * _LIMITS[0], _STEPS * _LIMITS[1])
+        return lowest(lambda steps: self.at(steps)[0], first, limits)
+
     def noise(self, steps: FloatArray) -> FloatArray:
         """Return the deviation of each output."""
         return np.asarray(self.largest * 10.0 ** (steps[:-1] / _STEPS))
@@ -315,11 +325,15 @@ class _Search:
 
         Mean (coefficient,), Cholesky's factor of the precision, and what both are divided by.
         """
-        weight = np.ones(len(self.target))
-        for rows, deviation in zip(self.balance.outputs, self.noise(steps), strict=True):
-            weight[rows] = 1 / deviation
-        scaled_rows, values = self.matrix * weight[:, None], self.target * weight
-        precision = scaled_rows.T @ scaled_rows
+        precision, right = (np.zeros_like(one) for one in self._outputs[0][1:3])
+        energy = spread = 0.0
+        for (equations, normal, own, square), deviation in zip(
+            self._outputs, self.noise(steps), strict=True
+        ):
+            precision += normal / deviation**2
+            right += own / deviation**2
+            energy += square / deviation**2
+            spread += 2 * equations * float(np.log(deviation))
         count, place = len(self.balance.names), self.penalty.place
         precision[np.arange(count), np.arange(count)] += self.balance._precision
         # Not over the noise: what is believed of the map does not move with it.
@@ -329,12 +343,11 @@ class _Search:
         scaled = precision / np.outer(size, size)
         scaled[np.diag_indices_from(scaled)] += 1e-12
         factor = cho_factor(scaled, lower=True, check_finite=False)
-        right = scaled_rows.T @ values / size
+        right = right / size
         mean = cho_solve(factor, right, check_finite=False)
         volume = 2 * float(np.sum(np.log(np.diag(factor[0]))) + np.sum(np.log(size)))
         prior = self.penalty.rank * np.log(strength) + self.penalty.volume
-        left = float(values @ values - right @ mean)
-        evidence = left - 2 * float(np.sum(np.log(weight))) + volume - float(prior)
+        evidence = energy - float(right @ mean) + spread + volume - float(prior)
         return evidence, mean, factor, size
 
     def around(self, best: FloatArray) -> PointsSolution:
