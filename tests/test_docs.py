@@ -206,7 +206,8 @@ def test_commands_run(command, recordings, monkeypatch, capsys):
     if command.startswith("penode identify"):
         shutil.rmtree("result")  # it never replaces one unasked
     if command.startswith("penode sweep"):
-        Path("other.csv").unlink()  # a fleet of one will do
+        for path in set(Path().glob("*.csv")) - {Path("run.csv")}:
+            path.unlink()  # a fleet of one will do
         monkeypatch.setattr("penode.cli.sweep.processes", in_this_process)
     status = 0
     try:

@@ -136,6 +136,7 @@ def test_the_gradient_by_diffrax_is_the_objectives(small):
         problem.check("H = 2", wrong, wanted)
 
 
+@pytest.mark.slow
 def test_gauss_newton_terms_are_those_of_a_stored_jacobian(small):
     windows = small.windows(4)
     with float64():

@@ -49,6 +49,7 @@ def test_the_start_of_a_free_run_is_estimated_by_its_beginning_first(prey, monke
     assert compare(predictor, true, run).free_run_rmse > 2 * found
 
 
+@pytest.mark.slow
 def test_a_parameter_that_ran_to_zero_begins_anew_at_the_next_rung(monkeypatch):
     """The shortest windows of a two-mass drive want a negative damping, which it cannot have."""
     drive = draw(KINDS["two_mass"], 6)

@@ -56,7 +56,17 @@ def covariance_of(model, size=1e-3, seed=7):
     return root @ root.T
 
 
-def test_it_is_the_scatter_of_drawn_parameters(system):
+@pytest.mark.parametrize(
+    "name",
+    [
+        "duffing",
+        "coenergy machine",
+        pytest.param("linear machine", marks=pytest.mark.slow),
+        pytest.param("mlp machine", marks=pytest.mark.slow),
+    ],
+)
+def test_it_is_the_scatter_of_drawn_parameters(name, systems):
+    system = systems[name]
     predictor, run = Predictor(system.time_step), system.experiments[1]
     covariance = covariance_of(system.model)
     found = free_run_deviation(predictor, system.model, run, covariance)

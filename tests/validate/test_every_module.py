@@ -152,6 +152,7 @@ REFUSED = Identified(None, "refused", "error: too short.", "", 0.1)
 BROKEN = Identified(None, "status 70", "internal error", "exit status 70: internal error", 9.0)
 
 
+@pytest.mark.slow
 def test_the_command_ends_with_a_fit_and_nothing_to_note(ended, done):
     assert ended.status == 1, ended.printed  # 60 ms at one speed cannot determine R
     assert (done.verdict, done.noted, done.told) == ("not identifiable", "", "")

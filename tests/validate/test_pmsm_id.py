@@ -53,6 +53,7 @@ def test_what_is_told_hides_the_truth(folder):
         assert np.all(turning == sign * np.sign(log["omega_el"][1:]))
 
 
+@pytest.mark.slow
 def test_a_method_answers_once_and_least_squares_find_a_clean_log(folder, capsys):
     for _ in range(2):
         answer.answer("weak least squares", folder=folder)
