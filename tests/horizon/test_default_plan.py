@@ -1,7 +1,6 @@
 """The default plan: where its ladder begins and ends, how many windows, which starts are free."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -149,34 +148,14 @@ def test_at_least_one_window_is_wanted():
 def test_a_hold_whose_predictions_diverge_is_not_taken(run, monkeypatch):
     start, climb = Start(Tanks(OUTFLOW, INFLOW)), LadderProblem.climb
 
-    def diverging(problem, plan, *begins):
+    def diverging(problem, plan, raw):
         if plan.hold == FirstOrderHold():
             raise InputError("the predictions diverge already at horizon 7.")
-        return climb(problem, plan, *begins)
+        return climb(problem, plan, raw)
 
     monkeypatch.setattr(LadderProblem, "climb", diverging)
     plan = default_plan(start.model, [run])
     assert with_hold(plan, start, [run]) is plan
-
-
-def test_the_other_holds_begin_where_the_first_ended(run, monkeypatch):
-    """What all of them share is trained once."""
-    start, climb, begun = Start(Tanks(3 * OUTFLOW, INFLOW / 2)), LadderProblem.climb, {}
-
-    def watched(problem, plan, raw, begins):
-        found = climb(problem, plan, raw, begins)
-        ended = {rung.horizon: rung.solution.raw for rung in found.fits}
-        evaluations = sum(rung.solution.evaluations for rung in found.fits)
-        begun[plan.hold] = (begins, ended, evaluations)
-        return found
-
-    monkeypatch.setattr(LadderProblem, "climb", watched)
-    with_hold(default_plan(start.model, [run]), start, [run])
-    (none, ended, cold), *others = begun.values()
-    assert not none
-    for begins, _, warm in others:
-        assert begins == ended
-        assert warm < cold
 
 
 class Lag(Model):
@@ -252,18 +231,7 @@ def test_the_horizon_that_speaks_most_against_a_hold_decides(run, monkeypatch, s
         FirstOrderHold(): list(straight),
         BandLimitedHold(): [-2.0, -2.0, -2.0],
     }
-
-    def fits(plan, *given):
-        losses = zip(plan.stages, logarithms[plan.hold], strict=True)
-        return [
-            SimpleNamespace(
-                horizon=stage.horizon,
-                solution=SimpleNamespace(raw=np.zeros(2), terms=SimpleNamespace(loss=np.exp(one))),
-            )
-            for stage, one in losses
-        ]
-
-    monkeypatch.setattr(hold_check, "_fits", fits)
+    monkeypatch.setattr(hold_check, "_log_losses", lambda plan, *given: logarithms[plan.hold])
     start = Start(Tanks(OUTFLOW, INFLOW))
     assert with_hold(default_plan(start.model, [run]), start, [run]).hold == taken
 

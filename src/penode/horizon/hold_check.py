@@ -1,7 +1,7 @@
 """How inputs go on between samples, asked of the recordings: before a fit, and after it."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -38,15 +38,7 @@ def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Pl
     plans = [plan, *(replace(plan, hold=hold) for hold in _HOLDS[1:])]
     middle = len(plan.stages) // 2
     stages = tuple(plan.stages[k] for k in sorted({0, (middle + 1) // 2, middle}))
-    begins: dict[int, FloatArray] = {}
-    found = list[list[float]]()
-    for other in plans:
-        fits = _fits(replace(other, stages=stages), start, experiments, begins)
-        # The others begin where the first ended: what they share is trained once.
-        begins = begins or {rung.horizon: rung.solution.raw for rung in fits}
-        known = [math.log(rung.solution.terms.loss + _EXACT) for rung in fits]
-        found.append(known + [_DIVERGED] * (len(stages) - len(known)))
-    losses = np.array(found)
+    losses = np.array([_log_losses(replace(p, stages=stages), start, experiments) for p in plans])
     regret = np.max(losses - losses.min(axis=0), axis=1)
     chance = _TIE / _values(start.model, experiments)
     return plans[int(np.argmax(regret <= regret.min() + chance))]
@@ -83,12 +75,12 @@ def _values(model: Model, experiments: Sequence[Experiment]) -> int:
     return len(measured_units(model)) * sum(map(len, experiments))
 
 
-def _fits(
-    plan: Plan, start: Start, experiments: Sequence[Experiment], begins: Mapping[int, FloatArray]
-) -> tuple[HorizonFit, ...]:
-    """Return a plan's rungs, none where already the first diverges."""
+def _log_losses(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> list[float]:
+    """Return the logarithm of the loss at each of a plan's horizons."""
     problem = LadderProblem.of(start.model, experiments, plan, ignore_events)
     try:
-        return problem.climb(plan, problem.objective.layout.raw(start.model), begins).fits
+        fits = problem.climb(plan, problem.objective.layout.raw(start.model)).fits
     except InputError:
-        return ()
+        fits = ()
+    known = [math.log(rung.solution.terms.loss + _EXACT) for rung in fits]
+    return known + [_DIVERGED] * (len(plan.stages) - len(known))

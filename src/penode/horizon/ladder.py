@@ -227,12 +227,8 @@ class LadderProblem:
         reported = Reported(objective.layout, thin(visited, most=100))
         return cls(objective, reported, model, experiments, observer)
 
-    def climb(
-        self, plan: Plan, raw: FloatArray, begins: Mapping[int, FloatArray] | None = None
-    ) -> Climb:
+    def climb(self, plan: Plan, raw: FloatArray) -> Climb:
         """Run the stages in order from raw (parameter,), ending early at a divergence or Ctrl-C.
-
-        `begins` has raw parameters from which horizons are trained in place of the one before.
 
         Raises
         ------
@@ -243,7 +239,7 @@ class LadderProblem:
         """
         rungs, interrupted = list[HorizonFit](), False
         try:
-            self._climb(plan, raw, begins or {}, rungs)
+            self._climb(plan, raw, rungs)
         except KeyboardInterrupt:
             if not rungs:
                 raise
@@ -256,20 +252,13 @@ class LadderProblem:
             )
         return Climb(tuple(rungs), interrupted)
 
-    def _climb(
-        self,
-        plan: Plan,
-        raw: FloatArray,
-        begins: Mapping[int, FloatArray],
-        rungs: list[HorizonFit],
-    ) -> None:
+    def _climb(self, plan: Plan, raw: FloatArray, rungs: list[HorizonFit]) -> None:
         """Append finished rungs until the plan ends or a stage diverges."""
         first = raw
         for number, stage in enumerate(plan.stages):
             self.objectives.pop(stage.horizon, None)
             problem = self.problem(stage, plan)
             place = (number + 1, len(plan.stages))
-            raw = begins.get(stage.horizon, raw)
             if rungs and (not rungs[-1].solution.converged or strayed(rungs)):
                 raw = problem.better(raw, first)
             problem, raw = with_scale(problem, raw, cold=not rungs)
