@@ -24,6 +24,7 @@ from benchmarks import (
     long_recording,
     memory,
     operations,
+    own_models,
     parallel_starts,
     peer_models,
     peers,
@@ -33,6 +34,7 @@ from benchmarks import (
     sweep,
 )
 from benchmarks import run as all_benchmarks
+from penode import Predictor
 from penode.arrays import float64
 from penode.data import gathered
 from penode.models.inputs import Inputs
@@ -41,6 +43,7 @@ from penode.pmsm.balance.start import nominal_start
 from penode.pmsm.study_settings import Study
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import RK4_38
+from penode.validation.free_run import compare
 from validate import learned_sets, public_sets, simulated_sets
 
 #: Modules that need packages of an environment of their own.
@@ -54,8 +57,8 @@ ELSEWHERE = {
 }
 HERE = {
     "bench_speed", "c_lookup", "diffrax_gradient", "fit_machines", "gauss_newton",
-    "identification", "long_recording", "memory", "operations", "parallel_starts", "peer_models",
-    "peers", "problem", "roofline", "run", "scale", "sweep",
+    "identification", "long_recording", "memory", "operations", "own_models", "parallel_starts",
+    "peer_models", "peers", "problem", "roofline", "run", "scale", "sweep",
 }  # fmt: skip
 FOLDER = Path(benchmarks.__file__).parent
 PEER_STARTS = {
@@ -75,6 +78,17 @@ def test_every_module_has_a_case():
     """A new module of `benchmarks` joins HERE with a case below."""
     found = {one.name for one in pkgutil.iter_modules(benchmarks.__path__)}
     assert found == HERE | set(ELSEWHERE)
+
+
+def test_recordings_of_own_models_are_those_of_the_parameters_they_are_said_to_have():
+    """Where all states are measured, one step of the model errs by the noise of two samples."""
+    _, run, (rate,) = own_models.lag(2_000)
+    found = compare(Predictor(run.time_step), own_models.Lag(rate), run)
+    assert found.one_step_rmse == pytest.approx(1e-2 * np.sqrt(2), rel=0.1)
+    model, run, (stiffness, damping) = own_models.chain(2)
+    true = replace(model, stiffness=stiffness, damping=damping)
+    found = compare(Predictor(run.time_step), true, run)
+    assert found.free_run_rmse == pytest.approx(1e-4, rel=0.1)
 
 
 def test_make_bench_runs_all_that_need_nothing_else():
