@@ -1,8 +1,8 @@
 """Time and memory of fits of own models over their size: ``python -m benchmarks.own_models``.
 
-Each row is a process of its own, cold: a chain of masses of which six positions are measured, a
-spring learned by a network, and a long recording of a lag. Before a row counts, its physical
-parameters have to be right within three deviations and 2 %.
+Each row is a process of its own, cold: a chain of masses of which six positions are measured, and a
+long recording of a lag. Before a row counts, its physical parameters have to be right within three
+deviations and 2 %.
 """
 
 import sys
@@ -15,10 +15,9 @@ import numpy as np
 import penode
 from benchmarks.scale import cost
 from penode.data.experiment import Experiment
-from penode.models.networks import TanhLayers
 
-#: Kind and sizes: masses, units a layer, samples.
-ROWS = {"chain": (3, 6, 12, 25), "spring": (8, 16, 32), "lag": (10_000, 100_000, 1_000_000)}
+#: Kind and sizes: masses, samples.
+ROWS = {"chain": (3, 6, 12, 25), "lag": (10_000, 100_000, 1_000_000)}
 _MEASURED, _SEED = 6, 20_261_128
 
 
@@ -82,33 +81,6 @@ def chain(masses):
     return Chain(300.0, 1.0), Experiment("chain", 0.01, channels), (400.0, 2.0)
 
 
-class Spring(penode.Model):
-    """x'' = force - damping v - spring(x), both measured."""
-
-    states: ClassVar = ("x", "v")
-    inputs: ClassVar = ("force",)
-    state_units: ClassVar = ("m", "m/s")
-
-    spring: TanhLayers
-    damping: object = penode.physical("1/s")
-
-    def derivative(self, x, u):
-        bent = self.spring.value_and_jacobian(x[:1])[0][0]
-        return jnp.stack([x[1], u[0] - self.damping * x[1] - bent])
-
-
-def spring(units):
-    """Return a network of two hidden layers in place of a cubic spring."""
-
-    def true(x, force):
-        return np.array([x[1], force - 0.3 * x[1] - 2 * x[0] - 1.5 * x[0] ** 3])
-
-    force = 2 * held_force(4000, 20)
-    x, v = recorded(true, np.zeros(2), force, 0.05, 2e-3).T
-    start = Spring(TanhLayers.random((1, units, units, 1), seed=1), 0.1)
-    return start, Experiment("spring", 0.05, {"x": x, "v": v, "force": force}), (0.3,)
-
-
 class Lag(penode.Model):
     """x' = rate (force - x)."""
 
@@ -133,7 +105,7 @@ def lag(samples):
 
 def fitted(kind, size):
     """Identify by the default; raise SystemExit unless what is physical comes out right."""
-    start, run, truth = {"chain": chain, "spring": spring, "lag": lag}[kind](size)
+    start, run, truth = {"chain": chain, "lag": lag}[kind](size)
     fit = penode.identify(start, [run])
     for (name, found), true in zip(fit.parameters.items(), truth, strict=True):
         off = abs(found.value - true)
@@ -147,7 +119,7 @@ def main():
     print("| model | size | parameters | peak | processor | clock |\n|---|---|---|---|---|---|")
     for kind, sizes in ROWS.items():
         for size in sizes:
-            start = {"chain": chain, "spring": spring, "lag": lag}[kind](min(size, 20_000))[0]
+            start = {"chain": chain, "lag": lag}[kind](min(size, 20_000))[0]
             count = sum(np.size(leaf) for leaf in jax.tree.leaves(start))
             taken = cost("benchmarks.own_models", [kind, str(size)])
             print(
