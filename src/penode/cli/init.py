@@ -61,8 +61,8 @@ def _open_questions(guess: StudyGuess) -> str:
     timeless = guess.missing == (TIME,) and not guess.counter
     missing = [f"column of {name}" for name in guess.missing if not timeless and name != TIME]
     if TIME in guess.missing and not timeless:
-        counted = f" ({guess.counter} counts samples)" if guess.counter else ""
-        missing.insert(0, f"{TIME_STEP}{counted}")
+        counted = f"{TIME_STEP} ({guess.counter} counts samples)"
+        missing.insert(0, counted if guess.counter else f"column of {TIME} or {TIME_STEP}")
     missing += ["pole_pairs"] * guess.lacks_pole_pairs
     missing += guess.bases
     if timeless:

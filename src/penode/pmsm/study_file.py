@@ -122,7 +122,9 @@ class StudyFile:
 
     def load_points(self, path: str | Path) -> Experiment:
         """Load a table of operating points; see `penode.pmsm.points.operating_points.load_runs`."""
-        recordings, points = load_runs([Path(path)], self.mapping)
+        # Points have no time: that of a recording beside is none of theirs.
+        constants = {n: one for n, one in self.mapping.constants.items() if n != TIME_STEP}
+        recordings, points = load_runs([Path(path)], replace(self.mapping, constants=constants))
         if points is None:
             raise InputError(
                 f"{path}: a table of operating points must have no column of time, got "

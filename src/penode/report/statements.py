@@ -15,6 +15,8 @@ from penode.validation.residual_lines import find_lines
 from penode.validation.residual_tests import Spectrum
 
 _SPACE = "\N{NO-BREAK SPACE}"
+#: Frequencies below which there is no floor of noise to stand out of.
+_FEWEST = 16
 #: Width of a line over its frequency: where the speed varies a line is spread.
 _SPREAD = 0.03
 _MEANINGS = {
@@ -152,6 +154,8 @@ def spectrum_title(
 def _of_lines(frequency: FloatArray, amplitude: FloatArray) -> FloatArray:
     """Return amplitudes (frequency, state), zero where no line stands out of the noise."""
     kept = np.zeros_like(amplitude)
+    if len(frequency) < _FEWEST:
+        return kept
     for line in find_lines(frequency, amplitude**2):
         at = (frequency >= line.low) & (frequency <= line.high)
         kept[at, line.signal] = amplitude[at, line.signal]

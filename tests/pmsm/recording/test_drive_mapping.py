@@ -6,6 +6,7 @@ import pytest
 from penode.data.mapping import Origin
 from penode.errors import InputError
 from penode.pmsm.recording.drive_mapping import RECORDED, DriveMapping, DriveOrigin
+from penode.pmsm.study_file import load_study
 
 AMPLITUDES, TURNING = {"u_d", "u_q", "i_d", "i_q"}, {"omega_el", "theta_el"}
 ROWS = np.random.default_rng(3).normal(size=(20, 6))
@@ -83,6 +84,14 @@ def test_even_samples_need_no_column_of_times(file):
     )
     with pytest.raises(InputError, match=r"time_step is a number \(0.001\) and t a channel"):
         DriveMapping({"t": origin("t")}, constants={"time_step": 1e-3})
+
+
+def test_the_time_step_of_a_recording_is_none_of_the_points_beside_it(tmp_path):
+    table = tmp_path / "points.csv"
+    rows = np.random.default_rng(2).normal(size=(12, 5)) + [0, 0, 0, 0, 300]
+    np.savetxt(table, rows, delimiter=",", header="u_d,u_q,i_d,i_q,omega_el", comments="")
+    (tmp_path / "study.toml").write_text("time_step = 1e-4\n")
+    assert len(load_study(tmp_path / "study.toml").load_points(table)) == 12
 
 
 def at_rest(file, **moving):
