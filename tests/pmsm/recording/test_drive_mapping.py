@@ -88,7 +88,7 @@ def test_even_samples_need_no_column_of_times(file):
 
 def test_the_time_step_of_a_recording_is_none_of_the_points_beside_it(tmp_path):
     table = tmp_path / "points.csv"
-    rows = np.random.default_rng(2).normal(size=(12, 5)) + [0, 0, 0, 0, 300]
+    rows = np.random.default_rng(2).normal((0, 0, 0, 0, 300), size=(12, 5))
     np.savetxt(table, rows, delimiter=",", header="u_d,u_q,i_d,i_q,omega_el", comments="")
     (tmp_path / "study.toml").write_text("time_step = 1e-4\n")
     assert len(load_study(tmp_path / "study.toml").load_points(table)) == 12
