@@ -248,13 +248,16 @@ def test_groups_that_hold_each_other_are_refused(decode):
 
 
 def test_groups_within_groups_by_many_ways_are_refused(decode):
+    """By their number, or on a slow machine by the time that it takes."""
+
     def build(file):
         for _ in range(14):
             file["b"] = inner = file.create_group("a")
             file = inner
         file["x"] = X
 
-    assert "(RecursionError)" in refusal(decode, "mat", "run.mat", hdf5(build))
+    sentence = refusal(decode, "mat", "run.mat", hdf5(build))
+    assert "(RecursionError)" in sentence or "took longer than 3 s of computing" in sentence
 
 
 def test_complex_vectors_and_structs_within_structs(decode):
