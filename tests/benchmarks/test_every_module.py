@@ -93,7 +93,7 @@ def test_recordings_of_own_models_are_those_of_the_parameters_they_are_said_to_h
 
 def test_make_bench_runs_all_that_need_nothing_else():
     here = {one.__name__.removeprefix("benchmarks.") for one in all_benchmarks.HERE}
-    own_command = {"fit_machines", "long_recording", "peers", "scale", "sweep"}
+    own_command = {"fit_machines", "long_recording", "own_models", "peers", "scale", "sweep"}
     assert "benchmarks.peers" in all_benchmarks.ELSEWHERE
     assert here == HERE - own_command - {"operations", "peer_models", "problem", "run"}
     assert all(callable(one.main) for one in all_benchmarks.HERE)
