@@ -131,7 +131,7 @@ def test_noise_has_no_line_and_the_strongest_line_below_its_floor_is_named():
     assert spectrum_title(Spectrum("run.csv", found, noise), SAME, lines).startswith("No line")
     noise[500, 0] = 2.0
     title = spectrum_title(Spectrum("run.csv", found, noise), SAME, lines)
-    assert title == f"The largest residual lies at 20.0{GAP}Hz"
+    assert title == f"The strongest line of the residual lies at 20.0{GAP}Hz"
 
 
 def test_a_constant_residual_is_no_line():
@@ -141,5 +141,5 @@ def test_a_constant_residual_is_no_line():
 def test_a_state_without_residual_is_not_named():
     units = (("i", "A"), ("omega", "rad/s"))
     assert spectrum_title(peaked(60.0, 1), units) == (
-        f"The residual is largest in omega at 60.0{GAP}Hz"
+        f"The strongest lines of the residual: omega at 60.0{GAP}Hz"
     )

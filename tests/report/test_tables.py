@@ -159,7 +159,9 @@ def test_ladder_title_claims_agreement_only_where_it_holds(fit):
 
 def test_spectrum_title_names_a_line_only_where_one_is(spectrum):
     same = (("x", "m"), ("y", "m"))
-    assert spectrum_title(spectrum, same) == f"The largest residual lies at 50.0{GAP}Hz"
+    assert (
+        spectrum_title(spectrum, same) == f"The strongest line of the residual lies at 50.0{GAP}Hz"
+    )
     assert spectrum_title(spectrum, same, [(50.02, "6×")]).endswith("Hz, 6×")
     assert spectrum_title(spectrum, same, [(60.0, "6×")]).endswith("Hz")
     silent = dataclasses.replace(spectrum, amplitude=np.zeros_like(spectrum.amplitude))
@@ -171,7 +173,7 @@ def test_spectrum_title_compares_no_two_units(spectrum):
     amplitude[24 * 3, 1] = 40.0
     both = dataclasses.replace(spectrum, amplitude=amplitude)
     assert spectrum_title(both, STATES) == (
-        f"The residual is largest in x at 50.0{GAP}Hz and v at 3.00{GAP}Hz"
+        f"The strongest lines of the residual: x at 50.0{GAP}Hz and v at 3.00{GAP}Hz"
     )
 
 

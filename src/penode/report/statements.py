@@ -130,7 +130,7 @@ def spectrum_title(
     states: Sequence[tuple[str, str]],
     lines: Sequence[tuple[float, str]] = (),
 ) -> str:
-    """Say where the largest residual lies, of each state where their units differ.
+    """Say where the strongest line of the residual lies, of each state where their units differ.
 
     ``states`` are name and SI unit of each column; ``lines`` are frequencies in Hz with their
     names.
@@ -142,13 +142,14 @@ def spectrum_title(
     if not amplitude.any():
         return "No line stands out of the residual's noise"
     if len({unit for _, unit in states}) == 1:
-        return f"The largest residual lies at {_peak(spectrum, amplitude.max(axis=1), lines)}"
+        where = _peak(spectrum, amplitude.max(axis=1), lines)
+        return f"The strongest line of the residual lies at {where}"
     peaks = [
         f"{name} at {_peak(spectrum, column, lines)}"
         for (name, _), column in zip(states, amplitude.T, strict=True)
         if column.any()
     ]
-    return f"The residual is largest in {listed(peaks)}"
+    return f"The strongest lines of the residual: {listed(peaks)}"
 
 
 def _of_lines(frequency: FloatArray, amplitude: FloatArray) -> FloatArray:

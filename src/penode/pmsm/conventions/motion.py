@@ -184,16 +184,3 @@ def _slope_over_speed(steps: FloatArray, experiment: Experiment) -> float:
     expected = 0.5 * (speed[1:] + speed[:-1]) * experiment.time_step
     square = float(expected @ expected)
     return float(steps @ expected) / square if square > 0.0 else 1.0
-
-
-def of_turning_shaft(experiment: Experiment, pairs: int, evidence: str) -> Judged:
-    """Return the finding of a mechanical angle, rad, and the recording with the electrical one."""
-    finding = BrokenConvention(
-        "mechanical angle for electrical",
-        experiment.name,
-        ("theta_el",),
-        f"{evidence}, as with {pairs} pole pairs",
-        f"give theta_el mechanical = true, and pole_pairs = {pairs}",
-    )
-    angle = np.unwrap(experiment.channels["theta_el"]) * pairs
-    return finding, with_channels(experiment, {"theta_el": angle})

@@ -10,7 +10,7 @@ from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.trial_balance import try_balance
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judged, with_channels
-from penode.pmsm.conventions.motion import MOST_POLE_PAIRS, of_turning_shaft
+from penode.pmsm.conventions.motion import MOST_POLE_PAIRS
 from penode.pmsm.machine.frames import dq_from_abc
 
 #: How much slower phase quantities change with another angle or order before that one is believed.
@@ -30,8 +30,16 @@ def judge_turns(experiment: Experiment, kinds: str) -> Judged:
     best = min(spins, key=lambda k: spins[k])
     if abs(best) == 1 or spins[best] * _SLOWER > min(spins[1], spins[-1]):
         return None, experiment
-    evidence = f"phase quantities are steady when seen from {abs(best)} times the angle"
-    return of_turning_shaft(experiment, abs(best), evidence)
+    pairs = abs(best)
+    finding = BrokenConvention(
+        "mechanical angle for electrical",
+        experiment.name,
+        ("theta_el",),
+        f"phase quantities are steady when seen from {pairs} times the angle, as with {pairs} pole "
+        "pairs",
+        f"give theta_el mechanical = true, and pole_pairs = {pairs}",
+    )
+    return finding, with_channels(experiment, {"theta_el": pairs * theta})
 
 
 def judge_phases(experiment: Experiment, kinds: str) -> Judged:
