@@ -36,6 +36,7 @@ def test_every_format_is_written(result, penode, tmp_path, to):
     assert out.stat().st_size > 1000
     told = "linear interpolation is within" in " ".join(done.stdout.split())
     assert told == (to not in ("csv", "onnx"))
+    assert ("mtpa" in done.stdout) == (to in ("c", "c_fixed", "mat", "m", "xlsx"))
 
 
 def test_points_are_taken_and_pole_pairs_are_those_of_the_fit(result, penode, tmp_path):

@@ -161,7 +161,8 @@ def test_the_folder_of_a_result_where_a_recording_is_wanted(command, machine_fit
     assert "result: this is the folder of a result where a recording was wanted" in done.stderr
 
 
-def test_loci_need_no_current_limit_and_no_picture(machine_fit, penode, tmp_path):
+def test_loci_need_no_current_limit_and_no_picture(machine_fit, penode, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     write(machine_fit, tmp_path / "result")
     largest = np.hypot(*machine_fit.excited.T).max()
     done = penode("loci", tmp_path / "result", "--pole-pairs", 5)
@@ -170,6 +171,12 @@ def test_loci_need_no_current_limit_and_no_picture(machine_fit, penode, tmp_path
     assert first.startswith("current limit ")
     assert first.endswith(" A, as far as recordings back MTPA; --i-max gives another")
     assert float(first.split()[2]) == pytest.approx(largest, rel=0.01)
+    said = " ".join(done.stdout.split())
+    assert "voltage limit not known: torque over speed needs --u-max" in said
+    assert "nothing is drawn or written without --out, --csv or --table" in said
+    drawn = penode("loci", tmp_path / "result", "--pole-pairs", 5, "--u-max", 200, "--csv", "l.csv")
+    assert "not known" not in drawn.stdout
+    assert "nothing is drawn" not in drawn.stdout
     same = penode("loci", tmp_path / "result", "--pole-pairs", 5, "--i-max", repr(float(largest)))
     assert same.stdout.splitlines() == rest
 

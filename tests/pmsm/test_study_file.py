@@ -152,6 +152,7 @@ def test_options_override_the_file(config):
             ["channels.t.delay is unknown", "column, unit, scale"],
         ),
         ("horizon = ", ["not a TOML file"]),
+        ("seed = 1\nseed = 2", ["not a TOML file (an entry is given twice; remove one, "]),
         ("[accuracy]\nvoltage_gain = -1", ["accuracy voltage_gain", "must be >= 0"]),
         ('[accuracy]\nangle = "1 deg"', ["accuracy", "angle", "number"]),
         ("[accuracy]\ngain = 0.01", ["accuracy", "gain"]),
