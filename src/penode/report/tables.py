@@ -65,7 +65,7 @@ def parameter_table(fit: Fit) -> Table:
         caption += (
             " Identifiability is 1 where nothing in the learned map can imitate the parameter, and "
             "0 where the data cannot distinguish the two: below 0.01 it is said to be not "
-            "identifiable, above that a small value widens the interval, which has it in it."
+            "identifiable; above that a small value widens the interval, which allows for it."
         )
     if not fit.horizon.answered:
         caption = f"For diagnosis only; the data cannot answer. {caption}"
