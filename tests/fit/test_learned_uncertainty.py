@@ -55,9 +55,21 @@ def test_horizons_that_differ_add_their_weighted_spread(tank):
     np.testing.assert_allclose(told.deviation(tank, POINTS)[:, 0], wanted, atol=1e-12)
 
 
+def test_the_slope_along_a_direction_has_its_own(tank, rng):
+    root, shift = rng.normal(size=(4, 4)), np.array([0.0, 0.3, 0.0, -0.1])
+    agreeing = tank.outflow.coefficients + np.outer([1.0, 0.0], shift)
+    told = LearnedUncertainty(root @ root.T, agreeing, np.array([0.25, 0.75]))
+    slopes = np.arange(4) * POINTS ** np.maximum(np.arange(4) - 1, 0)
+    spread = np.abs(slopes @ shift) * np.sqrt(0.25 * 0.75)
+    wanted = 2.0 * np.hypot(np.linalg.norm(slopes @ root, axis=1), spread)
+    of_slope = told.deviation(tank, POINTS, np.array([2.0]))[:, 0]
+    np.testing.assert_allclose(of_slope, wanted, rtol=1e-10)
+
+
 def test_recordings_too_short_to_tell_give_infinity(tank):
     told = LearnedUncertainty(np.full((4, 4), np.inf), tank.outflow.coefficients, np.ones(1))
     assert np.isinf(told.deviation(tank, POINTS)).all()
+    assert np.isinf(told.deviation(tank, POINTS, np.ones(1))).all()
 
 
 @pytest.mark.slow

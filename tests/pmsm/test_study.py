@@ -109,7 +109,10 @@ def test_everything_written_reads_back(fit, slow_run, tmp_path):
     low, high = magnet["interval_95"]
     assert low < magnet["value"] == float(fit.flux_map(0.0, 0.0)[0]) < high
     assert l_q["value"] == pytest.approx(float(fit.differential_inductance(0.0, 0.0)[1, 1]))
-    assert l_q["interval_95"] == [None, None]
+    low, high = l_q["interval_95"]
+    deviation = fit.learned_deviation(np.zeros((1, 2)), np.array([0.0, 1.0]))[0, 1]
+    assert high - low == pytest.approx(2 * 1.96 * deviation, rel=1e-3)
+    assert 0 < deviation < 0.05 * l_q["value"]
     assert set(result["metrics"]["train"][slow_run.name]) == {
         "one_step_rmse_A",
         "free_run_rmse_A",

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from penode import Model, Predictor, physical
-from penode.arrays import Leaf
+from penode.arrays import Leaf, float64
 from penode.data.windows import Windows
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
-from penode.training import free_starts
+from penode.training import chunks, free_starts
 from penode.training.loss import Loss
 from penode.training.residuals import Objective
-from penode.training.sensitivities import _MANY
+from penode.training.sensitivities import _MANY, Recursion
 
 MASSES, STEP, HORIZON, COUNT = 10, 0.05, 30, 7
 MEASURED = (0, 3, 6, 9)
@@ -65,11 +65,15 @@ def squares(raw, windows):
     return total
 
 
-def test_terms_are_those_of_linear_least_squares(monkeypatch):
+@pytest.mark.parametrize("by_column", [True, False])
+def test_terms_are_those_of_linear_least_squares(monkeypatch, by_column):
     monkeypatch.setattr(free_starts, "_ACCEPTED", 0.0)  # start over where one step is not enough
     free = 2 * MASSES - len(MEASURED)
     assert free > free_starts._WRITTEN_OUT
     assert 2 * MASSES >= _MANY
+    if not by_column:
+        monkeypatch.setattr(Recursion, "_few_columns", lambda self, history: False)
+        chunks._sum_over_chunks.clear_cache()
     random, samples = np.random.default_rng(3), COUNT + HORIZON
     states, u = random.normal(size=(samples, 2 * MASSES)), random.normal(size=(samples, 1))
     starts = np.arange(COUNT)
@@ -82,3 +86,20 @@ def test_terms_are_those_of_linear_least_squares(monkeypatch):
     for k, step in enumerate(1e-4 * np.eye(2)):
         slope = (squares(RAW + step, windows) - squares(RAW - step, windows)) / 2e-4
         assert -2 * terms.descent[k] == pytest.approx(slope, rel=1e-4)
+    if not by_column:
+        chunks._sum_over_chunks.clear_cache()
+
+
+def test_starts_are_solved_whatever_their_units():
+    random, size, width = np.random.default_rng(5), 12, 3
+    turn = np.linalg.qr(random.normal(size=(size, size)))[0]
+    curvature = turn * 10.0 ** np.linspace(0, -9, size) @ turn.T
+    scale = 10.0 ** random.uniform(-4, 4, size=size)
+    curvature = scale[:, None] * curvature * scale
+    right = curvature @ (random.normal(size=size) / scale)
+    batched = np.repeat(curvature[..., None], width, axis=2)
+    with float64():
+        factor = free_starts._Factor.of(jnp.asarray(batched), jnp.zeros(width))
+        step = factor.backward(factor.forward(jnp.asarray(right)[:, None, None] * np.ones(width)))
+    gained = np.einsum("i,ib->b", right, np.asarray(step)[:, 0])
+    np.testing.assert_allclose(gained, right @ np.linalg.solve(curvature, right), rtol=1e-9)

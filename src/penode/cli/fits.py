@@ -95,7 +95,7 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
 def _no_current(fit: Fit) -> Iterator[Row]:
     """Yield what the map of a machine is at no current, and the temperature that R belongs to."""
     if isinstance(fit.model, Machine):
-        for name, one in zip(("psi_PM", "L_d, L_q"), no_current(fit), strict=False):
+        for name, one in zip(("psi_PM", "L_d", "L_q"), no_current(fit), strict=False):
             said = ", ".join(filter(None, (one.text, one.detail)))
             yield name, said.replace("\N{NO-BREAK SPACE}", " ")
         for one in of_winding(fit):

@@ -192,15 +192,20 @@ class Fit:
         """Return which points (point, state), SI units, lie in the excited region."""
         return supported(self.excited, np.asarray(points, dtype=np.float64))
 
-    def learned_deviation(self, points: FloatArray) -> FloatArray:
+    def learned_deviation(
+        self, points: FloatArray, direction: FloatArray | None = None
+    ) -> FloatArray:
         """Return the deviation of the learned map, shape (point, output), SI units.
 
         Parameters
         ----------
         points : ndarray, shape (point, state)
             SI units. Outside the excited region it shows what the map's form allows, no more.
+        direction : ndarray, shape (state,), optional
+            The deviation is that of the map's slope along it, such as an inductance's.
         """
-        return self.learned_uncertainty.deviation(self.model, np.asarray(points, dtype=np.float64))
+        points = np.asarray(points, dtype=np.float64)
+        return self.learned_uncertainty.deviation(self.model, points, direction)
 
     def compare(self, experiment: Experiment) -> Comparison:
         """Return a recording beside its predictions, with the solver and hold of the training.

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray, JaxArray, float64, on_device
@@ -34,7 +35,9 @@ class LearnedUncertainty:
     agreeing: FloatArray = field(default_factory=lambda: _NONE)
     weights: FloatArray = field(default_factory=lambda: np.empty(0))
 
-    def deviation(self, model: Model, points: FloatArray) -> FloatArray:
+    def deviation(
+        self, model: Model, points: FloatArray, direction: FloatArray | None = None
+    ) -> FloatArray:
         """Return the deviation of the learned map, shape (point, output), SI units.
 
         Its square is the sandwich's variance plus the weighted mean square of what the agreeing
@@ -46,14 +49,17 @@ class LearnedUncertainty:
             The selected one, without batch axis.
         points : ndarray, shape (point, state)
             SI units.
+        direction : ndarray, shape (state,), optional
+            The deviation is that of the map's slope along it.
         """
         layout: Layout[Model] = Layout(model)
         with float64():
             at, raw = on_device(np.asarray(points, dtype=float).T), on_device(layout.raw(model))
             if not np.isfinite(self.covariance).all() or not self.covariance.size:
                 return np.full(_learned_at(model, raw, at).T.shape, np.inf)
-            slopes = np.asarray(_slopes(model, raw, at))
-            agreeing = [_learned_at(model, on_device(raw), at) for raw in self.agreeing]
+            along = None if direction is None else on_device(np.asarray(direction, dtype=float))
+            slopes = np.asarray(_slopes(model, raw, at, along))
+            agreeing = [_learned_at(model, on_device(raw), at, along) for raw in self.agreeing]
         maps = np.stack([np.asarray(each) for each in agreeing])
         variance = np.einsum("mpi,ij,mpj->pm", slopes, self.covariance, slopes, optimize=True)
         middle = np.tensordot(self.weights, maps, axes=1)
@@ -110,10 +116,19 @@ def _physical_slopes(like: Model, raw: JaxArray) -> JaxArray:
 
 
 @jax.jit
-def _learned_at(like: Model, raw: JaxArray, at: JaxArray) -> JaxArray:
-    """Return the map (output, point) of a raw vector; of `like` only the structure counts."""
+def _learned_at(
+    like: Model, raw: JaxArray, at: JaxArray, along: JaxArray | None = None
+) -> JaxArray:
+    """Return the map (output, point) of a raw vector; of `like` only the structure counts.
+
+    With a direction (state,) its slope along that.
+    """
     layout: Layout[Model] = Layout(like)
-    return layout.model(layout.values(raw)[:, None]).learned(at)
+    learned = layout.model(layout.values(raw)[:, None]).learned
+    if along is None:
+        return learned(at)
+    slope: JaxArray = jax.jvp(learned, (at,), (jnp.broadcast_to(along[:, None], at.shape),))[1]
+    return slope
 
 
 _slopes = jax.jit(jax.jacfwd(_learned_at, argnums=1))

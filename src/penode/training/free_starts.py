@@ -177,7 +177,7 @@ def _searched(
         never,
         zero,
         blank,
-        jnp.full(width, 1e-6, values.dtype),
+        jnp.zeros(width, values.dtype),
         zero,
         jnp.zeros(width, values.dtype),
         jnp.zeros((), int),
@@ -217,7 +217,7 @@ class _Factor:
     def of(cls, curvature: JaxArray, damping: JaxArray) -> "_Factor":
         """Factor a curvature (free, free, batch)."""
         diagonal = jnp.einsum("iib->ib", curvature)
-        floor = 1e-30 + 1e-13 * jnp.max(diagonal, axis=0)
+        floor = 1e-30 + 1e-13 * diagonal
         size = len(curvature)
         if size > _WRITTEN_OUT:
             return cls(_factored(curvature, diagonal * (1.0 + damping) + floor, floor))
@@ -226,8 +226,8 @@ class _Factor:
             row: list[JaxArray] = []
             for j in range(i):
                 row.append((curvature[i, j] - along(row, rows[j])) / rows[j][j])
-            left = diagonal[i] * (1.0 + damping) + floor - along(row, row)
-            rows.append([*row, jnp.sqrt(jnp.maximum(left, floor))])
+            left = diagonal[i] * (1.0 + damping) + floor[i] - along(row, row)
+            rows.append([*row, jnp.sqrt(jnp.maximum(left, floor[i]))])
         return cls(rows)
 
     def forward(self, right: JaxArray) -> JaxArray:
@@ -257,7 +257,7 @@ def _factored(matrix: JaxArray, diagonal: JaxArray, floor: JaxArray) -> JaxArray
 
     def column(j: JaxArray, lower: JaxArray) -> JaxArray:
         left = matrix[:, j].at[j].set(diagonal[j]) - jnp.sum(lower * lower[j], axis=1)
-        pivot = jnp.sqrt(jnp.maximum(left[j], floor))
+        pivot = jnp.sqrt(jnp.maximum(left[j], floor[j]))
         return lower.at[:, j].set(jnp.where(below > j, left / pivot, 0.0).at[j].set(pivot))
 
     return jax.lax.fori_loop(0, len(matrix), column, jnp.zeros_like(matrix))

@@ -1,7 +1,8 @@
 """Forward sensitivities over a horizon: Gauss-Newton terms of one batch of windows, J never stored.
 
-One vector-Jacobian product a state and output gives the recursion of S exactly (`Recursion`). The
-columns of S are the parameters' values and, behind them, the corrections of free starts.
+One vector-Jacobian product a state and output gives the recursion of S exactly (`Recursion`), or,
+where states are many and columns few, one Jacobian-vector product a column. The columns of S are
+the parameters' values and, behind them, the corrections of free starts.
 """
 
 from collections.abc import Callable, Iterable
@@ -157,6 +158,9 @@ class Recursion:
         def through(
             function: Callable[[Parts, JaxArray], JaxArray], at: tuple[JaxArray, Columns]
         ) -> tuple[JaxArray, Columns]:
+            if self._few_columns(at[0]):
+                history, push = jax.linearize(function, self.parts, at[0])
+                return history, self.pushed(push, at[1])
             history, pull_back = jax.vjp(function, self.parts, at[0])
             return history, self.ahead(history, pull_back, at[1])
 
@@ -170,6 +174,25 @@ class Recursion:
         if error.predictor.table is None:
             return substep(0, at), None
         return jax.lax.fori_loop(0, batch.substeps, substep, at), None
+
+    def _few_columns(self, history: JaxArray) -> bool:
+        """Whether products of the Jacobian with all columns take less than the Jacobian itself."""
+        states = history.shape[1]
+        return states >= _MANY and self.shared + len(self.error.free) <= 2 * states
+
+    def pushed(self, push: Callable[..., JaxArray], sensitivity: Columns) -> Columns:
+        """Return S_(k+1) by one product of the Jacobian with each column, past included."""
+        shared, own = sensitivity
+        if self.shared:
+            ends = np.cumsum([len(part) for part in self.parts])
+            units = jnp.split(jnp.eye(ends[-1])[: self.shared, :, None], ends[:-1], axis=1)
+            whole = zip(units, self.parts, strict=True)
+            parts = tuple(jnp.broadcast_to(u, (self.shared, *p.shape)) for u, p in whole)
+            shared = jax.vmap(push, in_axes=(0, -2), out_axes=-2)(parts, shared)
+        if len(self.error.free):
+            nothing = jax.tree.map(jnp.zeros_like, self.parts)
+            own = jax.vmap(push, in_axes=(None, -2), out_axes=-2)(nothing, own)
+        return Columns(shared, own)
 
     def ahead(self, history: JaxArray, pull_back: Any, sensitivity: Columns) -> Columns:
         """Return S_(k+1) = (dg/dx) S_k + dg/dtheta in front of its past."""

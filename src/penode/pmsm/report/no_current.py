@@ -10,9 +10,15 @@ from penode.report.document import KeyValue
 from penode.report.quantities import number, with_unit
 from penode.report.statements import estimate_text
 
+_TITLES = {
+    "psi_PM": "Magnet's flux linkage psi_PM",
+    "L_d": "Inductance L_d at no current",
+    "L_q": "Inductance L_q at no current",
+}
+
 
 def at_no_current(fit: Fit) -> dict[str, Estimate]:
-    """Return psi_PM in Vs with its deviation, and L_d and L_q in H without one, at no current.
+    """Return psi_PM in Vs, L_d and L_q in H at no current, with their deviations.
 
     Nothing where the recordings do not answer, do not reach no current, or stand still or move one
     axis alone, where the constant of the flux linkage is not known.
@@ -23,28 +29,24 @@ def at_no_current(fit: Fit) -> dict[str, Estimate]:
         return {}
     psi, slope = float(fit.flux_map(0.0, 0.0)[0]), fit.differential_inductance(0.0, 0.0)
     deviation = float(fit.learned_deviation(nowhere)[0, 0])
-    inductances = {f"L_{axis}": float(slope[k, k]) for k, axis in enumerate("dq")}
-    return {
-        "psi_PM": Estimate.of(psi, deviation, "Vs"),
-        **{name: Estimate.of(value, np.nan, "H") for name, value in inductances.items()},
-    }
+    known = {"psi_PM": Estimate.of(psi, deviation, "Vs")}
+    for k, axis in enumerate("dq"):
+        deviation = float(fit.learned_deviation(nowhere, np.eye(2)[k])[0, k])
+        known[f"L_{axis}"] = Estimate.of(float(slope[k, k]), deviation, "H")
+    return known
 
 
 def no_current(fit: Fit) -> tuple[KeyValue, ...]:
-    """Return psi_PM with its 95 % interval, and L_d and L_q, in words; nothing where not known."""
-    known = at_no_current(fit)
-    if not known:
-        return ()
-    psi = known["psi_PM"]
-    text, detail = with_unit(psi.value, "Vs"), ""
-    if np.isfinite(psi.std):
-        text, interval = estimate_text(psi)
+    """Return psi_PM, L_d and L_q with their 95 % intervals, in words; nothing where not known."""
+    return tuple(_in_words(name, one) for name, one in at_no_current(fit).items())
+
+
+def _in_words(name: str, estimate: Estimate) -> KeyValue:
+    text, detail = with_unit(estimate.value, estimate.unit), ""
+    if np.isfinite(estimate.std):
+        text, interval = estimate_text(estimate)
         detail = f"95 % interval {interval}"
-    l_d, l_q = (with_unit(known[name].value, "H") for name in ("L_d", "L_q"))
-    return (
-        KeyValue("Magnet's flux linkage psi_PM", text, detail, psi.value),
-        KeyValue("Inductances L_d, L_q", f"{l_d}, {l_q}", "of the d and the q axis at no current"),
-    )
+    return KeyValue(_TITLES[name], text, detail, estimate.value)
 
 
 def of_winding(fit: Fit) -> tuple[KeyValue, ...]:
