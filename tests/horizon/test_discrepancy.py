@@ -140,6 +140,14 @@ def test_a_fit_has_a_row_for_it_in_the_budget_only_where_the_plan_asks():
     assert not any("leaves out" in one for one in without.warnings)
 
 
+def test_a_fit_says_where_it_is_too_large_to_be_looked_for(monkeypatch):
+    monkeypatch.setattr(discrepancy, "MOST_PARAMETERS", 20)
+    plan = replace(PLAN, discrepancy=True)
+    fit = identify(Mass(1.0, 0.1), [recorded(friction=0.3)], plan=plan)
+    assert all(LEFT_OUT not in {row.source for row in p.budget} for p in fit.parameters.values())
+    assert [one for one in fit.warnings if "too many to look for" in one]
+
+
 def test_splines_sum_to_one_and_stay_where_a_channel_ends():
     basis = np.asarray(spline_basis(jnp.linspace(-2.0, 2.0, 9)[None], -1.0, 1.0, 6))
     np.testing.assert_allclose(basis.sum(axis=1), 1.0, rtol=1e-6)

@@ -47,6 +47,10 @@ _UNCHECKED = CrossCheck()
 _UNFINISHED = (
     "Stopped during the cross-check; whether the estimate depends on the path of training is open."
 )
+_NOT_LOOKED_FOR = (
+    "States and inputs are too many to look for what the model leaves out, so intervals may be too "
+    "narrow; compare with a model of fewer states."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +234,8 @@ class Assembly:
             parts[self._prior_row] = parts.pop(PRIOR)
         if self.plan.discrepancy:
             chosen = self.choice.index
-            parts[LEFT_OUT] = what_is_left_out(self.problem, self.plan, self.rungs, chosen)
+            found = what_is_left_out(self.problem, self.plan, self.rungs, chosen)
+            parts |= {} if found is None else {LEFT_OUT: found}
         return parts
 
     @property
@@ -313,6 +318,8 @@ class Assembly:
         ]
         warnings += self._unknown()
         warnings += self._left_out()
+        if self.plan.discrepancy and LEFT_OUT not in self._parts:
+            warnings.append(_NOT_LOOKED_FOR)
         warnings += self.check.contradictions
         if self.check.interrupted:
             warnings.append(_UNFINISHED)

@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 
 from penode.arrays import BoolArray, FloatArray, float64, on_device
 from penode.data.windows import Windows
-from penode.horizon.ladder import HorizonFit, LadderProblem
+from penode.horizon.ladder import MOST_PARAMETERS, HorizonFit, LadderProblem
 from penode.models.discrepancy import GROUP, Discrepant, spline_basis
 from penode.models.explicit_time import driving_channels
 from penode.training.covariance import ScoreSeries
@@ -40,11 +40,12 @@ _ROUNDS = 2
 
 def what_is_left_out(
     problem: LadderProblem, plan: Plan, rungs: Sequence[HorizonFit], chosen: int
-) -> FloatArray:
+) -> FloatArray | None:
     """Return what a discrepancy adds to the physical parameters' covariance, SI units.
 
     Shape (physical, physical). It is looked for at the last rung up to the chosen one whose windows
-    are enough to show how their residuals vary.
+    are enough to show how their residuals vary; None where many states and inputs would make it
+    larger than a normal matrix can be.
     """
     physical = len(problem.objective.layout.physical)
     nothing = np.zeros((physical, physical))
@@ -58,6 +59,8 @@ def what_is_left_out(
     beside = _Beside.of(problem, rung, stage)
     if beside is None:
         return nothing
+    if len(beside.raw) > MOST_PARAMETERS:
+        return None
     terms = beside.problem.gauss_newton(beside.raw)
     if not terms.finite:
         return nothing

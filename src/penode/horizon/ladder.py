@@ -89,7 +89,7 @@ _FEW = "one or two windows decide it; record longer, or excite more evenly"
 _EXPLODED = 1e6
 
 #: Most parameters of a fit, whose normal matrix is held in several copies.
-_MOST_PARAMETERS = 5000
+MOST_PARAMETERS = 5000
 
 #: Loss of the longest rung, over the least, from which the path may have led to another minimum.
 _STRAYED = 3.0
@@ -218,9 +218,9 @@ class LadderProblem:
         scale = residual_scale(model, measured, plan.loss)
         objective = Objective(predictor, model, scale, plan.loss, len(experiments))
         size = objective.layout.size
-        if size > _MOST_PARAMETERS:
+        if size > MOST_PARAMETERS:
             raise InputError(
-                f"parameters of a fit must be <= {_MOST_PARAMETERS}, got {size}: their normal "
+                f"parameters of a fit must be <= {MOST_PARAMETERS}, got {size}: their normal "
                 f"matrix would take {8e-9 * size**2:.2g} GB several times over; use a smaller "
                 "network, or a spline over fewer cells."
             )
