@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 
 from penode import Model, Predictor, physical
-from penode.arrays import Leaf, float64
+from penode.arrays import Leaf, float64, on_device
 from penode.data.windows import Windows
+from penode.native.normal_matrix import NormalMatrix
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
 from penode.training import chunks, free_starts
 from penode.training.loss import Loss
+from penode.training.prediction_error import compiled_windows
 from penode.training.residuals import Objective
-from penode.training.sensitivities import _MANY, Recursion
+from penode.training.sensitivities import _MANY, Recursion, window_sums
 
 MASSES, STEP, HORIZON, COUNT = 10, 0.05, 30, 7
 MEASURED = (0, 3, 6, 9)
@@ -65,8 +67,18 @@ def squares(raw, windows):
     return total
 
 
+def problem():
+    """Return objective and windows of states and forces that are noise."""
+    random, samples = np.random.default_rng(3), COUNT + HORIZON
+    states, u = random.normal(size=(samples, 2 * MASSES)), random.normal(size=(samples, 1))
+    starts = np.arange(COUNT)
+    windows = Windows(states, u, starts, 0 * starts, HORIZON, 1, STEP)
+    predictor = Predictor(STEP, RungeKutta(EULER))
+    return Objective(predictor, Chain(*RAW), np.ones(2 * MASSES), Loss()), windows
+
+
 @pytest.mark.parametrize("by_column", [True, False])
-def test_terms_are_those_of_linear_least_squares(monkeypatch, by_column):
+def test_terms_are_those_of_linear_least_squares(monkeypatch, request, by_column):
     monkeypatch.setattr(free_starts, "_ACCEPTED", 0.0)  # start over where one step is not enough
     free = 2 * MASSES - len(MEASURED)
     assert free > free_starts._WRITTEN_OUT
@@ -74,20 +86,25 @@ def test_terms_are_those_of_linear_least_squares(monkeypatch, by_column):
     if not by_column:
         monkeypatch.setattr(Recursion, "_few_columns", lambda self, history: False)
         chunks._sum_over_chunks.clear_cache()
-    random, samples = np.random.default_rng(3), COUNT + HORIZON
-    states, u = random.normal(size=(samples, 2 * MASSES)), random.normal(size=(samples, 1))
-    starts = np.arange(COUNT)
-    windows = Windows(states, u, starts, 0 * starts, HORIZON, 1, STEP)
-    objective = Objective(
-        Predictor(STEP, RungeKutta(EULER)), Chain(*RAW), np.ones(2 * MASSES), Loss()
-    )
+        request.addfinalizer(chunks._sum_over_chunks.clear_cache)
+    objective, windows = problem()
     terms = objective.gauss_newton(RAW, windows)
     assert terms.loss * terms.count == pytest.approx(squares(RAW, windows), rel=1e-6)
     for k, step in enumerate(1e-4 * np.eye(2)):
         slope = (squares(RAW + step, windows) - squares(RAW - step, windows)) / 2e-4
         assert -2 * terms.descent[k] == pytest.approx(slope, rel=1e-4)
-    if not by_column:
-        chunks._sum_over_chunks.clear_cache()
+
+
+def test_one_step_finds_the_starts_of_a_linear_model():
+    objective, windows = problem()
+    error = objective.error
+    with float64():
+        values, horizon, one = on_device(RAW)[:, None], jnp.asarray(HORIZON), jnp.asarray(1)
+        batch = compiled_windows(error, windows, COUNT)
+        found, _ = free_starts._searched(error, values, horizon, batch, one)
+        nothing = NormalMatrix.zero(0, values)
+        left = window_sums(error, values, found, horizon, batch, nothing).squares
+        assert float(jnp.sum(left)) == pytest.approx(squares(RAW, windows), rel=1e-9)
 
 
 def test_starts_are_solved_whatever_their_units():

@@ -235,7 +235,8 @@ class Assembly:
         if self.plan.discrepancy:
             chosen = self.choice.index
             found = what_is_left_out(self.problem, self.plan, self.rungs, chosen)
-            parts |= {} if found is None else {LEFT_OUT: found}
+            if found is not None:
+                parts[LEFT_OUT] = found
         return parts
 
     @property

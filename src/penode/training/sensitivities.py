@@ -184,10 +184,9 @@ class Recursion:
         """Return S_(k+1) by one product of the Jacobian with each column, past included."""
         shared, own = sensitivity
         if self.shared:
-            ends = np.cumsum([len(part) for part in self.parts])
-            units = jnp.split(jnp.eye(ends[-1])[: self.shared, :, None], ends[:-1], axis=1)
-            whole = zip(units, self.parts, strict=True)
-            parts = tuple(jnp.broadcast_to(u, (self.shared, *p.shape)) for u, p in whole)
+            units = jnp.eye(self.shared, dtype=shared.dtype)[..., None]
+            units = jnp.broadcast_to(units, (*units.shape[:2], shared.shape[-1]))
+            parts = jax.vmap(self.error.layout.split)(units)
             shared = jax.vmap(push, in_axes=(0, -2), out_axes=-2)(parts, shared)
         if len(self.error.free):
             nothing = jax.tree.map(jnp.zeros_like, self.parts)
