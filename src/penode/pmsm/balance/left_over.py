@@ -7,7 +7,9 @@ speed any vector field is the sum of a rotation omega J psi(i), which a flux map
 gradient, which R i is too: the process is of gradients. How large it is, the steps of the trained
 model say, weighed over whole periods: what they leave that no map, no term and no imperfection of
 the recordings explains is noise, alike everywhere, or such a function. The part of it that R
-follows is hidden; by its size the interval has to grow.
+follows is hidden; by its size the interval has to grow. A step leaves over the noise of the very
+currents that functions are of: these are taken at currents predicted from before, instruments
+(Söderström and Stoica 1983, ISBN 978-0-387-12814-4).
 """
 
 from collections.abc import Callable, Sequence
@@ -25,7 +27,7 @@ from penode.pmsm.balance.doubt import CLEAR
 from penode.pmsm.balance.voltage_balance import BalanceForm, harmonic_window, joint_equations
 from penode.pmsm.machine.coenergy_map import CoenergySplines, columns
 from penode.pmsm.machine.model import Machine
-from penode.pmsm.machine.space_vectors import CURRENTS, less_voltage
+from penode.pmsm.machine.space_vectors import CURRENTS, less_voltage, with_vector
 from penode.predictors.base import Predictor
 from penode.training.weak_form import OVERLAP, HannWindow
 from penode.validation.free_run import look_ahead
@@ -91,14 +93,18 @@ def left_over(
 
     `known` are the rows of what else the recordings may be off by: what these explain is theirs.
     """
-    left = _left(experiments, machine, predictor)
-    explained = [_columns(experiments, machine)]
+    expected = [_expected(e, machine, predictor) for e in experiments]
+    inductance = machine.maps()["differential_inductance"]
+    weights = [inductance(*e.stack(CURRENTS).T) for e in expected]
+    left, still = (_left(some, weights, machine, predictor) for some in (experiments, expected))
+    explained = [_columns(expected, machine)]
     for one in known:
-        moved = _left([one.applied(e, _SMALL) for e in experiments], machine, predictor)
-        explained.append((moved - left)[:, None] / _SMALL)
+        moved = _left([one.applied(e, _SMALL) for e in expected], weights, machine, predictor)
+        explained.append((moved - still)[:, None] / _SMALL)
     basis = _orthonormal(np.concatenate(explained, axis=1))
-    functions = _functions(np.concatenate([e.stack(CURRENTS) for e in experiments]))
-    at = [functions(e.stack(CURRENTS)) for e in experiments]
+    currents = np.concatenate([e.stack(CURRENTS) for e in expected])
+    functions = _functions(currents)
+    at = [functions(e.stack(CURRENTS)) for e in expected]
     shown = np.concatenate([_shown(*pair) for pair in zip(experiments, at, strict=True)])
     left, whole = (part - basis @ (basis.T @ part) for part in (left, shown))
     free = len(left) / OVERLAP - basis.shape[1]
@@ -108,10 +114,21 @@ def left_over(
     if likely is None:
         return ()
     size, coefficients = likely
-    currents = np.concatenate([e.stack(CURRENTS) for e in experiments])
     voltage = np.linalg.norm(np.concatenate(at) @ coefficients, axis=1)
-    place, there = currents[int(np.argmax(voltage))], zip(experiments, at, strict=True)
-    return LeftOver(size, functions, place, WeakKeyDictionary(there)).rows
+    return LeftOver(size, functions, currents[int(np.argmax(voltage))]).rows
+
+
+def _expected(experiment: Experiment, machine: Machine, predictor: Predictor) -> Experiment:
+    """Return a recording with currents predicted from a window before, an instrument for them.
+
+    Functions of recorded currents have the noise of an equation in them, which is what it leaves.
+    """
+    states, inputs = (experiment.stack(n).T for n in (machine.states, machine.inputs))
+    length = harmonic_window(experiment)
+    with float64():
+        ahead = look_ahead(predictor, with_batch_axis(machine), states, inputs, length)
+    d, q = np.concatenate([states[:, : predictor.past], ahead], axis=1)
+    return with_vector(experiment, CURRENTS, lambda _: d + 1j * q)
 
 
 def _columns(experiments: Sequence[Experiment], machine: Machine) -> FloatArray:
@@ -129,17 +146,25 @@ def _columns(experiments: Sequence[Experiment], machine: Machine) -> FloatArray:
     return joint_equations(experiments, form.terms, basis, harmonic_window).matrix
 
 
-def _left(experiments: Sequence[Experiment], machine: Machine, predictor: Predictor) -> FloatArray:
-    """Return what a machine's steps leave over, weighed over whole periods, (equation,), Vs."""
-    batched, inductance = with_batch_axis(machine), machine.maps()["differential_inductance"]
-    parts = []
-    for experiment in experiments:
+def _left(
+    experiments: Sequence[Experiment],
+    weights: Sequence[FloatArray],
+    machine: Machine,
+    predictor: Predictor,
+) -> FloatArray:
+    """Return what a machine's steps leave over, weighed over whole periods, (equation,), Vs.
+
+    `weights` are inductances (2, 2, time) of expected currents: those of recorded ones have the
+    noise of the step that they would weigh.
+    """
+    batched, parts = with_batch_axis(machine), []
+    for experiment, inductance in zip(experiments, weights, strict=True):
         states, inputs = (experiment.stack(n).T for n in (machine.states, machine.inputs))
         with float64():
             ahead = look_ahead(predictor, batched, states, inputs, 1)
-        gap, reached = states[:, predictor.past :] - ahead, states[:, predictor.past :]
-        lost = np.einsum("ijt,jt->ti", inductance(*reached), gap) / experiment.time_step
-        held = np.pad(lost, ((predictor.past - 1, 1), (0, 0)))
+        gap = states[:, predictor.past :] - ahead
+        lost = np.einsum("ijt,jt->ti", inductance[..., predictor.past :], gap)
+        held = np.pad(lost / experiment.time_step, ((predictor.past - 1, 1), (0, 0)))
         window = HannWindow(experiment.time_step, harmonic_window(experiment))
         parts.append(window.of_held(held).ravel())
     return np.concatenate(parts)
