@@ -110,7 +110,8 @@ def _table(
         columns.append(("likely causes", causes))
     caption = (
         "Fraction of the loss at each horizon; the rest lies between the lines. The frequency is "
-        "the centre of a line's power, which is spread where the speed varies."
+        "the centre of a line's power, which is spread where speed or currents vary, and the "
+        "amplitude that of all its frequencies together."
     )
     return table("Lines of the one-step residual", columns, caption)
 

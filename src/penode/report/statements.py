@@ -11,7 +11,7 @@ from penode.fit.outcome import NORMAL_95
 from penode.report.document import KeyValue, Notice
 from penode.report.quantities import Scale, decimals_for, fixed, number, scale_for, with_unit
 from penode.validation.comparison import Comparison
-from penode.validation.residual_lines import find_lines
+from penode.validation.residual_lines import Line, find_lines
 from penode.validation.residual_tests import Spectrum
 
 _SPACE = "\N{NO-BREAK SPACE}"
@@ -138,40 +138,32 @@ def spectrum_title(
     amplitude = np.nan_to_num(spectrum.amplitude, nan=0.0)[1:]
     if not amplitude.size or not amplitude.any():
         return "Nothing is left in the residual"
-    amplitude = _of_lines(spectrum.frequency[1:], amplitude)
-    if not amplitude.any():
+    frequency = spectrum.frequency[1:]
+    enough = len(frequency) >= _FEWEST
+    found = find_lines(frequency, amplitude**2) if enough else ()  # strongest of its state first
+    if not found:
         return "No line stands out of the residual's noise"
     if len({unit for _, unit in states}) == 1:
-        where = _peak(spectrum, amplitude.max(axis=1), lines)
+        strongest = max(found, key=lambda line: line.amplitude)
+        where = _place(strongest, frequency, lines)
         return f"The strongest line of the residual lies at {where}"
+    first = {line.signal: line for line in reversed(found)}
     peaks = [
-        f"{name} at {_peak(spectrum, column, lines)}"
-        for (name, _), column in zip(states, amplitude.T, strict=True)
-        if column.any()
+        f"{name} at {_place(first[signal], frequency, lines)}"
+        for signal, (name, _) in enumerate(states)
+        if signal in first
     ]
     return f"The strongest lines of the residual: {listed(peaks)}"
 
 
-def _of_lines(frequency: FloatArray, amplitude: FloatArray) -> FloatArray:
-    """Return amplitudes (frequency, state), zero where no line stands out of the noise."""
-    kept = np.zeros_like(amplitude)
-    if len(frequency) < _FEWEST:
-        return kept
-    for line in find_lines(frequency, amplitude**2):
-        at = (frequency >= line.low) & (frequency <= line.high)
-        kept[at, line.signal] = amplitude[at, line.signal]
-    return kept
-
-
-def _peak(spectrum: Spectrum, amplitude: FloatArray, lines: Sequence[tuple[float, str]]) -> str:
-    """Return the frequency of the largest amplitude (frequency above zero), named where it is."""
-    frequency = float(spectrum.frequency[1 + int(amplitude.argmax())])
-    shown = with_unit(frequency, "Hz")
-    if not lines:
+def _place(line: Line, frequencies: FloatArray, named: Sequence[tuple[float, str]]) -> str:
+    """Return the frequency of a line, with the name of what is known to lie there."""
+    shown = with_unit(line.frequency, "Hz")
+    if not named:
         return shown
-    width = 2.5 * float(spectrum.frequency[1] - spectrum.frequency[0])
-    nearest, label = min(lines, key=lambda line: abs(line[0] - frequency))
-    near = abs(nearest - frequency) <= max(width, _SPREAD * nearest)
+    width = 2.5 * float(frequencies[1] - frequencies[0])
+    nearest, label = min(named, key=lambda one: abs(one[0] - line.frequency))
+    near = abs(nearest - line.frequency) <= max(width, _SPREAD * nearest)
     return f"{shown}, {label}" if near else shown
 
 

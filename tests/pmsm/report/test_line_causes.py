@@ -28,6 +28,8 @@ def name(frequency, base=BASE, pole_pairs=None, half_width=1.0):
         (1500.0, 12, "dead time"),
         (375.0, 3, "no usual cause"),
         (412.0, 412 / 125, "no multiple"),
+        (736.0, 736 / 125, "side band of +6×"),
+        (-1514.0, -1514 / 125, "side band of −12×"),
     ],
 )
 def test_every_order_has_its_cause(frequency, order, words):

@@ -16,6 +16,8 @@ from penode.validation.residual_lines import Line
 
 #: A line belongs to an order within this distance, or if the order lies inside the line.
 _NEAR = 0.07
+#: A line as close to a harmonic that no whole or mechanical order explains is a side band of it.
+_BESIDE = 0.25
 _CAUSES = {
     0: "slow errors: resistance, inverter voltage, or map and resistance exchanged (the gauge)",
     1: "offset of a current sensor (at −1; +1 is its mirror by saliency), first order of the angle "
@@ -24,6 +26,7 @@ _CAUSES = {
     "sensor",
 }
 _HARMONICS = "slots and flux harmonics, dead time of the inverter"
+_SIDE_BAND = "side band of {:+d}×: how that harmonic changes with the currents, beyond the map's"
 _UNKNOWN = "no usual cause"
 _BETWEEN = "no multiple of the rotor's frequencies: control, load, switching, or a fast trajectory"
 
@@ -102,4 +105,7 @@ def _named(line: Line, base: float, pole_pairs: int | None) -> NamedLine:
                 "speed"
             )
             return NamedLine(line, mechanical / pole_pairs, cause.replace("-", "−"))
+    nearest = 6 * round(order / 6)
+    if nearest and abs(order - nearest) <= _BESIDE:
+        return NamedLine(line, order, _SIDE_BAND.format(nearest).replace("-", "−"))
     return NamedLine(line, order, _BETWEEN)
