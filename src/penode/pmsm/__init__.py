@@ -3,7 +3,8 @@
 From a recording to a result
     `load_study` or `guess_study`, `check_recordings`, `check_points`; `identify` with a `Study`
     and the `Accuracy` of the bench, `identify_points` where all stand still,
-    `identify_with_points` where both were recorded; `write`.
+    `identify_with_points` where both were recorded; `drive_recording` of phases for what a fit
+    is asked of them; `write`.
 What the result is used for
     `export`, `ControlledMachine`, `control_loci`, `mtpa` and `operating_points`, `compare_maps`,
     `torque_of` a recording.
@@ -24,6 +25,7 @@ from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.machine.terms import Channel, Resistance, TemperatureResistance, Term
 from penode.pmsm.points.check import check_points
 from penode.pmsm.points.identify import identify_points
+from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.recording.guess import guess_study
 from penode.pmsm.recording.imperfections import Accuracy
 from penode.pmsm.recording.name_plate import NamePlate
@@ -52,6 +54,7 @@ __all__ = [
     "check_recordings",
     "compare_maps",
     "control_loci",
+    "drive_recording",
     "export",
     "guess_study",
     "identify",

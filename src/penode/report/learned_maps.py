@@ -67,18 +67,19 @@ def band_figures(
 
     None where it is not known of all of the excited region.
     """
-    inside = half[:, grid.supported]
+    inside = half[:, grid.supported].max(axis=0, initial=0.0)
     if not inside.size or not np.isfinite(inside).all():
         return []
     most, nearly_all = np.quantile(inside, [0.5, 0.95]).tolist()
     space = "\N{NO-BREAK SPACE}" if unit else ""
     title = (
-        f"{name} is known to ±{number(most, 2)}{space}{unit} over half of the {over}, to "
-        f"±{number(nearly_all, 2)}{space}{unit} over 95 % of them"
+        f"{name} is known to ±{number(most, 2)}{space}{unit} over half of where {over} were "
+        f"recorded, to ±{number(nearly_all, 2)}{space}{unit} over 95 % of it"
     )
+    of_several = ", of each point that of the component known less" if len(titles) > 1 else ""
     caption = (
-        "Half the width of the 95 % band; where it is wider than over 95 % of the "
-        f"{over}, that value is drawn. {_BAND}"
+        f"Half the width of the 95 % band; the title's shares are of the area{of_several}. Where "
+        f"it is wider than over 95 % of that area, that value is drawn. {_BAND}"
     )
     drawn = _beside(grid, titles, np.minimum(half, nearly_all), unit)
     return [picture(title, caption, region_maps, *shown) for _, *shown in drawn]
@@ -150,7 +151,7 @@ def _contours(fit: Fit, name: str, columns: tuple[int, ...]) -> list[Figure | No
         picture(_title(fit, values, states, part), OUTLINE.format("states"), region_maps, *shown)
         for part, *shown in _beside(grid, titles, maps, unit)
     ]
-    return [*figures, *band_figures(name, grid, half, bands, unit, "recorded states")]
+    return [*figures, *band_figures(name, grid, half, bands, unit, "states")]
 
 
 def _beside(

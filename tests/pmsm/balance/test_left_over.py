@@ -10,11 +10,12 @@ from penode.bench.run import simulate
 from penode.bench.sensors import CurrentSensors
 from penode.horizon.consensus import LEFT_OUT
 from penode.pmsm.balance.calibration import AS_RECORDED
-from penode.pmsm.balance.left_over import _functions, left_over
+from penode.pmsm.balance.left_over import _functions, _repeats, left_over
 from penode.pmsm.balance.start import weak_start
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES, less_voltage, with_vector
 from penode.pmsm.recording.imperfections import Accuracy
 from penode.predictors.base import Predictor
+from penode.training.weak_form import HannWindow
 
 SIZE = 0.3
 
@@ -77,7 +78,17 @@ def test_what_a_known_imperfection_explains_is_its_own(run):
         def applied(experiment, count):
             return less_voltage(experiment, -count * planted(experiment))
 
-    assert found(less_voltage(run, planted(run)), (Known,)) == ()
+    # Beside it is what predicted currents are off by, as no prediction has the voltage in it.
+    rows = found(less_voltage(run, planted(run)), (Known,))
+    assert all(float(row.accuracy.split(" mV")[0]) < 1e3 * SIZE / 20 for row in rows)
+
+
+def test_overlapping_equations_count_as_often_as_their_noise_is_new():
+    window = HannWindow(1e-4, 28)
+    noise = np.random.default_rng(0).normal(size=(40_000, 2))
+    # A quarter of a window's shift: (integral of w)^2 over a quarter of that of w^2.
+    assert _repeats(window.of_supply(noise).ravel()) == pytest.approx(8 / 3, rel=0.1)
+    assert _repeats(window.of_store(noise).ravel()) == 1.0
 
 
 def test_the_functions_are_a_process_of_variance_one(run):

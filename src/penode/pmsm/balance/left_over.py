@@ -29,6 +29,7 @@ from penode.pmsm.machine.coenergy_map import CoenergySplines, columns
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.space_vectors import CURRENTS, less_voltage, with_vector
 from penode.predictors.base import Predictor
+from penode.training.covariance import bartlett_variance
 from penode.training.weak_form import OVERLAP, HannWindow
 from penode.validation.free_run import look_ahead
 
@@ -107,10 +108,12 @@ def left_over(
     at = [functions(e.stack(CURRENTS)) for e in expected]
     shown = np.concatenate([_shown(*pair) for pair in zip(experiments, at, strict=True)])
     left, whole = (part - basis @ (basis.T @ part) for part in (left, shown))
-    free = len(left) / OVERLAP - basis.shape[1]
+    repeats = _repeats(left)
+    free = len(left) / repeats - basis.shape[1]
     if free < whole.shape[1]:  # too few equations to say
         return ()
-    likely = _most_likely(left, whole, free, float(np.mean(np.sum(shown**2, axis=0))))
+    energy = float(np.mean(np.sum(shown**2, axis=0)))
+    likely = _most_likely(left / np.sqrt(repeats), whole / np.sqrt(repeats), free, energy / repeats)
     if likely is None:
         return ()
     size, coefficients = likely
@@ -207,6 +210,16 @@ def _shown(experiment: Experiment, at: FloatArray) -> FloatArray:
     return window.of_supply(at).reshape(-1, _FUNCTIONS)
 
 
+def _repeats(left: FloatArray) -> float:
+    """Return how many overlapping equations (equation,) are worth one for a slow function.
+
+    Noise of the currents is stored as well as dropped, and windows beside each other have it with
+    opposite signs: their sums vary less than by overlap alone.
+    """
+    series = left.reshape(-1, 2).T
+    return max(float(bartlett_variance(series, 2 * OVERLAP).sum() / np.sum(series**2)), 1.0)
+
+
 def _orthonormal(columns: FloatArray) -> FloatArray:
     """Return an orthonormal basis of what columns span."""
     size = np.linalg.norm(columns, axis=0)
@@ -221,14 +234,14 @@ def _most_likely(
 
     The likelihood of what is left (equation,) is that of noise with the process's columns
     (equation, function) beside, of `energy` each before what else explains them was taken off;
-    equations overlap, and as many as are worth one count as one.
+    `free` equations are independent.
     """
     vectors, values, turn = np.linalg.svd(whole, full_matrices=False)
     seen = values**2 > _VISIBLE * energy
     if not seen.any():
         return None
-    along, gains = vectors[:, seen].T @ left / np.sqrt(OVERLAP), values[seen] ** 2 / OVERLAP
-    whole_left = float(left @ left) / OVERLAP
+    along, gains = vectors[:, seen].T @ left, values[seen] ** 2
+    whole_left = float(left @ left)
     rest = max(whole_left - float(along @ along), 1e-14 * whole_left)
 
     def evidence(ratio: float) -> tuple[float, float]:

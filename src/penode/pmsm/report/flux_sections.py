@@ -62,7 +62,7 @@ def _bands(fit: Fit) -> list[Figure | Notice]:
     points = np.stack(grid.mesh, axis=-1).reshape(-1, 2)
     half = 1e3 * NORMAL_95 * fit.learned_deviation(points).T.reshape(2, *grid.supported.shape)
     titles = [f"{title}, ± mVs" for title in _FLUX]
-    return band_figures("The map", grid, half, titles, "mVs", "recorded currents")
+    return band_figures("The map", grid, half, titles, "mVs", "currents")
 
 
 def inductances(fit: Fit) -> Section:
