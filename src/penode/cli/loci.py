@@ -186,8 +186,7 @@ def _figures(loci: ControlLoci) -> list[Row]:
         ("MTPA", most),
         ("characteristic current", current + ("" if short.supported[0] else beyond)),
     ]
-    if not loci.mtpv.torque.size:
-        rows.append(("MTPV", "not within the current limit"))
+    rows.append(("MTPV", _mtpv(loci.mtpv)))
     if loci.base_speed is not None and loci.over_speed is not None:
         rows.append(("base speed", f"{number(loci.base_speed * 30 / np.pi, 4)} rpm"))
     every = [loci.mtpa, loci.mtpv, *([loci.over_speed] if loci.over_speed else [])]
@@ -196,6 +195,18 @@ def _figures(loci: ControlLoci) -> list[Row]:
         outside = f"{np.count_nonzero(~supported)} of {len(supported)} points"
         rows.append(("note", f"{outside} of the loci lie where no recording has been (dashed)"))
     return rows
+
+
+def _mtpv(locus: Locus) -> str:
+    """Return up to which torque a current is one of MTPV, and where recordings support it."""
+    if not locus.torque.size:
+        return "not within the current limit"
+    i_d, i_q = locus.current[:, -1]
+    reach = f"up to {number(locus.torque[-1])} Nm at i_d {number(i_d)} A, i_q {number(i_q)} A"
+    if locus.supported.all():
+        return reach
+    known = f"recordings support {_supported(locus)} Nm" if locus.supported.any() else ""
+    return f"{reach}; {known}" if known else f"{reach}, beyond the recordings"
 
 
 def _as_json(loci: ControlLoci) -> dict[str, Any]:
