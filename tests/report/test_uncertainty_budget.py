@@ -53,7 +53,11 @@ def test_the_sentence_names_the_main_contributions():
     assert budget_sentence(R) == (
         "half width 0.98 %: gain of the currents 0.78 % (std 0.4 %), the data alone 0.59 %"
     )
-    assert budget_sentence(replace(R, value=0.0)) == ""
+    # Where zero is in the interval, per cent would be thousands.
+    for value in (0.0, R.std):
+        assert budget_sentence(replace(R, value=value)) == (
+            "half width 98 µΩ: gain of the currents 78 µΩ (std 0.4 %), the data alone 59 µΩ"
+        )
 
 
 @pytest.mark.parametrize("origin", ["assumed", "declared", "estimated"])

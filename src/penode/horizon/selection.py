@@ -151,8 +151,8 @@ class Plateau:
             reason = f"Estimates agree up to H = {high}; none is surer than H = 1."
             return Choice(index, "H = 1 suffices", reason, run)
         reason = (
-            f"Estimates agree from H = {low} to {high}; of these H = {chosen} is the shortest that "
-            "is as sure as any."
+            f"Estimates agree from H = {low} to {high}; of these H = {chosen} is the shortest with "
+            f"a deviation within {self.tie:g} times the least."
         )
         return Choice(index, "plateau", reason, run)
 

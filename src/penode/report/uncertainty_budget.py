@@ -8,7 +8,7 @@ from penode.arrays import FloatArray
 from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95, Contribution, Estimate
 from penode.report.document import Cell, Section, Table
-from penode.report.quantities import number, scale_for
+from penode.report.quantities import Scale, number, scale_for
 from penode.report.tables import Column, numeric, table
 
 #: Fraction of the largest contribution below which one is not named in a sentence.
@@ -36,15 +36,24 @@ def uncertainty_budget(fit: Fit) -> Section | None:
 
 
 def budget_sentence(estimate: Estimate) -> str:
-    """Return the main contributions to a half width in per cent; empty where none was assumed."""
-    if not _assumed(estimate) or not estimate.value:
-        return ""
-    each = NORMAL_95 * 100 / abs(estimate.value)
+    """Return the main contributions to a half width; empty where none was assumed.
+
+    In per cent, or in the parameter's own unit where zero is in the interval.
+    """
     own = _assumed(estimate)
+    if not own:
+        return ""
+    half = NORMAL_95 * estimate.std
+    scale = Scale(100 / abs(estimate.value), "%") if half < abs(estimate.value) else None
+    scale = scale or scale_for([half], estimate.unit)
+
+    def width(std: float) -> str:
+        return f"{number(NORMAL_95 * scale.factor * std, 2)} {scale.unit}".rstrip()
+
     main = [row for row in own if row.std >= _MINOR * estimate.budget[0].std]
-    parts = [f"{row.source} {number(each * row.std, 2)} % (std {_size(row)})" for row in main]
-    shown = f"the data alone {number(each * estimate.statistical_std, 2)} %"
-    whole = f"half width {number(each * estimate.std, 2)} %"
+    parts = [f"{row.source} {width(row.std)} (std {_size(row)})" for row in main]
+    shown = f"the data alone {width(estimate.statistical_std)}"
+    whole = f"half width {width(estimate.std)}"
     give = ""
     if any(row.origin == "assumed" for row in main):
         give = "; give the accuracy of your own sensors in the study file"
@@ -78,7 +87,8 @@ def _table(name: str, estimate: Estimate) -> Table:
         "Contributions are standard deviations; their squares add (JCGM 100:2008). The 95 % "
         f"interval is the value ± {NORMAL_95} times their root sum of squares. Of the sensors, "
         "declared stands in the study file, assumed is that of an ordinary bench, and estimated "
-        "is what the recordings show, where that is less."
+        "is what the recordings show, where that is less; what they showed to be off was corrected "
+        "and is said with the model's reasons."
     )
     return table(f"Standard uncertainty of {name}", columns, caption)
 
