@@ -4,6 +4,7 @@ import difflib
 import importlib.util
 import unicodedata
 from collections.abc import Iterable
+from itertools import takewhile
 
 # Control characters and those that change how the text around them is shown.
 _HIDDEN = frozenset(("Cc", "Cf", "Cs", "Zl", "Zp"))
@@ -24,11 +25,23 @@ def printable(text: str) -> str:
     )
 
 
+#: Likeness of words that may be meant for each other, and letters at the end that may be a slip.
+_LIKE, _SLIP = 0.5, 3
+
+
 def did_you_mean(word: str, candidates: Iterable[str]) -> str:
     """Return the nearest known word, ``" (did you mean unit?)"``, nothing where none is near."""
     spelt = {name.lower(): name for name in candidates}
-    near = difflib.get_close_matches(word.lower(), spelt, n=1, cutoff=0.5)
-    return f" (did you mean {spelt[near[0]]}?)" if near else ""
+    near = difflib.get_close_matches(word.lower(), spelt, n=3, cutoff=_LIKE)
+    for name in near:
+        # What all columns begin with, "Mot_", says nothing of which one is meant.
+        pairs = zip(word.lower(), name, strict=False)
+        same = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
+        rest = word.lower()[same:], name[same:]
+        like = difflib.SequenceMatcher(None, *rest).ratio() >= _LIKE
+        if like or max(map(len, rest)) <= _SLIP:
+            return f" (did you mean {spelt[name]}?)"
+    return ""
 
 
 class InputError(ValueError):

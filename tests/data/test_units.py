@@ -115,3 +115,7 @@ def test_more_spellings(text, name):
 def test_the_nearest_word_is_found_whatever_its_case():
     assert did_you_mean("HORIZN", ["seed", "horizon"]) == " (did you mean horizon?)"
     assert did_you_mean("ab", ["abcdefgh"]) == ""
+    # What all columns begin with does not make one of them meant.
+    columns = ["Mot_nRot", "Mot_phiEl", "Mot_tStator"]
+    assert did_you_mean("Mot_speed", columns) == ""
+    assert did_you_mean("Mot_nRotor", columns) == " (did you mean Mot_nRot?)"

@@ -1,7 +1,7 @@
 """What is said on the terminal: labelled rows, sentences, and why a command could not end well."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -27,20 +27,20 @@ def say(text: str) -> None:
     ERRORS.print(text, soft_wrap=True, highlight=False, markup=False)
 
 
-def print_rows(rows: Sequence[Row], console: Console = OUTPUT) -> None:
-    """Print labels with their values.
+def print_rows(rows: Sequence[Row], console: Console = OUTPUT, below: Iterable[str] = ()) -> None:
+    """Print labels with their values, in line with labels that they are printed below.
 
     On a terminal long sentences fold beside their label, and a repeated label is shown once; else
     every row is one line with its label, for programs that read lines.
     """
-    width = max(len(label) for label, _ in rows)
+    width = max(map(len, [*(label for label, _ in rows), *below]))
     if not console.is_terminal:
         for label, text in rows:
             line = Text.assemble(f"{label:<{width}}  ", text)
             console.print(line, soft_wrap=True, highlight=False)
         return
     table = Table.grid(padding=(0, 2))
-    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True, min_width=width)
     table.add_column(overflow="fold")
     before = ["", *(label for label, _ in rows)]
     for (label, text), previous in zip(rows, before, strict=False):

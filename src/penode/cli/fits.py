@@ -155,4 +155,4 @@ def report_beside(
         left_out("the report", error)
     else:
         if not quiet:
-            print_rows([("report", str(folder / REPORT))])
+            print_rows([("report", str(folder / REPORT))], below=("horizon", *fit.parameters))

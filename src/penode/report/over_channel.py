@@ -26,7 +26,8 @@ def over_channel_title(shown: Sequence[OverChannel]) -> str:
         if np.nanmax(share - limit) > 0:
             texts.append(shares[one.channel])
     if not texts:
-        return f"No mean of the residual is beyond chance: of its rms {listed([*shares.values()])}"
+        most = listed([*shares.values()])
+        return f"No mean of the residual is beyond chance, of its rms at most {most}"
     return f"Mean of the residual as a share of its rms: at most {listed(texts)}"
 
 

@@ -114,7 +114,7 @@ def predictions(fit: Fit) -> Section | None:
         picture(
             overlay_title(one),
             "What was measured (wide grey), the free run and the prediction one step ahead, each "
-            "with its error. The close-up at the right is a typical stretch, shaded at the left.",
+            "with its error. The close-up is a typical stretch, shaded in the whole.",
             overlay,
             one,
         )

@@ -55,7 +55,8 @@ def judge_phases(experiment: Experiment, kinds: str) -> Judged:
     named = {"u": "voltages", "i": "currents"}
     what = " and ".join(named[kind] for kind in swapped)
     evidence = " and ".join(
-        f"the {named[kind]} spin against the angle ({slower[kind]:.3g} times less the other way)"
+        f"the {named[kind]} turn against the angle ({slower[kind]:.3g} times slower in dq with two "
+        "exchanged)"
         for kind in swapped
     )
     orders = {pair: _exchanged(experiment, swapped, pair) for pair in ("bc", "ab", "ac")}

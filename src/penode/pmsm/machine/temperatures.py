@@ -113,4 +113,6 @@ def _resistance(
 
 def _text(temperature: Range) -> str:
     mean, low, high = temperature
-    return f"{mean:.4g} degC (recorded: {low:.4g} to {high:.4g})"
+    lowest, highest = f"{low:.4g}", f"{high:.4g}"
+    span = lowest if lowest == highest else f"{lowest} to {highest}"
+    return f"{mean:.4g} degC (recorded: {span})"
