@@ -84,3 +84,8 @@ def test_validation_may_be_empty_and_nothing_but_recordings():
     require_recordings((RUN, RUN), (RUN,))
     with pytest.raises(InputError, match=r"validation must be recordings, got the path 'b.csv'"):
         penode.pmsm.identify([RUN], validation="b.csv")
+
+
+def test_its_text_has_no_samples_in_it():
+    run = Experiment("a.csv", 1e-4, {"u": np.zeros(100_000), "x": np.ones(100_000)})
+    assert repr(run) == "Experiment a.csv: 100000 samples of 0.0001 s, channels u, x"

@@ -150,7 +150,9 @@ def _points(
     most = float(loci.mtpa.torque.max())
     torques = np.linspace(0, most, _POINTS) if torque is None else _axis("--torque", torque)
     fastest = 0.0 if loci.over_speed.speed is None else float(loci.over_speed.speed.max())
-    speeds = np.linspace(0, min(fastest, 2 * (loci.base_speed or np.inf)), _POINTS)
+    step = min(fastest, 2 * (loci.base_speed or np.inf)) * 30 / np.pi / (_POINTS - 1)
+    # Two digits: what nobody gave is a speed that people set.
+    speeds = np.arange(_POINTS) * float(f"{step:.1e}") * np.pi / 30
     if speed is not None:
         speeds = _axis("--speed", speed) * np.pi / 30
     return operating_points(machine, torques, speeds, loci.current_limit, loci.voltage_limit)

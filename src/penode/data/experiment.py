@@ -93,6 +93,12 @@ class Experiment:
             raise InputError(f"{self.name}: channels must have one length, got {lengths}.")
         object.__setattr__(self, "channels", MappingProxyType(frozen))
 
+    def __repr__(self) -> str:
+        return (
+            f"Experiment {self.name}: {len(self)} samples of {self.time_step:.6g} s, channels "
+            f"{', '.join(self.channels)}"
+        )
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the channels as a plain dict: their read-only view cannot be pickled."""
         channels = dict(self.channels)
