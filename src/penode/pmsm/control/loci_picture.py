@@ -14,6 +14,8 @@ from penode.report.png import D_AXIS, Q_AXIS, png
 _INK, _MUTED, _VEIL = palette.INK.light, palette.MUTED.light, "#e4e9f0"
 _MTPA, _MTPV, _SPEED, _POWER = D_AXIS, palette.MARKER_LINE.light, Q_AXIS, _INK
 _PIXELS = 161
+#: Current limits within which the characteristic current is drawn.
+_NEAR = 1.25
 _TO_RPM = 30 / np.pi
 
 
@@ -32,29 +34,33 @@ def loci_picture(machine: ControlledMachine, loci: ControlLoci, name: str) -> by
     else:
         _draw_over_speed(curve, loci, loci.over_speed)
     handles, labels = plane.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower left", ncols=4, fontsize=9, frameon=False)
+    figure.legend(handles, labels, loc="outside lower left", ncols=5, fontsize=9, frameon=False)
     return png(figure, (plane, curve), name)
 
 
 def _draw_plane(axes: Axes, machine: ControlledMachine, loci: ControlLoci) -> None:
     limit = loci.current_limit
-    axis = 1.08 * limit * np.linspace(-1, 1, _PIXELS)
+    short = float(np.hypot(*loci.characteristic.current)[0])
+    near = short <= _NEAR * limit
+    axis = max(1.08 * limit, 1.04 * short * near) * np.linspace(-1, 1, _PIXELS)
     mesh = np.stack(np.meshgrid(axis, axis))
     supported = machine.supported(mesh.reshape(2, -1).T).reshape(_PIXELS, _PIXELS)
     smooth = ndimage.gaussian_filter(supported.astype(np.float64), 1.2, mode="nearest")
     axes.contourf(*mesh, smooth, levels=[-1.0, 0.5], colors=[_VEIL])
     torque = np.where(np.hypot(*mesh) <= limit, machine.torque(mesh), np.nan)
     lines = axes.contour(*mesh, torque, levels=9, colors=_MUTED, linewidths=0.7, linestyles="solid")
-    axes.clabel(lines, fontsize=7, fmt="%.3g")
+    axes.clabel(lines, fontsize=7, fmt=lambda level: f"{level:.3g}".replace("-", "−"))
     angle = np.linspace(-np.pi, np.pi, 181)
-    axes.plot(limit * np.cos(angle), limit * np.sin(angle), color=_INK, lw=0.8)
+    axes.plot(
+        limit * np.cos(angle), limit * np.sin(angle), color=_INK, lw=0.8, label="current limit"
+    )
     named = [(loci.mtpa, _MTPA, "MTPA"), (loci.mtpv, _MTPV, "MTPV")]
     if loci.over_speed is not None:
         named.append((loci.over_speed, _SPEED, "most torque over speed"))
     for locus, colour, label in named:
         if locus.torque.size:
             _draw_locus(axes, locus.current[0], locus.current[1], locus, colour, label)
-    if np.hypot(*loci.characteristic.current)[0] <= 1.08 * limit:
+    if near:
         axes.plot(
             *loci.characteristic.current, "x", color=_INK, ms=7, label="characteristic current"
         )

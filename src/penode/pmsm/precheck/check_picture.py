@@ -35,7 +35,13 @@ def check_picture(
         [["plane", "length"], ["plane", "speed"], ["plane", "profile"]], width_ratios=(1.2, 1)
     )
     image = _draw_plane(panels["plane"], recordings, excitation)
-    figure.colorbar(image, ax=panels["plane"], label="time spent in a cell (ms)", shrink=0.8)
+    figure.colorbar(
+        image,
+        ax=panels["plane"],
+        label="time spent in a cell (ms)",
+        location="bottom",
+        shrink=0.8,
+    )
     _draw_lengths(panels["length"], recordings, excitation.largest_current)
     _draw_speeds(panels["speed"], recordings)
     _draw_profiles(panels["profile"], identifiability)
@@ -82,7 +88,7 @@ def _draw_lengths(axes: Axes, recordings: tuple[Experiment, ...], largest: float
     currents = np.concatenate([e.stack(("i_d", "i_q")) for e in recordings])
     spent = _times(recordings) / 1e3
     axes.hist(np.hypot(*currents.T), bins=_BARS, range=(0, largest), weights=spent, color=_LINES[0])
-    axes.set(xlabel="length of the current (A)", ylabel="time (s)", xlim=(0, largest))
+    axes.set(xlabel="amplitude of the current (A)", ylabel="time (s)", xlim=(0, largest))
     axes.set_title("Time spent by amplitude", loc="left", fontsize=10)
 
 
@@ -94,7 +100,9 @@ def _draw_speeds(axes: Axes, recordings: tuple[Experiment, ...]) -> None:
         axes.plot(time, speed, color=_LINES[k % len(_LINES)], lw=1.2, label=experiment.name)
     low, high = axes.get_ylim()
     axes.set(
-        xlabel="time (s)", ylabel="electrical rpm", ylim=(1.1 * min(low, 0), 1.1 * max(high, 0))
+        xlabel="time (s)",
+        ylabel="electrical speed (rpm)",
+        ylim=(1.1 * min(low, 0), 1.1 * max(high, 0)),
     )
     axes.yaxis.set_major_locator(MaxNLocator(5))
     axes.axhline(0, color=_MUTED, lw=0.5)
@@ -113,7 +121,7 @@ def _draw_profiles(axes: Axes, identifiability: Identifiability) -> None:
         axes.semilogy(
             1e3 * resistance, factor, color=colour, lw=1.6, label=f"{profile.flux_map} map"
         )
-    axes.set(xlabel="R held at (mohm)", ylabel="residual over the least")
+    axes.set(xlabel="R held at (mΩ)", ylabel="residual over the least")
     axes.set_ylim(bottom=1)
     axes.legend(fontsize=8, frameon=False)
     axes.set_title("Profile of R: flat where the data cannot determine it", loc="left", fontsize=10)
