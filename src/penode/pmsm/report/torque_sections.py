@@ -106,8 +106,8 @@ def torque_and_operating_points(fit: Fit) -> Section | None:
             f"Torque in {operation.torque_unit} over the currents, averaged over the angle. MTPA: "
             f"most torque for each current; MTPV: most torque for each flux linkage{slow}. The "
             f"circle is the current limit, {with_unit(loci.current_limit, 'A')}, as far as "
-            f"recordings back MTPA; penode loci --i-max draws another. {volts} {_STYLES} Grey, outside the dashed outline, no "
-            "recording has been.",
+            f"recordings back MTPA; penode loci --i-max draws another. {volts} {_STYLES} Grey, "
+            "outside the dashed outline, no recording has been.",
             torque_plane,
             operation,
             fit,
