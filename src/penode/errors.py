@@ -39,7 +39,7 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str:
         same = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
         rest = word.lower()[same:], name[same:]
         like = difflib.SequenceMatcher(None, *rest).ratio() >= _LIKE
-        if like or max(map(len, rest)) <= _SLIP:
+        if like or not all(rest) or max(map(len, rest)) <= _SLIP:
             return f" (did you mean {spelt[name]}?)"
     return ""
 

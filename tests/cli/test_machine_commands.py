@@ -94,7 +94,9 @@ def test_currents_over_torque_and_speed_are_tabulated(result, machine_fit, penod
     usual = penode("loci", result, "--i-max", 200, "--u-max", 120, "--table", table, "--json")
     assert usual.returncode == 0, usual.stderr
     speeds = np.genfromtxt(table, delimiter=",", skip_header=1)[:, 1]
-    assert speeds.max() == pytest.approx(2 * json.loads(usual.stdout)["base_speed_rpm"], rel=1e-3)
+    assert speeds.max() == pytest.approx(2 * json.loads(usual.stdout)["base_speed_rpm"], rel=0.05)
+    step = np.unique(speeds)[1]
+    assert step == float(f"{step:.1e}")  # two digits: nobody gave it
 
 
 @pytest.mark.parametrize(
