@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from penode.bench.config import load_config
-from penode.cli.loci import _supported
+from penode.cli.loci import _end_of, _supported
 from penode.data.save import save
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
@@ -61,11 +61,25 @@ def test_every_range_of_torque_that_recordings_support_is_said():
     assert _supported(locus) == "0 to 20 and 60 to 100"
 
 
+@pytest.mark.parametrize(
+    ("supported", "words"),
+    [
+        ([True, True], ""),
+        ([True, False], "; recordings support 0 to 0 Nm"),
+        ([False, False], ", beyond the recordings"),
+    ],
+)
+def test_the_end_of_a_locus_is_told_with_what_recordings_support(supported, words):
+    currents = np.array([[0.0, -60.0], [0.0, 80.0]])
+    locus = Locus(currents, currents, np.array([0.0, 30.0]), np.array(supported))
+    assert _end_of(locus) == f"30.0 Nm at i_d −60.0 A, i_q 80.0 A{words}"
+
+
 def test_loci_are_told_drawn_and_tabulated(result, penode, tmp_path):
     out, table = tmp_path / "loci.png", tmp_path / "loci.csv"
     done = penode("loci", result, "--i-max", 240, "--u-max", 120, "--out", out, "--csv", table)
     assert done.returncode == 0, done.stderr
-    for word in ("MTPA", "Nm at i_d", "characteristic", "base speed", "rpm"):
+    for word in ("MTPA", "Nm at i_d", "MTPV", "characteristic", "base speed", "rpm"):
         assert word in done.stdout
     assert out.read_bytes().startswith(b"\x89PNG")
     assert table.read_text().startswith("locus,i_d")
@@ -93,10 +107,9 @@ def test_currents_over_torque_and_speed_are_tabulated(result, machine_fit, penod
     np.testing.assert_allclose(torque, np.repeat([0, 20, 40, 60], 3), atol=1e-5)
     usual = penode("loci", result, "--i-max", 200, "--u-max", 120, "--table", table, "--json")
     assert usual.returncode == 0, usual.stderr
-    speeds = np.genfromtxt(table, delimiter=",", skip_header=1)[:, 1]
-    assert speeds.max() == pytest.approx(2 * json.loads(usual.stdout)["base_speed_rpm"], rel=0.05)
-    step = np.unique(speeds)[1]
-    assert step == float(f"{step:.1e}")  # two digits: nobody gave it
+    speeds = np.unique(np.genfromtxt(table, delimiter=",", skip_header=1)[:, 1])
+    step = float(f"{json.loads(usual.stdout)['base_speed_rpm'] / 10:.1e}")  # two digits
+    np.testing.assert_allclose(speeds, step * np.arange(21), rtol=1e-8)
 
 
 @pytest.mark.parametrize(

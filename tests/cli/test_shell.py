@@ -78,6 +78,12 @@ def test_a_pipe_gets_a_line_a_fact_without_colour(capsys):
     ]
 
 
+@pytest.mark.parametrize("terminal", [False, True])
+def test_rows_are_in_line_with_those_above_them(capsys, terminal):
+    print_rows([("map", "a.csv")], Console(force_terminal=terminal), below=("validation", "R"))
+    assert capsys.readouterr().out.index("a.csv") == (len("validation  ") + 8 * terminal)
+
+
 def test_a_terminal_gets_colour_and_folded_sentences(capsys):
     print_rows(ROWS, Console(force_terminal=True, width=60, color_system="standard"))
     lines = capsys.readouterr().out.splitlines()

@@ -118,4 +118,6 @@ def test_the_nearest_word_is_found_whatever_its_case():
     # What all columns begin with does not make one of them meant.
     columns = ["Mot_nRot", "Mot_phiEl", "Mot_tStator"]
     assert did_you_mean("Mot_speed", columns) == ""
-    assert did_you_mean("Mot_nRotor", columns) == " (did you mean Mot_nRot?)"
+    for slip in ("Mot_nRotor", "Mot_nRox"):
+        assert did_you_mean(slip, columns) == " (did you mean Mot_nRot?)"
+    assert did_you_mean("magnet", ["magnet_flux"]) == " (did you mean magnet_flux?)"

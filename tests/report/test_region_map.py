@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from penode.report import panels
+from penode.report.learned_maps import band_figures
 from penode.report.region_map import RegionGrid, label_places, nice_levels, region_maps
 
 
@@ -135,3 +136,14 @@ def test_both_branches_of_a_line_are_labelled_and_apart():
 def test_lines_at_the_rim_get_no_label():
     _, x = np.mgrid[-1:1:81j, -1:1:81j]
     assert label_places(x, np.ones(x.shape, dtype=bool), np.array([0.99])).shape == (0, 3)
+
+
+def test_a_band_is_told_by_the_component_that_is_known_less():
+    at = grid()
+    half = np.stack([np.full(at.supported.shape, 1.0), np.full(at.supported.shape, 3.0)])
+    half[:, ~at.supported] = 50.0
+    figure, *_ = band_figures("The map", at, half, ["a", "b"], "Vs", "currents")
+    assert figure.title.replace("\N{NO-BREAK SPACE}", " ") == (
+        "The map is known to ±3.0 Vs over half of the area of the recorded currents, to ±3.0 Vs "
+        "over 95 % of it"
+    )

@@ -134,6 +134,12 @@ def test_noise_has_no_line_and_the_strongest_line_below_its_floor_is_named():
     assert title == f"The strongest line of the residual lies at 20.0{GAP}Hz"
 
 
+def test_the_strongest_line_is_that_of_most_power_however_wide_it_is():
+    spectrum = peaked(60.0)
+    spectrum.amplitude[2470:2531, 1] = 0.5  # about 100 Hz; its root sum of squares is 3.9
+    assert spectrum_title(spectrum, SAME).endswith(f"at 100{GAP}Hz")
+
+
 def test_a_constant_residual_is_no_line():
     assert spectrum_title(peaked(60.0, constant=9.0), SAME).endswith(f"at 60.0{GAP}Hz")
 

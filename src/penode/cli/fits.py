@@ -132,7 +132,12 @@ def print_demo(demo: Demo, console: Console = OUTPUT) -> None:
         f"flux linkage: mean absolute error {number(1e3 * demo.flux_error)} mVs, "
         f"{number(100 * demo.flux_share)} % of the magnet's"
     )
-    print_rows([("truth", resistance), ("truth", flux)], console)
+    print_rows([("truth", resistance), ("truth", flux)], console, below=_labels(demo.fit))
+
+
+def _labels(fit: Fit) -> list[str]:
+    """Return the longest labels that `print_fit` may print."""
+    return ["horizon", *fit.parameters, *(one.role for one in fit.recordings)]
 
 
 def report_beside(
@@ -155,4 +160,4 @@ def report_beside(
         left_out("the report", error)
     else:
         if not quiet:
-            print_rows([("report", str(folder / REPORT))], below=("horizon", *fit.parameters))
+            print_rows([("report", str(folder / REPORT))], below=_labels(fit))

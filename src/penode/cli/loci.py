@@ -22,6 +22,7 @@ from penode.report.quantities import number
 _POINTS, _MOST = 21, 1001
 #: Current limit over the largest recorded current, beyond which a map says nothing.
 _BEYOND = 1.5
+_UNSUPPORTED = ", beyond the recordings"
 
 
 def loci_command(  # noqa: PLR0913 (an argument an option)
@@ -175,20 +176,13 @@ def _axis(option: str, text: str) -> FloatArray:
 
 def _figures(loci: ControlLoci) -> list[Row]:
     """Return the main figures; extrapolations are marked."""
-    full, short = loci.mtpa, loci.characteristic
-    (i_d, i_q), torque = full.current[:, -1], full.torque[-1]
-    beyond = ", beyond the recordings"
-    most = f"{number(torque)} Nm at i_d {number(i_d)} A, i_q {number(i_q)} A"
-    if not full.supported.all() and full.supported.any():
-        most += f"; recordings support {_supported(full)} Nm"
-    elif not full.supported[-1]:
-        most += beyond
+    short, mtpv = loci.characteristic, loci.mtpv
     current = f"{number(float(np.hypot(*short.current)[0]))} A"
     rows: list[Row] = [
-        ("MTPA", most),
-        ("characteristic current", current + ("" if short.supported[0] else beyond)),
+        ("MTPA", _end_of(loci.mtpa)),
+        ("characteristic current", current + ("" if short.supported[0] else _UNSUPPORTED)),
+        ("MTPV", f"up to {_end_of(mtpv)}" if mtpv.torque.size else "not within the current limit"),
     ]
-    rows.append(("MTPV", _mtpv(loci.mtpv)))
     if loci.base_speed is not None and loci.over_speed is not None:
         rows.append(("base speed", f"{number(loci.base_speed * 30 / np.pi, 4)} rpm"))
     every = [loci.mtpa, loci.mtpv, *([loci.over_speed] if loci.over_speed else [])]
@@ -199,16 +193,15 @@ def _figures(loci: ControlLoci) -> list[Row]:
     return rows
 
 
-def _mtpv(locus: Locus) -> str:
-    """Return up to which torque a current is one of MTPV, and where recordings support it."""
-    if not locus.torque.size:
-        return "not within the current limit"
+def _end_of(locus: Locus) -> str:
+    """Return the torque and current at the end of a locus, and where recordings support it."""
     i_d, i_q = locus.current[:, -1]
-    reach = f"up to {number(locus.torque[-1])} Nm at i_d {number(i_d)} A, i_q {number(i_q)} A"
+    most = f"{number(locus.torque[-1])} Nm at i_d {number(i_d)} A, i_q {number(i_q)} A"
     if locus.supported.all():
-        return reach
-    known = f"recordings support {_supported(locus)} Nm" if locus.supported.any() else ""
-    return f"{reach}; {known}" if known else f"{reach}, beyond the recordings"
+        return most
+    if not locus.supported.any():
+        return most + _UNSUPPORTED
+    return f"{most}; recordings support {_supported(locus)} Nm"
 
 
 def _as_json(loci: ControlLoci) -> dict[str, Any]:

@@ -73,8 +73,8 @@ def band_figures(
     most, nearly_all = np.quantile(inside, [0.5, 0.95]).tolist()
     space = "\N{NO-BREAK SPACE}" if unit else ""
     title = (
-        f"{name} is known to ±{number(most, 2)}{space}{unit} over half of where {over} were "
-        f"recorded, to ±{number(nearly_all, 2)}{space}{unit} over 95 % of it"
+        f"{name} is known to ±{number(most, 2)}{space}{unit} over half of the area of the "
+        f"recorded {over}, to ±{number(nearly_all, 2)}{space}{unit} over 95 % of it"
     )
     of_several = ", of each point that of the component known less" if len(titles) > 1 else ""
     caption = (

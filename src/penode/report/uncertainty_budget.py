@@ -88,7 +88,7 @@ def _table(name: str, estimate: Estimate) -> Table:
         f"interval is the value ± {NORMAL_95} times their root sum of squares. Of the sensors, "
         "declared stands in the study file, assumed is that of an ordinary bench, and estimated "
         "is what the recordings show, where that is less; what they showed to be off was corrected "
-        "and is said with the model's reasons."
+        "and stands in the provenance, under structure."
     )
     return table(f"Standard uncertainty of {name}", columns, caption)
 
