@@ -162,6 +162,58 @@ def test_a_path_may_have_strayed_where_free_starts_leave_three_times_the_loss(
     assert not strayed([replace(one, objective=old) for one in (short, long)])
 
 
+@pytest.mark.parametrize(
+    ("times", "outcome", "begins_anew"),
+    [
+        (2.9, CONVERGED, False),
+        (3.1, CONVERGED, True),
+        (2.9, "The evaluations are used up.", True),
+    ],
+)
+def test_training_begins_anew_where_the_next_windows_err_much_more(
+    systems, problem, times, outcome, begins_anew
+):
+    """From the better of the two: the next horizon's loss at the start of all is the least here."""
+    system, old = systems["linear machine"], problem.objective
+    free = Objective(old.predictor, system.model, old.scale, Loss(free_starts={"i_d": 1.0}))
+    freed, away = replace(problem, objective=free), system.raw + 0.1
+    ends = freed.solutions(Plan((Stage(7, Scripted([0.0])),)), away)
+    loss = next(ends)[1].terms.loss
+
+    @dataclass
+    class Ending:
+        begun: list
+
+        def minimise(self, problem, raw, progress):
+            self.begun.append(raw)
+            terms = problem.gauss_newton(raw)
+            return Solution(raw + 0.1, replace(terms, loss=loss / times), 1, outcome)
+
+    begun = []
+    plan = Plan((Stage(3, Ending(begun)), Stage(7, Ending(begun))))
+    list(freed.solutions(plan, system.raw))
+    np.testing.assert_allclose(begun[1], system.raw if begins_anew else away, rtol=1e-12)
+
+
+def test_terms_where_training_begins_are_computed_once(problem, systems):
+    counted, raw = [], systems["linear machine"].raw
+
+    class Counting:
+        layout = problem.objective.layout
+
+        def gauss_newton(self, raw, windows):
+            counted.append(raw)
+            return problem.objective.gauss_newton(raw, windows)
+
+    stage = problem.problem(Stage(3, Scripted([0.0])), Plan((Stage(3, Scripted([0.0])),)))
+    counting = replace(stage, objective=Counting())
+    first, again = counting.gauss_newton(raw), counting.gauss_newton(raw.copy())
+    other = counting.gauss_newton(1.001 * raw)
+    assert again is first
+    assert other.loss != first.loss
+    assert len(counted) == 2
+
+
 @pytest.mark.parametrize(("deviation", "known"), [(1.0, True), (np.inf, False)])
 def test_one_step_shows_nothing_where_its_start_is_free_at_no_cost(
     systems, problem, deviation, known

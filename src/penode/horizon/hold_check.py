@@ -8,7 +8,6 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
-from penode.errors import InputError
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import HorizonFit, LadderProblem, ignore_events
 from penode.models.base import Model
@@ -78,9 +77,6 @@ def _values(model: Model, experiments: Sequence[Experiment]) -> int:
 def _log_losses(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> list[float]:
     """Return the logarithm of the loss at each of a plan's horizons."""
     problem = LadderProblem.of(start.model, experiments, plan, ignore_events)
-    try:
-        fits = problem.climb(plan, problem.objective.layout.raw(start.model)).fits
-    except InputError:
-        fits = ()
-    known = [math.log(rung.solution.terms.loss + _EXACT) for rung in fits]
+    ends = problem.solutions(plan, problem.objective.layout.raw(start.model))
+    known = [math.log(solution.terms.loss + _EXACT) for _, solution in ends]
     return known + [_DIVERGED] * (len(plan.stages) - len(known))

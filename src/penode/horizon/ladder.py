@@ -1,7 +1,7 @@
 """Ladder: the same fit at growing horizons, each warm-started by the one before."""
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -254,26 +254,33 @@ class LadderProblem:
 
     def _climb(self, plan: Plan, raw: FloatArray, rungs: list[HorizonFit]) -> None:
         """Append finished rungs until the plan ends or a stage diverges."""
-        first = raw
+        for number, (problem, solution) in enumerate(self.solutions(plan, raw)):
+            horizon = plan.stages[number].horizon
+            self.objectives[horizon] = problem.objective
+            rungs.append(self._finish(horizon, problem, solution))
+            self._report(rungs[-1], (number + 1, len(plan.stages)))
+
+    def solutions(self, plan: Plan, raw: FloatArray) -> Iterator[tuple[Problem, Solution]]:
+        """Yield what each stage ends with, from raw (parameter,), until one diverges."""
+        first, done = raw, list[Solution]()
         for number, stage in enumerate(plan.stages):
             self.objectives.pop(stage.horizon, None)
             problem = self.problem(stage, plan)
-            place = (number + 1, len(plan.stages))
-            if rungs and (not rungs[-1].solution.converged or strayed(rungs)):
+            if done and _astray(problem, raw, done):
                 raw = problem.better(raw, first)
-            problem, raw = with_scale(problem, raw, cold=not rungs)
+            problem, raw = with_scale(problem, raw, cold=not done)
             if plan.learned_prior:
-                problem, raw = plan.learned_prior.joined(problem, raw, cold=not rungs)
-            self.objectives[stage.horizon] = problem.objective
-            solution = stage.optimiser.minimise(problem, raw, self._progress(stage.horizon, place))
-            if solution.outcome == DIVERGED or (rungs and _explodes(solution, rungs[0])):
+                problem, raw = plan.learned_prior.joined(problem, raw, cold=not done)
+            progress = self._progress(stage.horizon, (number + 1, len(plan.stages)))
+            solution = stage.optimiser.minimise(problem, raw, progress)
+            if solution.outcome == DIVERGED or (done and _explodes(solution, done[0])):
                 break
             raw = solution.raw
             if hidden_states(self.model) and number + 1 < len(plan.stages):
                 guesses = self.hidden_states(problem.objective, raw, problem.windows)
                 self.guesses[plan.stages[number + 1].horizon] = guesses
-            rungs.append(self._finish(stage.horizon, problem, solution))
-            self._report(rungs[-1], place)
+            done.append(solution)
+            yield problem, solution
             raw = np.where(self._lost(problem, solution), first, raw)
 
     def problem(self, stage: Stage, plan: Plan) -> Problem:
@@ -476,6 +483,15 @@ def strayed(rungs: Sequence[HorizonFit]) -> bool:
     return losses[-1] > _STRAYED * min(losses)
 
 
-def _explodes(solution: Solution, first: HorizonFit) -> bool:
+def _astray(problem: Problem, raw: FloatArray, before: Sequence[Solution]) -> bool:
+    """Return whether raw (parameter,) may lead astray: windows err much more than shorter ones."""
+    if not before[-1].converged:
+        return True
+    least = min(solution.terms.loss for solution in before)
+    free = len(problem.objective.error.free)
+    return bool(free and not problem.gauss_newton(raw).loss <= _STRAYED * least)
+
+
+def _explodes(solution: Solution, first: Solution) -> bool:
     """Return whether predictions err beyond all bounds, so that longer horizons show nothing."""
-    return bool(solution.terms.loss > _EXPLODED**2 * first.solution.terms.loss)
+    return bool(solution.terms.loss > _EXPLODED**2 * first.terms.loss)

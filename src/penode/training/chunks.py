@@ -2,11 +2,11 @@
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache, lru_cache, partial
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -19,10 +19,12 @@ from penode.predictors.base import Predictor
 from penode.training.free_starts import sums_without_starts
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
 
+Result = TypeVar("Result")
+
 #: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
 CHUNK, _NEAR = 64, 131_072
-#: Windows that go through together where each has results of its own.
-_BLOCK = 128
+#: Windows that go through together where each has results of its own: of few, and of many.
+_FEW, _BLOCK = 32, 128
 #: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
 #: not depend on the number of cores.
 STRANDS = 4
@@ -124,22 +126,37 @@ class Block(NamedTuple):
     error: PredictionError
     horizon: int
     # Of the windows' starts, (free, batch), SI units.
-    corrections: FloatArray
+    corrections: JaxArray
     batch: Batch
 
 
-def blocks(error: PredictionError, windows: Windows, corrections: FloatArray) -> Iterator[Block]:
-    """Yield windows, block by block, with the corrections of their starts (free, window).
+def over_blocks(
+    function: Callable[[Block], Result],
+    error: PredictionError,
+    windows: Windows,
+    corrections: FloatArray,
+) -> Iterator[Result]:
+    """Apply a function of float64 to windows, block by block and side by side.
 
-    Blocks are of one size: one program serves any number of windows.
+    Corrections of their starts are (free, window), SI units. Blocks are of one size, or of another
+    where windows are few: two programs serve any number of windows.
     """
-    for places, of_step, alike in error.by_time_step(windows):
-        for first in range(0, len(alike), _BLOCK):
-            few, at = alike.among(slice(first, first + _BLOCK)), places[first : first + _BLOCK]
-            own = np.pad(corrections[:, at], ((0, 0), (0, _BLOCK - len(at))), mode="edge")
-            with float64():
-                batch = compiled_windows(of_step, few, _BLOCK)
-            yield Block(at, of_step, few.horizon, own, batch)
+    width = _BLOCK if len(windows) > _BLOCK else _FEW
+
+    def of_block(given: tuple[IntArray, PredictionError, Windows]) -> Result:
+        places, of_step, few = given
+        own = np.pad(corrections[:, places], ((0, 0), (0, width - len(few))), mode="edge")
+        with float64():
+            batch = compiled_windows(of_step, few, width)
+            return function(Block(places, of_step, few.horizon, on_device(own), batch))
+
+    parts = [
+        (places[first : first + width], of_step, alike.among(slice(first, first + width)))
+        for places, of_step, alike in error.by_time_step(windows)
+        for first in range(0, len(alike), width)
+    ]
+    yield of_block(parts[0])  # compiles, where that is still to be done
+    yield from _workers().map(of_block, parts[1:])
 
 
 _Totals: TypeAlias = tuple[JaxArray, NormalMatrix, JaxArray, JaxArray]

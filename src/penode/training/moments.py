@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, float64, on_device
+from penode.arrays import FloatArray, JaxArray, on_device
 from penode.data.windows import Windows
-from penode.training.chunks import blocks
+from penode.training.chunks import Block, over_blocks
 from penode.training.noise import StudentT
 from penode.training.prediction_error import Batch, PredictionError
 from penode.training.sensitivities import Columns, Recursion
@@ -22,12 +22,12 @@ def moments(
 
     The windows' starts are corrected, (free, window), SI units.
     """
-    total = np.zeros((3, len(error.compared)))
-    for one in blocks(error, windows, corrections):
-        with float64():
-            given = on_device(raw), on_device(error.scale), on_device(one.corrections), one.batch
-            total = total + np.asarray(_moments(one.error, *given, on_device(one.horizon)))
-    return total
+
+    def of_block(one: Block) -> FloatArray:
+        given = on_device(raw), on_device(error.scale), one.corrections, one.batch
+        return np.asarray(_moments(one.error, *given, on_device(one.horizon)))
+
+    return np.asarray(sum(over_blocks(of_block, error, windows, corrections)))
 
 
 @partial(jax.jit, static_argnums=0)

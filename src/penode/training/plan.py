@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -52,6 +53,14 @@ class Problem:
 
     def gauss_newton(self, raw: FloatArray) -> GaussNewtonTerms:
         """Return the terms of the moving parameters at raw (parameter,)."""
+        return self._remembered(raw.tobytes())
+
+    @cached_property
+    def _remembered(self) -> Callable[[bytes], GaussNewtonTerms]:
+        """The last terms: where training begins is often known already."""
+        return lru_cache(maxsize=2)(lambda raw: self._gauss_newton(np.frombuffer(raw)))
+
+    def _gauss_newton(self, raw: FloatArray) -> GaussNewtonTerms:
         terms = self.objective.gauss_newton(raw, self.windows)
         normal = (terms.normal + self._ridge(terms.normal))[np.ix_(self.moving, self.moving)]
         scores = terms.scores[self.moving]

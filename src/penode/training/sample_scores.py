@@ -11,10 +11,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, JaxArray, float64, on_device
+from penode.arrays import FloatArray, JaxArray, on_device
 from penode.data.windows import Windows
 from penode.native.normal_matrix import NormalMatrix
-from penode.training.chunks import blocks, summed
+from penode.training.chunks import Block, over_blocks, summed
 from penode.training.free_starts import followed_by
 from penode.training.prediction_error import Batch, PredictionError
 from penode.training.sensitivities import Columns, Recursion, along
@@ -25,11 +25,13 @@ def sample_scores(error: PredictionError, raw: FloatArray, windows: Windows) -> 
 
     Their sum over samples is that of the windows' scores.
     """
-    corrections, total = summed(error, raw, windows, normal=False)[3], np.zeros(())
-    for one in blocks(error, windows, corrections):
-        with float64():
-            given = on_device(raw), on_device(error.scale), on_device(one.corrections), one.batch
-            total = total + np.asarray(_by_sample(one.error, *given, one.horizon))
+    corrections = summed(error, raw, windows, normal=False)[3]
+
+    def of_block(one: Block) -> FloatArray:
+        given = on_device(raw), on_device(error.scale), one.corrections, one.batch
+        return np.asarray(_by_sample(one.error, *given, one.horizon))
+
+    total = sum(over_blocks(of_block, error, windows, corrections))
     return np.asarray(total)[:, : len(windows.states)]
 
 

@@ -1,5 +1,6 @@
 """States of windows as the model has them: their estimated starts, and what follows from these."""
 
+from collections.abc import Iterator
 from functools import partial
 from typing import TypeAlias
 
@@ -7,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, IntArray, JaxArray, float64, on_device
+from penode.arrays import FloatArray, IntArray, JaxArray, on_device
 from penode.data.windows import Windows
 from penode.predictors.rollout import rollout
-from penode.training.chunks import blocks, summed
+from penode.training.chunks import Block, over_blocks, summed
 from penode.training.prediction_error import Batch, PredictionError
 
 #: By sample, the sum of states (state, time) and of how many windows (time,).
@@ -30,8 +31,9 @@ def mean_states(error: PredictionError, raw: FloatArray, windows: Windows) -> Fl
 
     Samples that no window passes are nan.
     """
-    blocks = _blocks(error, raw, windows)
-    total, count = (np.sum([block[k] for block in blocks], axis=0) for k in (2, 3))
+    total, count = 0.0, 0.0
+    for _, _, own, often in _blocks(error, raw, windows):
+        total, count = total + own, count + often
     samples = len(windows.states)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray((total / count)[:, :samples].T)
@@ -39,15 +41,16 @@ def mean_states(error: PredictionError, raw: FloatArray, windows: Windows) -> Fl
 
 def _blocks(
     error: PredictionError, raw: FloatArray, windows: Windows
-) -> list[tuple[IntArray, FloatArray, FloatArray, FloatArray]]:
-    """Return places, starts, summed states and how many were summed, of blocks of windows."""
-    corrections, found = summed(error, raw, windows, normal=False)[3], []
-    for one in blocks(error, windows, corrections):
-        with float64():
-            own = on_device(one.corrections), one.batch, on_device(one.horizon)
-            starts, total, count = map(np.asarray, _followed(one.error, on_device(raw), *own))
-            found.append((one.places, starts, total, count))
-    return found
+) -> Iterator[tuple[IntArray, FloatArray, FloatArray, FloatArray]]:
+    """Yield places, starts, summed states and how many were summed, of blocks of windows."""
+    corrections = summed(error, raw, windows, normal=False)[3]
+
+    def of_block(one: Block) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+        own = one.corrections, one.batch, on_device(one.horizon)
+        found = _followed(one.error, on_device(raw), *own)
+        return one.places, *map(np.asarray, found)
+
+    return over_blocks(of_block, error, windows, corrections)
 
 
 @partial(jax.jit, static_argnums=0)
