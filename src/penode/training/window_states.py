@@ -31,7 +31,7 @@ def mean_states(error: PredictionError, raw: FloatArray, windows: Windows) -> Fl
 
     Samples that no window passes are nan.
     """
-    total, count = 0.0, 0.0
+    total, count = np.zeros(()), np.zeros(())
     for _, _, own, often in _blocks(error, raw, windows):
         total, count = total + own, count + often
     samples = len(windows.states)
@@ -47,8 +47,8 @@ def _blocks(
 
     def of_block(one: Block) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
         own = one.corrections, one.batch, on_device(one.horizon)
-        found = _followed(one.error, on_device(raw), *own)
-        return one.places, *map(np.asarray, found)
+        starts, total, count = map(np.asarray, _followed(one.error, on_device(raw), *own))
+        return one.places, starts, total, count
 
     return over_blocks(of_block, error, windows, corrections)
 
