@@ -72,8 +72,8 @@ def test_but_never_by_more_than_half():
 def test_the_sentence_has_the_errors_of_both():
     (reason,) = raised(seen("validation", free=68.6, name="other.csv"))
     assert reason.replace("i_q", "i_d") == (
-        "other.csv: the free run of i_d, which moves by 10 A, errs by 68.6 A on this recording, "
-        "which was not trained on, and by 0.01 A in training."
+        "other.csv: the free run of i_d, which moves by 10 A (rms), errs by 68.6 A (rms) on this "
+        "recording, which was not trained on; in training it errs by 0.01 A."
     )
     (reason,) = raised(seen("validation", free=1e9))
     assert "diverges on this recording" in reason

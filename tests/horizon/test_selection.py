@@ -106,7 +106,8 @@ def test_consistent_rungs_give_the_shortest_of_the_surest():
 def test_equally_sure_rungs_give_one_step():
     choice = Plateau().select(ladder([1, 2, 4, 8], [0.2] * 4, [0.01] * 4))
     assert (choice.index, choice.verdict) == (0, "H = 1 suffices")
-    assert "up to H = 8" in choice.reason
+    assert "H = 1 to 8; of these H = 1 is the shortest" in choice.reason
+    assert "expected error, of parameters together, is within 1.25" in choice.reason
 
 
 def test_a_tie_is_a_factor():

@@ -86,6 +86,18 @@ def test_errors_are_pooled_over_states_of_one_unit_alone(systems):
     assert not mixed.diverged
 
 
+def test_a_free_run_a_thousand_times_as_large_has_diverged():
+    """Of states in one unit the largest counts."""
+    measured = np.array([[1.0, 0.01], [-2.0, 0.01], [2.0, 0.0]])
+    run = Comparison("run", "train", 1.0, ("i_d", "i_q"), ("A", "A"), measured, measured, measured)
+    for times, diverged in ((1.9e3, False), (2.1e3, True)):
+        far = replace(run, free_run=measured + np.array([0.0, times]))
+        assert far.diverged == diverged
+        assert far.free_run_errors["i_q"] == (np.inf if diverged else pytest.approx(times))
+        assert far.free_run_rmse == (np.inf if diverged else pytest.approx(times / np.sqrt(2)))
+    assert replace(run, units=("A", "rad/s"), free_run=measured + np.array([0.0, 11.0])).diverged
+
+
 def test_a_missing_channel_is_named(systems):
     system = systems["linear machine"]
     run = Experiment("half.csv", 1e-4, {"i_d": np.zeros(9), "i_q": np.zeros(9), "u_d": np.zeros(9)})

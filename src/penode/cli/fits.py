@@ -75,7 +75,7 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
     steps = "step" if choice.selected == 1 else "steps"
     budgets = ((n, budget_sentence(estimate)) for n, estimate in fit.parameters.items())
     rows: list[Row] = [
-        *((name, _interval(estimate)) for name, estimate in fit.parameters.items()),
+        *((name, _shown(fit, estimate)) for name, estimate in fit.parameters.items()),
         *(("budget", f"{name}: {line}") for name, line in budgets if line),
         *_no_current(fit),
         ("horizon", Text.assemble(f"{choice.selected} {steps}: ", verdict, f". {choice.reason}"))
@@ -112,6 +112,11 @@ def _stationary(fit: Fit) -> Iterator[str]:
         )
 
 
+def _shown(fit: Fit, estimate: Estimate) -> str:
+    interval = _interval(estimate)
+    return interval if fit.horizon.answered else f"no answer; must not be used: {interval}"
+
+
 def _interval(estimate: Estimate) -> str:
     scale = scale_for(estimate.value, estimate.unit)
     value, std = estimate.value * scale.factor, estimate.std * scale.factor
@@ -126,7 +131,7 @@ def print_demo(demo: Demo, console: Console = OUTPUT) -> None:
     low, high = estimate.interval_95
     true = demo.machine.resistance
     covered = "inside" if low <= true <= high else "OUTSIDE"
-    error = 100 * (estimate.value / true - 1)
+    error = round(100 * (estimate.value / true - 1), 2) + 0.0
     resistance = f"R = {number(1e3 * true, 4)} mΩ: error {error:+.2f} %, {covered} the interval"
     flux = (
         f"flux linkage: mean absolute error {number(1e3 * demo.flux_error)} mVs, "

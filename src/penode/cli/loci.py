@@ -189,7 +189,7 @@ def _figures(loci: ControlLoci) -> list[Row]:
     supported = np.concatenate([one.supported for one in every])
     if not supported.all():
         outside = f"{np.count_nonzero(~supported)} of {len(supported)} points"
-        rows.append(("note", f"{outside} of the loci lie where no recording has been (dashed)"))
+        rows.append(("note", f"{outside} of the loci lie where no recording has been"))
     return rows
 
 

@@ -111,12 +111,12 @@ def _free_run_fails(one: _Errors, trained: Sequence[_Errors], astray: BoolArray)
     k = int(np.argmax(np.where(astray, one.free / one.moves, 0.0)))
     unit, usual = one.whole.units[k], max(float(other.free[k]) for other in trained)
     diverges = not one.free[k] < _DIVERGES * one.moves[k]
-    error = "diverges" if diverges else f"errs by {one.free[k]:.3g} {unit}"
+    error = "diverges" if diverges else f"errs by {one.free[k]:.3g} {unit} (rms)"
     return Objection(
         "validation fails",
         f"{one.whole.name}: the free run of {one.whole.states[k]}, which moves by "
-        f"{one.whole.measured[:, k].std():.3g} {unit}, {error} on this recording, which was not "
-        f"trained on, and by {usual:.3g} {unit} in training.",
+        f"{one.whole.measured[:, k].std():.3g} {unit} (rms), {error} on this recording, which was "
+        f"not trained on; in training it errs by {usual:.3g} {unit}.",
         _REPAIR,
     )
 

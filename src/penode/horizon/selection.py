@@ -147,14 +147,13 @@ class Plateau:
                 f"{high}. Take the range over the ladder as the answer, or record another regime."
             )
             return Choice(index, "no plateau", reason, tuple(range(len(rungs))))
-        if chosen == 1:
-            reason = f"Estimates agree up to H = {high}; none is surer than H = 1."
-            return Choice(index, "H = 1 suffices", reason, run)
+        learned = " and map" if len(rungs[0].values) > len(rungs[0].influence) else ""
         reason = (
-            f"Estimates agree from H = {low} to {high}; of these H = {chosen} is the shortest with "
-            f"a deviation within {self.tie:g} times the least."
+            f"Estimates agree from H = {low} to {high}; of these H = {chosen} is the shortest "
+            f"whose expected error, of parameters{learned} together, is within {self.tie:g} times "
+            "the least."
         )
-        return Choice(index, "plateau", reason, run)
+        return Choice(index, "H = 1 suffices" if chosen == 1 else "plateau", reason, run)
 
     def _run(self, rungs: Sequence[HorizonFit]) -> tuple[int, ...]:
         """Return the run to choose in: a plateau if there is one, else the longest."""

@@ -11,7 +11,7 @@ from functools import partial
 from typing import TypeAlias
 
 from penode.fit.fit import Fit
-from penode.fit.outcome import NORMAL_95
+from penode.fit.outcome import IMPLAUSIBLE, NORMAL_95
 from penode.report.document import (
     Block,
     Document,
@@ -137,12 +137,16 @@ def _title(fit: Fit, names: Sequence[str]) -> str:
     values = [estimate_text(fit.parameters[name])[0] for name in names]
     if not names:
         return f"A model of {listed(fit.model.states)}"
+    if len(names) > 1 and fit.horizon.verdict == IMPLAUSIBLE:
+        return f"No answer on {listed(names)}: the model does not explain these recordings"
     if len(names) > 1 and not fit.horizon.answered:
         return f"These recordings cannot determine all of {listed(names)}"
     if len(names) > 1:
         return listed([f"{name} = {value}" for name, value in zip(names, values, strict=True)])
     meaning = fit.parameters[names[0]].meaning
     what = f"the {meaning}" if meaning else names[0]
+    if fit.horizon.verdict == IMPLAUSIBLE:
+        return f"No answer on {what}: the model does not explain these recordings"
     if not fit.horizon.answered:
         return f"These recordings cannot determine {what}"
     return f"{what[0].upper()}{what[1:]} is {values[0]}"

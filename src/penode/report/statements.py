@@ -31,11 +31,11 @@ _MEANINGS = {
     "stopped": "What the horizons finished until then say is below; longer ones may change it. Go "
     "on with --resume to find out.",
     "no plateau": "The estimate keeps changing with how far ahead the model predicts. No horizon "
-    "can be preferred, so the value below must not be used.",
-    "implausible": "The model cannot explain these recordings, so the value below must not be "
+    "can be preferred, so its value must not be used.",
+    "implausible": "The model cannot explain these recordings, so its value must not be "
     "used, however narrow its interval is.",
     "not identifiable": "Different parameter values explain these recordings equally well, so "
-    "the value below must not be used.",
+    "its value must not be used.",
 }
 #: Labels of verdicts under which the value was not tested.
 _UNTESTED = {

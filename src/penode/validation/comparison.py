@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 #: No residual is larger where it is squared: over a typical one too, the sum is still a number.
 HUGE = 1e60
+#: Error over the largest value measured in its unit from which a free run has diverged.
+_DIVERGED = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,13 @@ class Comparison:
     @property
     def free_run_errors(self) -> dict[str, float]:
         """Root mean squared free-run error of each state, in its unit; infinite if it diverged."""
-        return self._errors(self.free_run)
+        errors, limits = self._errors(self.free_run), dict.fromkeys(self.units, 0.0)
+        for unit, largest in zip(self.units, np.abs(self.measured).max(axis=0), strict=True):
+            limits[unit] = max(limits[unit], _DIVERGED * float(largest))
+        pairs = zip(errors.items(), map(limits.get, self.units), strict=True)
+        return {
+            name: np.inf if limit and error > limit else error for (name, error), limit in pairs
+        }
 
     @property
     def one_step_residual(self) -> FloatArray:
@@ -93,11 +101,11 @@ class Comparison:
     @property
     def free_run_rmse(self) -> float:
         """The same of the free run; infinite if it diverged."""
-        return self._pooled(self.free_run)
+        return np.inf if self.unit and self.diverged else self._pooled(self.free_run)
 
     @property
     def diverged(self) -> bool:
-        """Whether the free run left the range of numbers."""
+        """Whether the free run errs by a thousand times what was measured, or has no numbers."""
         return not np.isfinite(list(self.free_run_errors.values())).all()
 
     def metrics(self) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def test_a_dead_time_below_zero_is_said_to_be_none(plain_run):
     lost = term_columns(plain_run, (term,))[1][..., 0]
     found = structure_of([less_voltage(plain_run, 0.5 * lost)], "coenergy")
     assert found.terms == ()
-    assert re.search("shows -0.* V of it, and a negative one is none", found.term_reasons[0])
+    assert re.search("shows -0.* V .std. of it, and a negative one is none", found.term_reasons[0])
 
 
 def test_dead_time_that_r_can_stand_in_for_is_left_out():

@@ -75,8 +75,24 @@ def test_another_speed_behind_dead_time_is_no_disagreement(rpm):
     assert disagreement_of(runs) == ()
 
 
-def test_another_inverter_is_no_disagreement_of_the_machine():
-    assert disagreement_of([recorded("a.csv"), recorded("b.csv", inverter=DEAD)]) == ()
+@pytest.mark.parametrize(
+    ("first", "other", "here", "there"),
+    [
+        ("compensated.csv", "plain.csv", 3, 0),
+        ("plain.csv", "compensated.csv", 0, 3),
+    ],
+)
+def test_voltages_of_which_one_is_compensated_are_named(first, other, here, there):
+    """By what a phase has of 400 V for 0.7 us of each 100 us; the mean is of all currents."""
+    runs = [recorded(n, inverter=DEAD) if n == "plain.csv" else recorded(n) for n in (first, other)]
+    (found,) = disagreement_of(runs)
+    assert found.recording == other
+    assert float(found.evidence.split()[3]) == pytest.approx(here, abs=0.4)
+    assert float(found.evidence.split(f"of {first} ")[1].split()[0]) == pytest.approx(
+        there, abs=0.4
+    )
+    assert "only one of them were compensated" in found.evidence
+    assert "log all voltages at one point" in found.sentence
 
 
 def test_iron_loss_at_another_speed_is_no_temperature():

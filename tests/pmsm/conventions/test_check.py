@@ -126,6 +126,8 @@ def test_mechanical_speed_and_angle(drawn):
     (found,) = check_conventions(of_shaft).broken
     assert found.name == "mechanical speed for electrical"
     assert f"pole_pairs = {pairs}" in found.fix
+    (found,) = check_conventions(of_shaft, pairs).broken
+    assert found.fix == "give omega_el mechanical = true"
     blind = without(of_shaft, "theta_el")
     assert names_of(blind, pairs) == ["mechanical speed for electrical"]
     theta = np.mod(np.unwrap(run.channels["theta_el"]) / pairs, 2 * np.pi)
@@ -154,6 +156,7 @@ def test_what_is_said_already_is_not_advised(drawn):
     (found,) = check_conventions(turned, pairs, of_shaft=("theta_el",)).broken
     assert found.name == "electrical angle for mechanical"
     assert "give" not in found.fix
+    assert "correct the time" not in found.fix
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(30 / np.pi, "rpm"), (np.pi / 30, "rad/s")])

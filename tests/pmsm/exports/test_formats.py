@@ -1,6 +1,7 @@
 """Exports: what other programs read is the fit's map, and unsupported points are marked."""
 
 import builtins
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -74,6 +75,26 @@ def test_torque_and_resistance_are_left_out_where_they_are_not_known(machine_fit
         assert set(arrays) == {"i_s_dq", "psi_s_dq", "supported", "temperatures"}
     path, _ = written(unknown, "mat", tmp_path)
     assert not {"torque", "polePairs", "Rs"} & set(loadmat(path))
+
+
+@pytest.mark.parametrize("name", ["npz", "mat", "m", "xlsx", "syre", "c", "c_fixed", "onnx"])
+def test_a_file_of_a_fit_without_an_answer_says_so(machine_fit, tmp_path, name):
+    lost = replace(machine_fit, horizon=replace(machine_fit.horizon, verdict="no plateau"))
+    for fit, said in ((lost, True), (machine_fit, False)):
+        path, _ = written(fit, name, tmp_path)
+        assert ("no plateau" in text_of(path)) == said
+
+
+def text_of(path):
+    """Return the text in a file, packed or not."""
+    if path.suffix == ".mat":
+        return str(loadmat(path))
+    if path.suffix in (".npz", ".xlsx"):
+        with zipfile.ZipFile(path) as parts:
+            content = b"".join(parts.read(one) for one in parts.namelist())
+    else:
+        content = path.read_bytes()
+    return content.replace(b"\0", b"").decode("latin1")
 
 
 def test_mat_has_rising_vectors_with_zero_and_the_tables_over_them(machine_fit, tmp_path):

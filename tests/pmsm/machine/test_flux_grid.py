@@ -55,7 +55,10 @@ def test_error_of_linear_interpolation_falls_with_the_square_of_the_step(machine
 
 def test_resistance_that_the_recordings_cannot_tell_is_left_out(machine_fit):
     lost = replace(machine_fit, horizon=replace(machine_fit.horizon, verdict="no plateau"))
-    assert tabulate(lost, 5).resistance is None
+    grid = tabulate(lost, 5)
+    assert grid.resistance is None
+    assert grid.temperatures.of_map.startswith("The verdict is 'no plateau': R is left out")
+    assert "verdict" not in tabulate(machine_fit, 5).temperatures.of_map
     assert tabulate(machine_fit, 5).resistance == 0.01
 
 

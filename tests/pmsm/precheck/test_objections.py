@@ -179,6 +179,21 @@ def test_a_convention_that_the_recording_breaks(fit, slow_run):
     assert found.name == "delay of 3 samples"
 
 
+def test_a_recording_that_is_not_predicted_is_compared_with_those_trained_on(fit, slow_run):
+    """One of warmer magnets here; where it is predicted nothing is said of it."""
+    speed = slow_run.channels["omega_el"]
+    weaker = {**slow_run.channels, "u_q": slow_run.channels["u_q"] - 0.005 * speed}
+    other = replace(slow_run, name="other.csv", channels=weaker)
+    check = machine_checks(unseen=[other])[-1]
+    free_run = fit.comparisons[0].measured + 80.0
+    failing = replace(fit.comparisons[0], name="other.csv", role="validation", free_run=free_run)
+    (found,) = check(replace(fit, comparisons=(*fit.comparisons, failing)), [slow_run])
+    assert found.name == "recordings that disagree"
+    assert found.reason.startswith("other.csv: R is ")
+    assert found.repair.startswith("Identify them one by one")
+    assert list(check(fit, [slow_run])) == []
+
+
 def test_conventions_are_tested_where_the_voltage_acts(slow_run):
     """At 6000 rpm half a sample's turn looks like an angle with an offset of more than 5 deg."""
     fast = turned_voltage(slow_run, 2.0)  # as half a sample does at four times the speed

@@ -73,7 +73,7 @@ class LeftOver:
     @property
     def _size(self) -> str:
         i_d, i_q = self.place
-        return f"{1e3 * self.size:.2g} mV, most at i_d {i_d:.3g} A, i_q {i_q:.3g} A"
+        return f"{float(f'{1e3 * self.size:.2g}'):g} mV, most at i_d {i_d:.3g} A, i_q {i_q:.3g} A"
 
     def _applied(self, k: int) -> Callable[[Experiment, float], Experiment]:
         def applied(experiment: Experiment, count: float) -> Experiment:

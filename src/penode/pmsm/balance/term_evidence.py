@@ -73,7 +73,9 @@ def _presence(
     value, deviation = balance.physical[name]
     shown = with_deviation(value, deviation)
     if certain:
-        return Judged(candidate, f"{title}: the voltage balance shows {shown}.", balance)
+        return Judged(
+            candidate, f"{title}: before training the voltage balance shows {shown}.", balance
+        )
     equations = len(balance.equations.target) / OVERLAP
     taken = max(value, 0.0)  # no inverter adds a voltage
     share = probability(taken / max(deviation, 1e-300), equations)
@@ -95,7 +97,7 @@ def _presence(
             "distinguished from R; record several amplitudes."
         )
         return Judged(None, why)
-    why = f"{title} was included: the voltage balance shows {shown} of it."
+    why = f"{title} was included: before training the voltage balance shows {shown} of it."
     return Judged(candidate, why, balance)
 
 
@@ -117,4 +119,4 @@ def _shape(term: PhaseSigns) -> str:
 def with_deviation(value: float, deviation: float) -> str:
     """Return a voltage with its deviation, of two digits."""
     decimals = max(1 - math.floor(math.log10(max(deviation, 1e-6))), 0)
-    return f"{round(value, decimals) + 0.0:.{decimals}f} ± {deviation:.{decimals}f} V"
+    return f"{round(value, decimals) + 0.0:.{decimals}f} ± {deviation:.{decimals}f} V (std)"

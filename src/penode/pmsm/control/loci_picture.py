@@ -24,7 +24,7 @@ def loci_picture(machine: ControlledMachine, loci: ControlLoci, name: str) -> by
 
     Left the dq plane: torque contours, MTPA, MTPV, most torque over speed, grey where no
     recording has been. Right torque and power over speed, or over the current without a voltage
-    limit. Loci are dashed where they are extrapolations.
+    limit. Loci are dotted where they are extrapolations.
     """
     figure = Figure(figsize=(12, 6), layout="constrained")
     plane, curve = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
@@ -96,6 +96,6 @@ def _draw_over_current(axes: Axes, loci: ControlLoci) -> None:
 def _draw_locus(
     axes: Axes, x: FloatArray, y: FloatArray, locus: Locus, colour: str, label: str
 ) -> None:
-    """Draw a line, solid where recordings have been and dashed elsewhere."""
-    axes.plot(x, y, "--", color=colour, lw=1.8)
+    """Draw a line, solid where recordings have been and dotted elsewhere."""
+    axes.plot(x, y, ":", color=colour, lw=1.8)
     axes.plot(x, np.where(locus.supported, y, np.nan), color=colour, lw=2.2, label=label)

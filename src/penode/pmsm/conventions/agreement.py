@@ -1,4 +1,4 @@
-"""Whether recordings are of one machine in one state: R and the magnets, recording by recording.
+"""Whether recordings are of one drive in one state: R, magnets, dead time, recording by recording.
 
 One voltage balance of all recordings, with a map in common and, for each recording but the first,
 what its R, its magnets' flux linkage and its dead time differ by. What the map's form cannot follow
@@ -19,9 +19,9 @@ from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.standstill import stands_still
 from penode.pmsm.machine.terms import SPEED, Term
 
-#: Differences of R, and of the magnets' flux linkage, over their size from which recordings
-#: disagree: copper some 13 K, magnets some 10 K warmer.
-_MATTERS = (0.05, 0.01)
+#: Differences of R, the magnets' flux linkage and the dead time over their size (of the dead time
+#: the larger one) from which recordings disagree: copper some 13 K, magnets some 10 K warmer.
+_MATTERS = (0.05, 0.01, 0.5)
 #: Deviations that a difference is at least. Of 44 pairs of recordings of one machine at other
 #: speeds, behind dead time, no R differed by more than 5, and no magnets by more than 0.13 %.
 _SURE = 6.0
@@ -33,6 +33,14 @@ _HOTTEST = 200.0
 _OTHER_SPEED = 1.1
 #: Recordings that are compared at most: of many, those next to the first.
 _MOST = 12
+#: Dead-time voltage of a phase over the mean that shows by the current's direction.
+_OF_A_PHASE = np.pi / 4
+#: The place of the dead time among what is compared.
+_DEAD_TIME = 2
+_LOGGED = (
+    "log all voltages at one point, before the compensation of the dead time or behind it, or "
+    "identify them one by one"
+)
 _REPAIR = (
     "identify them one by one, or, if their temperatures were recorded, give the channel and the "
     "term (docs/how-to/terms-and-temperature.md)"
@@ -49,8 +57,10 @@ class _Difference:
 
     def matters(self, kind: int) -> bool:
         """Return whether it is larger than a balance can be wrong."""
-        large = abs(self.value) > _MATTERS[kind] * abs(self.size)
-        return large and abs(self.value) > _SURE * self.deviation
+        size = abs(self.size)
+        if kind == _DEAD_TIME:
+            size = max(size, abs(self.size + self.value))
+        return abs(self.value) > max(_MATTERS[kind] * size, _SURE * self.deviation)
 
     def kelvin(self, kind: int) -> float:
         """Return how much warmer the second would be."""
@@ -72,14 +82,16 @@ def disagreement_of(
     first, *others = longest
     found = []
     for other, differences in zip(others, _differences(longest), strict=True):
-        of_r, of_magnet = (one.matters(kind) for kind, one in enumerate(differences))
+        of_r, of_magnet, of_dead_time = (d.matters(kind) for kind, d in enumerate(differences))
         if of_magnet or (of_r and _same_speed(first, other)):
             found.append(_disagreement(first, other, differences))
+        elif of_dead_time:
+            found.append(_another_inverter(first, other, differences[_DEAD_TIME]))
     return tuple(found)
 
 
-def _differences(recordings: Sequence[Experiment]) -> list[tuple[_Difference, _Difference]]:
-    """Return what R and the magnets of each recording differ by from those of the first."""
+def _differences(recordings: Sequence[Experiment]) -> list[tuple[_Difference, ...]]:
+    """Return what each recording differs by from the first, quantity by quantity."""
     form, count = trial_form(recordings, FINE_DEGREE), len(recordings) - 1
     columns = []
     for place, e in enumerate(recordings):
@@ -89,13 +101,14 @@ def _differences(recordings: Sequence[Experiment]) -> list[tuple[_Difference, _D
     equations = form.equations(recordings, trial_window, columns)
     solution = equations.solve()
     # First the differences, then R and the dead time, then the map.
-    resistance, weights = float(solution[3 * count]), solution[3 * count + 2 :]
+    (resistance, dead_time), weights = solution[3 * count :][:2], solution[3 * count + 2 :]
     magnet = float((form.polynomial.basis(np.zeros((1, 2))) @ weights)[0, 0])
+    sizes = float(resistance), magnet, float(dead_time)
     each = [
-        _Difference(float(solution[k]), equations.deviation(k), (resistance, magnet)[k // count])
-        for k in range(2 * count)
+        _Difference(float(solution[k]), equations.deviation(k), sizes[k // count])
+        for k in range(3 * count)
     ]
-    return list(zip(each[:count], each[count:], strict=True))
+    return list(zip(each[:count], each[count : 2 * count], each[2 * count :], strict=True))
 
 
 def _same_speed(one: Experiment, other: Experiment) -> bool:
@@ -103,11 +116,23 @@ def _same_speed(one: Experiment, other: Experiment) -> bool:
     return max(speeds) < _OTHER_SPEED * min(speeds)
 
 
-def _disagreement(
-    first: Experiment, other: Experiment, differences: tuple[_Difference, _Difference]
+def _another_inverter(
+    first: Experiment, other: Experiment, dead_time: _Difference
 ) -> BrokenConvention:
     names = [one.place.recording for one in (first, other)]
-    of_r, of_magnet = differences
+    here, there = (_OF_A_PHASE * v for v in (dead_time.size + dead_time.value, dead_time.size))
+    evidence = (
+        f"its voltages have {here:.3g} ± {_OF_A_PHASE * dead_time.deviation:.2g} V of dead time "
+        f"and those of {names[0]} {there:.3g} V, as if only one of them were compensated"
+    )
+    return BrokenConvention("recordings that disagree", names[1], ("u_d", "u_q"), evidence, _LOGGED)
+
+
+def _disagreement(
+    first: Experiment, other: Experiment, differences: tuple[_Difference, ...]
+) -> BrokenConvention:
+    names = [one.place.recording for one in (first, other)]
+    of_r, of_magnet, _ = differences
     evidence = (
         f"R is {1e3 * (of_r.size + of_r.value):.4g} ± {1e3 * of_r.deviation:.2g} mohm here and "
         f"{1e3 * of_r.size:.4g} mohm in {names[0]}, the magnets' flux linkage "
@@ -119,11 +144,11 @@ def _disagreement(
     )
 
 
-def _cause(differences: tuple[_Difference, _Difference]) -> str:
-    """Return what the differences look like."""
+def _cause(differences: tuple[_Difference, ...]) -> str:
+    """Return what differences of R and of the magnets look like."""
     kelvin = {
         what: one.kelvin(kind)
-        for kind, (what, one) in enumerate(zip(("copper", "magnets"), differences, strict=True))
+        for kind, (what, one) in enumerate(zip(("copper", "magnets"), differences, strict=False))
         if one.matters(kind)
     }
     signs = {value > 0 for value in kelvin.values()}

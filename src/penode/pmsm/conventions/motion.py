@@ -116,7 +116,7 @@ def judge_speed_and_angle(experiment: Experiment, said: OfShaft) -> Judged:
     if right.pole_pairs and not set(right.channels) <= set(said.channels):
         evidence += f", as with {right.pole_pairs} pole pairs"
     fix = _advice(said, right, unit)
-    if said.pole_pairs is not None:
+    if right.pole_pairs and said.pole_pairs not in (None, right.pole_pairs):
         fix += f"; or, if pole_pairs = {said.pole_pairs} is right, correct {or_time}"
     name, channels = _name(said, right, unit)
     finding = BrokenConvention(name, experiment.name, channels, evidence, fix)

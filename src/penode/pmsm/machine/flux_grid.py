@@ -138,7 +138,7 @@ def tabulate(fit: Fit, points: int, pole_pairs: int | None = None) -> FluxGrid:
         fit.supported(mesh.reshape(2, -1).T).reshape(points, points),
         fit.parameters["R"].value if known else None,
         stored_pole_pairs if pole_pairs is None else pole_pairs,
-        temperatures if known else temperatures.without_resistance(),
+        temperatures if known else temperatures.without_resistance().doubted(fit.horizon.verdict),
     )
 
 

@@ -1,7 +1,7 @@
 """The temperatures that a machine's resistance and flux map belong to, for files that hold both."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,7 +34,10 @@ class Temperatures:
     coefficient: float | None = None
     # That the flux map belongs to, degC.
     magnets: float | None = None
-    of_resistance: str = "R is that of the winding as recorded, at a temperature not known."
+    of_resistance: str = (
+        "R is that of the winding, with cable and switches where the voltages are commands, at a "
+        "temperature not known."
+    )
     of_map: str = "The map is that of the magnets as recorded, at a temperature not known."
 
     @property
@@ -45,6 +48,11 @@ class Temperatures:
     def without_resistance(self) -> "Temperatures":
         """Return what is known of the map alone."""
         return Temperatures(None, None, self.magnets, "", self.of_map)
+
+    def doubted(self, verdict: str) -> "Temperatures":
+        """Return the same of a map whose identification ended with a verdict of no answer."""
+        doubt = f"The verdict is {verdict!r}: R is left out, and the map is as doubtful as R."
+        return replace(self, of_map=f"{doubt} {self.of_map}")
 
 
 UNKNOWN = Temperatures()

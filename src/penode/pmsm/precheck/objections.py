@@ -9,8 +9,11 @@ from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.fit.fit import Fit
 from penode.fit.outcome import AVERAGED, NORMAL_95, Objection
+from penode.horizon.held_out_check import validation_fails
 from penode.horizon.objections import Check, recordings_trained_on
+from penode.pmsm.conventions.agreement import disagreement_of
 from penode.pmsm.conventions.broken_convention import BrokenConvention
+from penode.pmsm.machine.terms import Term
 from penode.pmsm.recording.stationary_frame import LINK
 from penode.validation.comparison import finite_residual
 
@@ -25,10 +28,15 @@ _PER_UNIT = 2.5
 _WIDE = 0.1
 
 
-def machine_checks(broken: Sequence[BrokenConvention] = ()) -> tuple[Check, ...]:
+def machine_checks(
+    broken: Sequence[BrokenConvention] = (),
+    unseen: Sequence[Experiment] = (),
+    terms: Sequence[Term] = (),
+) -> tuple[Check, ...]:
     """Return what the fit of a machine is examined for.
 
-    `broken` is of its recordings, where it was trained all the same.
+    `broken` is of its recordings, where it was trained all the same; `unseen` are recordings that
+    it predicts.
     """
     objections = [
         Objection(b.name, f"{b.recording}: {b.evidence}.", f"To fix it, {b.fix}.") for b in broken
@@ -37,7 +45,19 @@ def machine_checks(broken: Sequence[BrokenConvention] = ()) -> tuple[Check, ...]
     def broken_conventions(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
         yield from objections
 
-    return broken_conventions, per_unit, voltage_limit
+    def unseen_disagree(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
+        if not any(validation_fails(fit, experiments)):
+            return
+        names = {e.place.recording for e in unseen}
+        for one in disagreement_of([*experiments, *unseen], terms):
+            if one.recording in names:
+                yield Objection(
+                    one.name,
+                    f"{one.recording}: {one.evidence}.",
+                    f"{one.fix[0].upper()}{one.fix[1:]}.",
+                )
+
+    return broken_conventions, per_unit, voltage_limit, unseen_disagree
 
 
 def per_unit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:

@@ -232,6 +232,7 @@ class DriveMapping:
                 "recording again, with a line of names above its numbers."
             )
         if missing and not self.channels:
+            still = still if len(missing) == 1 else ""
             raise InputError(
                 f"{path}: no column {', '.join(missing)}; the columns are "
                 f"{list_names(table.columns)}; rename them, or map them by a study file, which "
