@@ -75,9 +75,9 @@ def test_a_fit_is_told_in_labelled_lines(fit):
 def test_a_machine_without_a_band_is_told_flux_linkage_and_inductances_alone(machine_fit):
     told = dict(lines(print_fit, machine_fit, Path("out")))
     psi = 1e3 * machine_fit.flux_map(0.0, 0.0)[0]
-    assert told["psi_PM"] == f"{psi:.1f} mVs"
+    assert told["psi_PM"] == f"{psi:.1f} mVs, at no current"
     slope = 1e6 * np.diag(machine_fit.differential_inductance(0.0, 0.0))
-    assert (told["L_d"], told["L_q"]) == tuple(f"{one:.0f} µH" for one in slope)
+    assert (told["L_d"], told["L_q"]) == tuple(f"{one:.0f} µH, at no current" for one in slope)
     assert "winding" not in told
     known = {**machine_fit.provenance, RECORDED: {"winding_temperature": (41.0, 40.0, 42.0)}}
     told = dict(lines(print_fit, replace(machine_fit, provenance=known), Path("out")))

@@ -189,4 +189,7 @@ def test_injected_sines_with_dead_time_that_sets_in_softly():
     assert fit.horizon.objections == ()
     assert low < R < high
     assert fit.parameters["R"].value == pytest.approx(R, rel=0.05)
-    assert any("Its knee is soft" in reason for reason in fit.provenance["structure"])
+    assert any(
+        "Its knee, where the current changes sign, is soft" in reason
+        for reason in fit.provenance["structure"]
+    )

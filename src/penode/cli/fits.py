@@ -96,7 +96,7 @@ def _no_current(fit: Fit) -> Iterator[Row]:
     """Yield what the map of a machine is at no current, and the temperature that R belongs to."""
     if isinstance(fit.model, Machine):
         for name, one in zip(("psi_PM", "L_d", "L_q"), no_current(fit), strict=False):
-            said = ", ".join(filter(None, (one.text, one.detail)))
+            said = ", ".join(filter(None, (one.text, "at no current", one.detail)))
             yield name, said.replace("\N{NO-BREAK SPACE}", " ")
         for one in of_winding(fit):
             yield "winding", one.detail.replace("\N{NO-BREAK SPACE}", " ")

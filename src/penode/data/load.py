@@ -141,7 +141,8 @@ def experiments_of(
     if time not in table.columns and not all(column in table.clocks for column in channels):
         raise InputError(
             f"{file}: no column {time} (time in s); the columns are {list_names(table.columns)}; "
-            f"rename the time column to {time}, or name it in a mapping."
+            f"rename the time column to {time}, or name it in a study file (penode init begins "
+            "one, penode.pmsm.load_study reads it)."
         )
     if not channels:
         raise InputError(f"{file}: no column besides {time}; add the measured channels.")

@@ -120,7 +120,7 @@ def test_the_knee_frees_the_resistance_of_its_bias(soft_run):
     wrong = judged([soft_run], (), DeadTime(dead_time_current=8.0))
     assert abs(right.balance.resistance / TRACTION_300A.resistance - 1) < 0.02
     assert wrong.balance.resistance / TRACTION_300A.resistance - 1 > 0.03
-    assert "Its knee is soft" in right.reason
+    assert "Its knee, where the current changes sign, is soft" in right.reason
     assert "proportion to the current is in R" in right.reason
 
 

@@ -13,6 +13,7 @@ from penode.pmsm.recording.channel_guess import ChannelGuess
 from penode.pmsm.recording.drive_mapping import RECORDED
 from penode.pmsm.recording.guess import StudyGuess, guess_study
 from penode.pmsm.recording.imperfections import DEFAULT_ACCURACY
+from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.recording.study_text import study_text
 from penode.pmsm.study_file import load_study
 from penode.pmsm.study_settings import DEFAULT_STUDY
@@ -55,9 +56,15 @@ def test_every_map_and_hold_that_is_named_exists():
 
 
 def test_the_accuracies_are_those_assumed_and_each_can_be_given(study):
-    own = re.sub(r"^# (\[accuracy\]|\w+ = [\d.]+  # [\w ,]+)$", r"\1", TEXT, flags=re.MULTILINE)
+    own = re.sub(
+        r"^# (\[(?:accuracy|name_plate)\]|\w+ = [\d.]+  # [\w ,]+)$",
+        r"\1",
+        TEXT,
+        flags=re.MULTILINE,
+    )
     assert set(tomllib.loads(own)["accuracy"]) == set(DEFAULT_ACCURACY.declared)
     assert study(own).study.accuracy == DEFAULT_ACCURACY
+    assert study(own).study.name_plate == NamePlate(0.1, 0.01)
 
 
 def guessed(unused=(), **changed):

@@ -111,8 +111,8 @@ def _shape(term: PhaseSigns) -> str:
         rise = 1e3 * float(np.asarray(term.junction_voltage))
         kind = f"{kind}, beside it the drop of junctions rises by {rise:.2g} mV an e-fold"
     return (
-        f"Its knee is {kind}, {width:.2g} A wide{phases}; what the inverter drops in proportion to "
-        "the current is in R."
+        f"Its knee, where the current changes sign, is {kind}, {width:.2g} A wide{phases}; what "
+        "the inverter drops in proportion to the current is in R."
     )
 
 

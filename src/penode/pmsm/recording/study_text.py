@@ -39,6 +39,14 @@ seed = 0  # default
 """
 
 
+_NAME_PLATE = """
+# What the data sheet says, by which rms is told from peak; of one phase, as warm as recorded:
+# [name_plate]
+# resistance = 0.01  # ohm
+# magnet_flux_linkage = 0.1  # Vs, peak
+"""
+
+
 def study_text(guess: StudyGuess, recording: str, study: str) -> str:
     """Return a study file as text.
 
@@ -80,6 +88,7 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
         parts.append(f'# not found, and needed: {name} in {MAPPED[name]}.\n# {name} = "..."\n')
         if name == SPEED.name:
             parts.append(f"# Of a rotor that stood still: {name} = 0, above [channels].\n")
+    parts.append(_NAME_PLATE)
     parts.append(_accuracy())
     if guess.unused:
         parts.append(f"\n# Columns that are not used: {', '.join(map(_quoted, guess.unused))}\n")
