@@ -70,9 +70,10 @@ def recorded(a, b, step, samples=600, noise=0.01):
 def climber(model, run, selector):
     """Return what `penode.identify` hands to the check."""
 
-    def climbed(plan, raw=None):
+    def climbed(plan, begun=None):
         problem = LadderProblem.of(model, [run], plan, ignore_events)
-        climb = problem.climb(plan, problem.objective.layout.raw(model) if raw is None else raw)
+        problem.begun.update(begun or {})
+        climb = problem.climb(plan, problem.objective.layout.raw(model))
         climb = believable(with_free_runs(problem, climb))
         return Climbed(problem, plan, climb, choose(selector, climb, plan))
 

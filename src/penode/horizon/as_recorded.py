@@ -1,8 +1,9 @@
 """A climb with the hold and the sub-steps that the recordings want: examined, and climbed anew."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 from penode.arrays import FloatArray
 from penode.fit.outcome import Objection
@@ -13,6 +14,9 @@ from penode.horizon.ladder import Climb, LadderProblem
 from penode.horizon.selection import Choice
 from penode.horizon.solver_check import Coarseness, too_coarse, too_fast
 from penode.training.plan import Plan
+
+#: Raw parameters (parameter,) where training begins, by horizon.
+Begun: TypeAlias = Mapping[int, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,38 +35,48 @@ class Climbed:
         """Return what contradicts the choice."""
         return cross_check(self.problem, self.plan, self.climb, self.choice, start)
 
+    @property
+    def begun(self) -> Begun | None:
+        """Where each horizon ended, the chosen one a step on; None if its solver made an alias."""
+        fits = self.climb.fits
+        if self.coarse is None or self.coarse.near is None:
+            return None
+        ends = {rung.horizon: rung.solution.raw for rung in fits}
+        return {**ends, fits[self.choice.index].horizon: self.coarse.near}
+
     def loss_at(self, index: int) -> float:
         """Return the loss at a rung, infinite where it was not reached."""
         fits = self.climb.fits
         return fits[index].solution.terms.loss if index < len(fits) else math.inf
 
 
-def climbed_as_recorded(
-    plan: Plan, climbed: Callable[[Plan, FloatArray | None], Climbed]
-) -> Climbed:
+def climbed_as_recorded(plan: Plan, climbed: Callable[[Plan, Begun | None], Climbed]) -> Climbed:
     """Climb, and climb anew with another hold or more sub-steps where the recordings want them.
 
-    `climbed` climbs a plan from raw parameters (parameter,), or from the start where None is given.
-    What is too coarse with 16 sub-steps stays as an objection.
+    `climbed` climbs a plan from what is begun, or from the start where None is given. What is too coarse with 16 sub-steps stays as an objection.
     """
     found = climbed(plan, None)
     try:
         if not found.climb.interrupted:
             rung = found.climb.fits[found.choice.index]
-            other = better_hold(found.problem, found.plan, rung)
-            found = climbed(*other) if other else found
+            if other := better_hold(found.problem, found.plan, rung):
+                changed, raw = other
+                found = climbed(changed, {changed.stages[0].horizon: raw})
     except KeyboardInterrupt:
         return _stopped(found)
     return fine_enough(found, climbed)
 
 
-def fine_enough(found: Climbed, climbed: Callable[[Plan, FloatArray | None], Climbed]) -> Climbed:
-    """Return a climb, made anew with more sub-steps as long as the recordings want them."""
+def fine_enough(found: Climbed, climbed: Callable[[Plan, Begun | None], Climbed]) -> Climbed:
+    """Return a climb, made anew with more sub-steps as long as the recordings want them.
+
+    Each horizon goes on from where it ended, unless the solver may have led to an alias.
+    """
     try:
         found = examined(found)
         while found.coarse and found.coarse.finer:
             finer = replace(found.plan, solver=found.coarse.finer)
-            found = examined(climbed(finer, found.coarse.near))
+            found = examined(climbed(finer, found.begun))
     except KeyboardInterrupt:
         return _stopped(found)
     return found

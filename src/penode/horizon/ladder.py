@@ -182,6 +182,8 @@ class LadderProblem:
     guesses : dict of int to sequence of mapping
         Unmeasured states of each recording, by horizon: where the search for the windows' starts
         begins; the climb fills it, and where it has none the recordings have zeros or channels.
+    begun : dict of int to ndarray
+        Raw parameters where training begins, by horizon; else it begins where the last one ended.
     """
 
     objective: Objective
@@ -191,6 +193,7 @@ class LadderProblem:
     observer: Observer
     objectives: dict[int, Objective] = field(default_factory=dict)
     guesses: dict[int, Sequence[Mapping[str, FloatArray]]] = field(default_factory=dict)
+    begun: dict[int, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -262,19 +265,24 @@ class LadderProblem:
 
     def solutions(self, plan: Plan, raw: FloatArray) -> Iterator[tuple[Problem, Solution]]:
         """Yield what each stage ends with, from raw (parameter,), until one diverges."""
-        first, done = raw, list[Solution]()
+        first, done, begun = raw, list[Solution](), dict(self.begun)
         for number, stage in enumerate(plan.stages):
             self.objectives.pop(stage.horizon, None)
             problem = self.problem(stage, plan)
-            if done and _astray(problem, raw, done):
+            cold = not done and stage.horizon not in begun
+            if stage.horizon in begun:
+                raw = begun.pop(stage.horizon)
+            elif done and _astray(problem, raw, done):
                 raw = problem.better(raw, first)
-            problem, raw = with_scale(problem, raw, cold=not done)
+            problem, raw = with_scale(problem, raw, cold)
             if plan.learned_prior:
-                problem, raw = plan.learned_prior.joined(problem, raw, cold=not done)
+                problem, raw = plan.learned_prior.joined(problem, raw, cold)
             progress = self._progress(stage.horizon, (number + 1, len(plan.stages)))
             solution = stage.optimiser.minimise(problem, raw, progress)
-            if solution.outcome == DIVERGED or (done and _explodes(solution, done[0])):
+            if solution.outcome == DIVERGED:
                 break
+            if done and solution.terms.loss > _EXPLODED**2 * done[0].terms.loss:
+                break  # so that longer horizons show nothing
             raw = solution.raw
             if hidden_states(self.model) and number + 1 < len(plan.stages):
                 guesses = self.hidden_states(problem.objective, raw, problem.windows)
@@ -490,8 +498,3 @@ def _astray(problem: Problem, raw: FloatArray, before: Sequence[Solution]) -> bo
     least = min(solution.terms.loss for solution in before)
     free = len(problem.objective.error.free)
     return bool(free and not problem.gauss_newton(raw).loss <= _STRAYED * least)
-
-
-def _explodes(solution: Solution, first: Solution) -> bool:
-    """Return whether predictions err beyond all bounds, so that longer horizons show nothing."""
-    return bool(solution.terms.loss > _EXPLODED**2 * first.terms.loss)

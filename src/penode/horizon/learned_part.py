@@ -17,7 +17,7 @@ from penode.data.rates import lengths
 from penode.data.windows import Contiguous, Windows
 from penode.errors import InputError
 from penode.fit.fit import Fit
-from penode.horizon.as_recorded import Climbed, climbed_as_recorded
+from penode.horizon.as_recorded import Begun, Climbed, climbed_as_recorded
 from penode.horizon.declared_priors import with_declared_priors
 from penode.horizon.default_plan import default_horizons
 from penode.horizon.hold_check import with_hold
@@ -170,11 +170,11 @@ def _freed(search: Search, alone: Climbed, index: int) -> Climbed:
     linear = layout.linear_members[layout.members(("learned",))].all()
     prior = _NEAR if linear else LearnedPrior()
 
-    def climbed(plan: Plan, raw: FloatArray | None) -> Climbed:
+    def climbed(plan: Plan, begun: Begun | None) -> Climbed:
         problem = LadderProblem.of(start.model, experiments, plan, search.observer)
         problem.guesses.update(alone.problem.guesses)
-        begin = problem.objective.layout.raw(start.model) if raw is None else raw
-        climb = problem.climb(plan, begin)
+        problem.begun.update(begun or {})
+        climb = problem.climb(plan, problem.objective.layout.raw(start.model))
         return Climbed(problem, plan, climb, Longest().select(climb.fits))
 
     return climbed_as_recorded(replace(plan, learned_prior=prior), climbed)

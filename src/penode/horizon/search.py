@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
-from penode.horizon.as_recorded import Climbed, climbed_as_recorded, examined, fine_enough
+from penode.horizon.as_recorded import Begun, Climbed, climbed_as_recorded, examined, fine_enough
 from penode.horizon.cross_checks import CrossCheck
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.identifiability import Start
@@ -42,7 +42,7 @@ class Search:
 
     def as_given(self, plan: Plan) -> Found:
         """Climb a plan as it is."""
-        found = self._climbed(plan, None)
+        found = self._climbed(plan)
         return Found(self.start, found, found.cross_checked(self.start))
 
     def as_recorded(self, plan: Plan) -> Found:
@@ -52,7 +52,7 @@ class Search:
         if check.better is not None:
             rung, raw = check.better
             try:
-                again = self._climbed(found.plan, raw)
+                again = self._climbed(found.plan, {found.plan.stages[0].horizon: raw})
                 if again.loss_at(rung) < found.loss_at(rung):
                     found, check = examined(again), again.cross_checked(self.start)
             except KeyboardInterrupt:
@@ -61,7 +61,7 @@ class Search:
 
     def with_hold_of(self, plan: Plan) -> Found:
         """Climb with a hold that was chosen already, and the sub-steps that recordings want."""
-        climbed = fine_enough(self._climbed(plan, None), self._climbed)
+        climbed = fine_enough(self._climbed(plan), self._climbed)
         found = self._compared(climbed, climbed.cross_checked(self.start))
         choice = simulating(found.climbed.choice, climbed.climb.fits)
         return replace(found, climbed=replace(found.climbed, choice=choice))
@@ -72,10 +72,11 @@ class Search:
         found = replace(found, choice=confirmed(found.choice, fits))
         return Found(self.start, found, check.beside(parting(found.choice, fits)))
 
-    def _climbed(self, plan: Plan, raw: FloatArray | None) -> Climbed:
+    def _climbed(self, plan: Plan, begun: Begun | None = None) -> Climbed:
         problem = LadderProblem.of(self.start.model, self.experiments, plan, self.observer)
         if self.guesses:
             problem.guesses[plan.stages[0].horizon] = self.guesses
-        begin = problem.objective.layout.raw(self.start.model) if raw is None else raw
-        climb = believable(with_free_runs(problem, problem.climb(plan, begin)))
+        problem.begun.update(begun or {})
+        start = problem.objective.layout.raw(self.start.model)
+        climb = believable(with_free_runs(problem, problem.climb(plan, start)))
         return Climbed(problem, plan, climb, choose(self.selector, climb, plan))

@@ -17,6 +17,8 @@ _CREEP = 1e-4
 #: A fraction of the loss that the remaining step must not take away: while the model does not yet
 #: fit, the deviations are as large as the misfit and nothing seems to move.
 _MISFIT = 5e-4
+#: Squared error, in variances of a residual, that is not worth a shorter step than one that failed.
+_NOTHING = 1e-3
 #: Least damping after a step was rejected.
 _RESTRAINED = 1e-3
 #: Least fraction of a step.
@@ -66,7 +68,7 @@ class LevenbergMarquardt:
             The lowest loss seen; a start whose rollouts diverge is given back as it came.
         """
         terms = problem.gauss_newton(raw)
-        damping, growth, reach = self.damping, 2.0, 1.0
+        damping, growth, reach, count = self.damping, 2.0, 1.0, terms.count
         if not terms.finite:
             return Solution(raw, terms, 1, DIVERGED)
         for evaluation in range(1, self.evaluations):
@@ -83,7 +85,9 @@ class LevenbergMarquardt:
             if gain > 0:
                 raw, terms = candidate, trial
                 damping, growth = max(damping * _after(gain), 1e-12), 2.0
-            elif damping > _LARGEST_DAMPING:
+            elif (
+                damping > _LARGEST_DAMPING or local.promised(step) <= _NOTHING * terms.loss / count
+            ):
                 return Solution(raw, terms, evaluation, "No step lowers the loss any more.")
             else:
                 damping, growth = max(damping * growth, _RESTRAINED), growth * 2
