@@ -195,6 +195,20 @@ def test_training_begins_anew_where_the_next_windows_err_much_more(
     np.testing.assert_allclose(begun[1], system.raw if begins_anew else away, rtol=1e-12)
 
 
+def test_each_horizon_begins_where_it_is_told(problem, systems):
+    """And where nothing is told, where the last one ended."""
+    raw, begun = systems["linear machine"].raw, []
+
+    class Noting:
+        def minimise(self, problem, raw, progress):
+            begun.append(raw)
+            return Solution(raw + 0.1, problem.gauss_newton(raw), 1, CONVERGED)
+
+    told = replace(problem, begun={1: raw + 1e-3, 7: raw + 2e-3})
+    list(told.solutions(Plan(tuple(Stage(h, Noting()) for h in (1, 3, 7))), raw))
+    np.testing.assert_allclose(begun, [raw + 1e-3, raw + 0.101, raw + 2e-3], rtol=1e-12)
+
+
 def test_terms_where_training_begins_are_computed_once(problem, systems):
     counted, raw = [], systems["linear machine"].raw
 

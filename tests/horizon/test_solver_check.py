@@ -161,6 +161,27 @@ def test_a_solver_is_refined_until_it_does_not_matter_or_no_further(coarse, monk
     assert "stiff" not in objection.repair
 
 
+def test_each_horizon_goes_on_from_where_it_ended(coarse, alias):
+    """The chosen one a step on; after an alias, from the start."""
+    plan, climbed = coarse
+    found = examined(climbed(plan))
+    chosen = found.climb.fits[found.choice.index].horizon
+    for rung in found.climb.fits:
+        at = found.coarse.near if rung.horizon == chosen else rung.solution.raw
+        np.testing.assert_array_equal(found.begun[rung.horizon], at)
+    asked = []
+
+    def noted(plan, begun):
+        asked.append(begun)
+        return climbed(plan, begun)
+
+    climbed_as_recorded(plan, noted)
+    assert asked[0] is None
+    assert set(asked[1]) == {stage.horizon for stage in plan.stages}
+    assert examined(alias(PLAN)).begun is None
+    assert examined(climbed(ladder_plan((1, 4, 16)))).begun is None
+
+
 def test_a_fine_solver_stays(coarse):
     _, climbed = coarse
     plan = ladder_plan((1, 4, 16))

@@ -247,6 +247,35 @@ def test_a_rejected_step_is_restrained_at_once():
     assert solution.terms.loss < 4.0  # 4.25 at the start
 
 
+@pytest.mark.parametrize(("noise", "most"), [(1e-4, 15), (0.0, 3)])
+def test_no_step_is_shortened_beyond_what_matters(noise, most):
+    """A loss of 1 that jumps by a part of itself wherever it is looked at, and never falls."""
+
+    class Jumping:
+        moving, windows = np.ones(1, dtype=bool), None
+        objective = SimpleNamespace(layout=SimpleNamespace(physical=()))
+        asked = 0
+
+        def gauss_newton(self, raw):
+            self.asked += 1
+            slope = -np.array([[1.0]])
+            loss = 1 + noise * self.asked + 0.5 * raw[0] ** 2
+            return GaussNewtonTerms(loss, 1, np.eye(1), np.array([1e-2 - raw[0]]), slope.T)
+
+        def penalties(self, raw):
+            return np.empty(0), np.empty((0, 1))
+
+        def reported_jacobian(self, raw):
+            return np.empty((0, 1))
+
+        def spread(self, step):
+            return step
+
+    solution = LevenbergMarquardt(60, damping=1e-9).minimise(Jumping(), np.zeros(1))
+    assert solution.evaluations <= most
+    assert abs(solution.raw[0]) <= 0.011
+
+
 @pytest.mark.parametrize(
     ("gain", "factor"), [(1e-9, 2.0), (0.5, 1.0), (1.0, 1 / 3), (1e3, 1 / 3), (1e200, 1 / 3)]
 )

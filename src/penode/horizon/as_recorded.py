@@ -53,7 +53,8 @@ class Climbed:
 def climbed_as_recorded(plan: Plan, climbed: Callable[[Plan, Begun | None], Climbed]) -> Climbed:
     """Climb, and climb anew with another hold or more sub-steps where the recordings want them.
 
-    `climbed` climbs a plan from what is begun, or from the start where None is given. What is too coarse with 16 sub-steps stays as an objection.
+    `climbed` climbs a plan from what is begun, or from the start where None is given. What is too
+    coarse with 16 sub-steps stays as an objection.
     """
     found = climbed(plan, None)
     try:

@@ -68,7 +68,7 @@ class LevenbergMarquardt:
             The lowest loss seen; a start whose rollouts diverge is given back as it came.
         """
         terms = problem.gauss_newton(raw)
-        damping, growth, reach, count = self.damping, 2.0, 1.0, terms.count
+        damping, growth, reach = self.damping, 2.0, 1.0
         if not terms.finite:
             return Solution(raw, terms, 1, DIVERGED)
         for evaluation in range(1, self.evaluations):
@@ -80,14 +80,12 @@ class LevenbergMarquardt:
             step = reach * local.step(damping)
             candidate = raw + problem.spread(step)
             trial = problem.gauss_newton(candidate)
-            gain = _gain(local, trial, step)
+            gain, nothing = _gain(local, trial, step), _NOTHING * terms.loss / terms.count
             reach = _reach(reach, gain)
             if gain > 0:
                 raw, terms = candidate, trial
                 damping, growth = max(damping * _after(gain), 1e-12), 2.0
-            elif (
-                damping > _LARGEST_DAMPING or local.promised(step) <= _NOTHING * terms.loss / count
-            ):
+            elif damping > _LARGEST_DAMPING or local.promised(step) <= nothing:
                 return Solution(raw, terms, evaluation, "No step lowers the loss any more.")
             else:
                 damping, growth = max(damping * growth, _RESTRAINED), growth * 2
