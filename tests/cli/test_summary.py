@@ -72,6 +72,21 @@ def test_a_fit_is_told_in_labelled_lines(fit):
     ]
 
 
+def test_without_an_answer_no_value_stands_as_one(fit):
+    """Nor an interval that nobody can read, nor what it is made of."""
+    fit.horizon = HorizonChoice(8, "implausible", "It is not.", ())
+    told = lines(print_fit, fit, Path("out"))
+    assert ("R", "no answer; must not be used: 10.00 mΩ, 95 % interval 9.80 to 10.20 mΩ") in told
+    assert "budget" in dict(told)
+    fit.parameters["R"] = Estimate.of(10e-3, 5e11, "ohm", budget=ROWS)
+    told = lines(print_fit, fit, Path("out"))
+    assert told[0] == (
+        "R",
+        "no answer; must not be used: 10 mΩ, with an interval beyond all sense",
+    )
+    assert "budget" not in dict(told)
+
+
 def test_a_machine_without_a_band_is_told_flux_linkage_and_inductances_alone(machine_fit):
     told = dict(lines(print_fit, machine_fit, Path("out")))
     psi = 1e3 * machine_fit.flux_map(0.0, 0.0)[0]

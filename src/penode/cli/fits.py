@@ -24,6 +24,9 @@ from penode.report.quantities import decimals_for, fixed, number, scale_for
 from penode.report.statements import free_run_text, one_step_text
 from penode.report.uncertainty_budget import budget_sentence
 
+#: Width of an interval over the value from which its ends are no numbers to be read.
+_SENSELESS = 1000.0
+
 
 def load_machine(folder: Path, trust: bool = False) -> Fit:
     """Return the fit of a machine from the folder that identify or demo wrote; refuse another's.
@@ -76,7 +79,11 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
     budgets = ((n, budget_sentence(estimate)) for n, estimate in fit.parameters.items())
     rows: list[Row] = [
         *((name, _shown(fit, estimate)) for name, estimate in fit.parameters.items()),
-        *(("budget", f"{name}: {line}") for name, line in budgets if line),
+        *(
+            ("budget", f"{name}: {line}")
+            for name, line in budgets
+            if line and (choice.answered or not _is_senseless(fit.parameters[name]))
+        ),
         *_no_current(fit),
         ("horizon", Text.assemble(f"{choice.selected} {steps}: ", verdict, f". {choice.reason}"))
         if choice.selected
@@ -113,8 +120,18 @@ def _stationary(fit: Fit) -> Iterator[str]:
 
 
 def _shown(fit: Fit, estimate: Estimate) -> str:
-    interval = _interval(estimate)
-    return interval if fit.horizon.answered else f"no answer; must not be used: {interval}"
+    if fit.horizon.answered:
+        return _interval(estimate)
+    said = _interval(estimate)
+    if _is_senseless(estimate):
+        said = f"{said.split(',')[0]}, with an interval beyond all sense"
+    return f"no answer; must not be used: {said}"
+
+
+def _is_senseless(estimate: Estimate) -> bool:
+    """Whether an interval is so wide that its ends mean nothing."""
+    low, high = estimate.interval_95
+    return not high - low <= _SENSELESS * abs(estimate.value)
 
 
 def _interval(estimate: Estimate) -> str:
