@@ -144,7 +144,8 @@ class Plateau:
         if len(run) < self.rungs or high < self.factor * low:
             reason = (
                 f"The estimates depend on the horizon: the longest agreement is H = {low} to "
-                f"{high}. Take the range over the ladder as the answer, or record another regime."
+                f"{high}. Record another regime; until then the range over the ladder is all that "
+                "is known."
             )
             return Choice(index, "no plateau", reason, tuple(range(len(rungs))))
         learned = " and map" if len(rungs[0].values) > len(rungs[0].influence) else ""
