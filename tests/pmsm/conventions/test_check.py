@@ -105,6 +105,20 @@ def test_clean_recordings_are_silent(drawn):
         assert found.undetermined == ()
 
 
+def test_a_name_plate_of_another_machine_is_named(drawn):
+    """Twice the resistance, or a third more flux linkage, that the recording has."""
+    machine, run = drawn
+    for plate, ratio, name in (
+        (NamePlate(None, 2 * machine.resistance), 0.5, "R"),
+        (NamePlate(machine.magnet_flux_linkage / 1.33), 1.33, "the magnet's flux linkage"),
+    ):
+        found = check_conventions(run, machine.pole_pairs, plate)
+        assert found.broken == ()
+        (said,) = (s for s in found.undetermined if "name plate;" in s)
+        assert said.startswith(f"{run.name}: {name} is ")
+        assert float(said.split(f"{name} is ")[1].split()[0]) == pytest.approx(ratio, rel=0.1)
+
+
 def test_swapped_phases(drawn):
     run = in_phases(drawn[1])
     for one, other in (("i_a", "i_b"), ("u_b", "u_c")):

@@ -27,7 +27,12 @@ from penode.pmsm.conventions.motion import (
     judge_speed_and_angle,
 )
 from penode.pmsm.conventions.phases import judge_phases, judge_turns
-from penode.pmsm.conventions.scales import judge_rms_by_phases, judge_rms_by_plate, judge_units
+from penode.pmsm.conventions.scales import (
+    beside_plate,
+    judge_rms_by_phases,
+    judge_rms_by_plate,
+    judge_units,
+)
 from penode.pmsm.machine.holds import DEFAULT_HOLD
 from penode.pmsm.machine.standstill import stands_still
 from penode.pmsm.machine.terms import Term
@@ -239,6 +244,8 @@ def _sized(drive: Experiment, kinds: str, plate: NamePlate) -> Conventions:
     broken: tuple[BrokenConvention, ...] = (aside,) if aside else ()
     broken += judge_units(drive, try_balance(drive)) + judge_rms_by_plate(drive, plate)
     undetermined: tuple[str, ...] = (why_not,) if why_not else ()
+    if not broken and (far := beside_plate(drive, plate)):
+        undetermined += (far,)
     if plate.magnet_flux_linkage is None and kinds in _OF_OTHER and not _has_both(drive, kinds):
         undetermined += (_RMS_UNDETERMINED.format(of=_OF_OTHER[kinds]),)
     return Conventions(broken, undetermined)

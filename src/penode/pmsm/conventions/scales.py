@@ -20,6 +20,8 @@ _SMALL_CURRENT, _LARGE_MACHINE = 2.0, 6e-3
 _LARGEST_SHARE, _SMALL_DROP = 1.16, 0.1
 #: Ratios this close to sqrt(2), or to 1, are taken as that; their geometric mean separates them.
 _TOLERANCE, _TOLERANCE_OF_R = 0.13, 0.115
+#: Ratio to the name plate, or its inverse, from which something is wrong with one of the two.
+_PLATE = 1.2
 #: Deviation of R, as a share of it, up to which it is compared with the name plate.
 _DETERMINED = 0.1
 
@@ -101,6 +103,29 @@ def judge_rms_by_plate(experiment: Experiment, plate: NamePlate) -> tuple[Broken
             evidence = f"R is {ratio:.2f} times that of the name plate"
             findings.append(_rms(experiment, "i", evidence))
     return tuple(findings)
+
+
+def beside_plate(experiment: Experiment, plate: NamePlate) -> str:
+    """Return what of a recording is far from a name plate, as a sentence; nothing where none is."""
+    if plate.magnet_flux_linkage is None and plate.resistance is None:
+        return ""
+    trial, ratios = try_balance(experiment, degree=FINE_DEGREE), dict[str, float]()
+    if plate.resistance is not None and trial.deviation < _DETERMINED * trial.resistance:
+        ratios["R"] = trial.resistance / plate.resistance
+    if plate.magnet_flux_linkage is not None:
+        flux = float(np.hypot(*trial.magnet))
+        ratios["the magnet's flux linkage"] = flux / plate.magnet_flux_linkage
+    far = [
+        f"{name} is {ratio:.2f} times"
+        for name, ratio in ratios.items()
+        if not 1.0 / _PLATE < ratio < _PLATE
+    ]
+    if not far:
+        return ""
+    return (
+        f"{experiment.place.recording}: {' and '.join(far)} that of the name plate; check the "
+        "plate and the scales of the channels."
+    )
 
 
 def _rms(experiment: Experiment, kind: str, evidence: str) -> BrokenConvention:
