@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -53,12 +53,17 @@ class Problem:
 
     def gauss_newton(self, raw: FloatArray) -> GaussNewtonTerms:
         """Return the terms of the moving parameters at raw (parameter,)."""
-        return self._remembered(raw.tobytes())
+        key = raw.tobytes()
+        if key not in self._known:
+            while len(self._known) > 1:
+                self._known.pop(next(iter(self._known)))
+            self._known[key] = self._gauss_newton(raw)
+        return self._known[key]
 
     @cached_property
-    def _remembered(self) -> Callable[[bytes], GaussNewtonTerms]:
-        """The last terms: where training begins is often known already."""
-        return lru_cache(maxsize=2)(lambda raw: self._gauss_newton(np.frombuffer(raw)))
+    def _known(self) -> dict[bytes, GaussNewtonTerms]:
+        """The last terms by raw parameters: where training begins is often known already."""
+        return {}
 
     def _gauss_newton(self, raw: FloatArray) -> GaussNewtonTerms:
         terms = self.objective.gauss_newton(raw, self.windows)
