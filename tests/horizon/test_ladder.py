@@ -1,5 +1,7 @@
 """The ladder: which rungs, in which order, from where, and who is told."""
 
+import gc
+import weakref
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -226,6 +228,13 @@ def test_terms_where_training_begins_are_computed_once(problem, systems):
     assert again is first
     assert other.loss != first.loss
     assert len(counted) == 2
+    known = weakref.ref(counting)
+    gc.disable()  # terms are large: they go with the problem, not when garbage is looked for
+    try:
+        del counting
+        assert known() is None
+    finally:
+        gc.enable()
 
 
 @pytest.mark.parametrize(("deviation", "known"), [(1.0, True), (np.inf, False)])
