@@ -56,7 +56,7 @@ def lines(show, *what):
 def test_a_fit_is_told_in_labelled_lines(fit):
     assert lines(print_fit, fit, Path("out")) == [
         ("R", "10.00 mΩ, 95 % interval 9.80 to 10.20 mΩ"),
-        ("L", "0.500 , 95 % interval 0.476 to 0.524 "),
+        ("L", "0.500, 95 % interval 0.476 to 0.524"),
         ("budget", "R: half width 2.0 %: gain 1.6 % (std 0.8 %), the data alone 1.2 %"),
         ("horizon", "8 steps: plateau. Three agree."),
         ("model", "The voltage acts late."),
@@ -82,7 +82,7 @@ def test_without_an_answer_no_value_stands_as_one(fit):
     told = lines(print_fit, fit, Path("out"))
     assert told[0] == (
         "R",
-        "no answer; must not be used: 10 mΩ, with an interval beyond all sense",
+        "no answer; must not be used: 10 mΩ, its interval too wide to mean anything",
     )
     assert "budget" not in dict(told)
 
@@ -113,6 +113,7 @@ def test_a_verdict_is_green_or_red_and_one_step_is_no_plural(fit, verdict, colou
 @pytest.mark.parametrize(
     ("truth", "said"),
     [
+        (10.0000001e-3, "R = 10.00 mΩ: error +0.00 %, inside the interval"),
         (10.1e-3, "R = 10.10 mΩ: error -0.99 %, inside the interval"),
         (10.2e-3, "R = 10.20 mΩ: error -1.96 %, OUTSIDE the interval"),
         (9.79e-3, "R = 9.790 mΩ: error +2.15 %, OUTSIDE the interval"),

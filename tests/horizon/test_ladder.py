@@ -206,9 +206,18 @@ def test_each_horizon_begins_where_it_is_told(problem, systems):
             begun.append(raw)
             return Solution(raw + 0.1, problem.gauss_newton(raw), 1, CONVERGED)
 
-    told = replace(problem, begun={1: raw + 1e-3, 7: raw + 2e-3})
-    list(told.solutions(Plan(tuple(Stage(h, Noting()) for h in (1, 3, 7))), raw))
+    was_cold = []
+
+    class Prior:
+        def joined(self, problem, raw, cold):
+            was_cold.append(cold)
+            return problem, raw
+
+    plan = Plan(tuple(Stage(h, Noting()) for h in (1, 3, 7)), learned_prior=Prior())
+    list(replace(problem, begun={1: raw + 1e-3, 7: raw + 2e-3}).solutions(plan, raw))
     np.testing.assert_allclose(begun, [raw + 1e-3, raw + 0.101, raw + 2e-3], rtol=1e-12)
+    list(problem.solutions(plan, raw))
+    assert was_cold == [False, False, False, True, False, False]
 
 
 def test_terms_where_training_begins_are_computed_once(problem, systems):
@@ -227,6 +236,7 @@ def test_terms_where_training_begins_are_computed_once(problem, systems):
     other = counting.gauss_newton(1.001 * raw)
     assert again is first
     assert other.loss != first.loss
+    assert counting.gauss_newton(raw) is first
     assert len(counted) == 2
     known = weakref.ref(counting)
     gc.disable()  # terms are large: they go with the problem, not when garbage is looked for

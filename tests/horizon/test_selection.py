@@ -110,6 +110,11 @@ def test_equally_sure_rungs_give_one_step():
     assert "expected error, of parameters together, is within 1.25" in choice.reason
 
 
+def test_what_is_compared_is_named_with_the_map_where_there_is_one():
+    rungs = [rung(h, [0.2, 1.0], [0.01, 0.1]) for h in (1, 2, 4, 8)]
+    assert "of parameters and map together" in Plateau().select(rungs).reason
+
+
 def test_a_tie_is_a_factor():
     made = ladder([1, 2, 4, 8], [0.2] * 4, [0.02, 0.014, 0.012, 0.01])
     assert [Plateau(tie=tie).select(made).index for tie in (1.0, 1.25, 1.5, 2.1)] == [3, 2, 1, 0]

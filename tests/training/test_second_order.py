@@ -194,27 +194,31 @@ def test_a_step_ends_where_a_parabola_is_least(curvature, reach):
     assert 0 < _reach(reach, -np.inf) < reach
 
 
+class Unpenalised:
+    """A problem of which nothing is reported, without penalties; subclasses give its terms."""
+
+    windows = None
+    objective = SimpleNamespace(layout=SimpleNamespace(physical=()))
+
+    def penalties(self, raw):
+        return np.empty(0), np.empty((0, len(raw)))
+
+    def reported_jacobian(self, raw):
+        return np.empty((0, len(raw)))
+
+    def spread(self, step):
+        return step
+
+
 def test_a_kink_does_not_make_steps_go_to_and_fro():
     """A loss that bends more than Gauss and Newton see: r'r with r = (x, 10 + x^2 / 20)."""
 
-    class Bent:
-        moving, windows = np.ones(1, dtype=bool), None
-        objective = SimpleNamespace(layout=SimpleNamespace(physical=()))
-
+    class Bent(Unpenalised):
         def gauss_newton(self, raw):
             residual = np.array([raw[0], 10 + raw[0] ** 2 / 20])
             slope = -np.array([[1.0], [raw[0] / 10]])
             normal, descent = slope.T @ slope, slope.T @ residual
             return GaussNewtonTerms(float(residual @ residual), 1, normal, descent, slope.T)
-
-        def penalties(self, raw):
-            return np.empty(0), np.empty((0, 1))
-
-        def reported_jacobian(self, raw):
-            return np.empty((0, 1))
-
-        def spread(self, step):
-            return step
 
     solution = LevenbergMarquardt(8, damping=1e-9).minimise(Bent(), np.array([1.0]))
     assert solution.converged
@@ -224,24 +228,12 @@ def test_a_kink_does_not_make_steps_go_to_and_fro():
 def test_a_rejected_step_is_restrained_at_once():
     """Columns nearly alike: the full step goes far along what they differ by, where nothing is."""
 
-    class Walled:
-        moving, windows = np.ones(2, dtype=bool), None
-        objective = SimpleNamespace(layout=SimpleNamespace(physical=()))
-
+    class Walled(Unpenalised):
         def gauss_newton(self, raw):
             slope = -np.array([[1.0, 1.0], [0.005, -0.005]])
             residual = np.array([2.0, 0.5]) + slope @ raw
             loss = float(residual @ residual) if abs(raw[0] - raw[1]) < 1 else np.inf
             return GaussNewtonTerms(loss, 1, slope.T @ slope, -slope.T @ residual, slope.T)
-
-        def penalties(self, raw):
-            return np.empty(0), np.empty((0, 2))
-
-        def reported_jacobian(self, raw):
-            return np.empty((0, 2))
-
-        def spread(self, step):
-            return step
 
     solution = LevenbergMarquardt(3, damping=1e-9).minimise(Walled(), np.zeros(2))
     assert solution.terms.loss < 4.0  # 4.25 at the start
@@ -251,9 +243,7 @@ def test_a_rejected_step_is_restrained_at_once():
 def test_no_step_is_shortened_beyond_what_matters(noise, most):
     """A loss of 1 that jumps by a part of itself wherever it is looked at, and never falls."""
 
-    class Jumping:
-        moving, windows = np.ones(1, dtype=bool), None
-        objective = SimpleNamespace(layout=SimpleNamespace(physical=()))
+    class Jumping(Unpenalised):
         asked = 0
 
         def gauss_newton(self, raw):
@@ -261,15 +251,6 @@ def test_no_step_is_shortened_beyond_what_matters(noise, most):
             slope = -np.array([[1.0]])
             loss = 1 + noise * self.asked + 0.5 * raw[0] ** 2
             return GaussNewtonTerms(loss, 1, np.eye(1), np.array([1e-2 - raw[0]]), slope.T)
-
-        def penalties(self, raw):
-            return np.empty(0), np.empty((0, 1))
-
-        def reported_jacobian(self, raw):
-            return np.empty((0, 1))
-
-        def spread(self, step):
-            return step
 
     solution = LevenbergMarquardt(60, damping=1e-9).minimise(Jumping(), np.zeros(1))
     assert solution.evaluations <= most

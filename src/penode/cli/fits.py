@@ -20,12 +20,12 @@ from penode.pmsm.machine.flux_grid import FluxGrid
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.report.no_current import no_current, of_winding
 from penode.pmsm.result_files import write_report
-from penode.report.quantities import decimals_for, fixed, number, scale_for
-from penode.report.statements import free_run_text, one_step_text
+from penode.report.quantities import number
+from penode.report.statements import estimate_text, free_run_text, one_step_text
 from penode.report.uncertainty_budget import budget_sentence
 
 #: Width of an interval over the value from which its ends are no numbers to be read.
-_SENSELESS = 1000.0
+_TOO_WIDE = 1000.0
 
 
 def load_machine(folder: Path, trust: bool = False) -> Fit:
@@ -82,7 +82,7 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
         *(
             ("budget", f"{name}: {line}")
             for name, line in budgets
-            if line and (choice.answered or not _is_senseless(fit.parameters[name]))
+            if line and not _is_too_wide(fit, fit.parameters[name])
         ),
         *_no_current(fit),
         ("horizon", Text.assemble(f"{choice.selected} {steps}: ", verdict, f". {choice.reason}"))
@@ -120,26 +120,18 @@ def _stationary(fit: Fit) -> Iterator[str]:
 
 
 def _shown(fit: Fit, estimate: Estimate) -> str:
-    if fit.horizon.answered:
-        return _interval(estimate)
-    said = _interval(estimate)
-    if _is_senseless(estimate):
-        said = f"{said.split(',')[0]}, with an interval beyond all sense"
-    return f"no answer; must not be used: {said}"
+    """Return a value with its interval; without an answer it says not to use it."""
+    value, interval = (text.replace("\N{NO-BREAK SPACE}", " ") for text in estimate_text(estimate))
+    said = f"{value}, 95 % interval {interval}"
+    if _is_too_wide(fit, estimate):
+        said = f"{value}, its interval too wide to mean anything"
+    return said if fit.horizon.answered else f"no answer; must not be used: {said}"
 
 
-def _is_senseless(estimate: Estimate) -> bool:
-    """Whether an interval is so wide that its ends mean nothing."""
+def _is_too_wide(fit: Fit, estimate: Estimate) -> bool:
+    """Whether there is no answer, and an interval whose ends are no numbers to be read."""
     low, high = estimate.interval_95
-    return not high - low <= _SENSELESS * abs(estimate.value)
-
-
-def _interval(estimate: Estimate) -> str:
-    scale = scale_for(estimate.value, estimate.unit)
-    value, std = estimate.value * scale.factor, estimate.std * scale.factor
-    decimals = decimals_for(std, value)
-    low, high = (fixed(end * scale.factor, decimals) for end in estimate.interval_95)
-    return f"{fixed(value, decimals)} {scale.unit}, 95 % interval {low} to {high} {scale.unit}"
+    return not fit.horizon.answered and not high - low <= _TOO_WIDE * abs(estimate.value)
 
 
 def print_demo(demo: Demo, console: Console = OUTPUT) -> None:

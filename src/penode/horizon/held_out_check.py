@@ -32,7 +32,7 @@ _DIVERGES = 100.0
 _THIRD = 20.0
 _REPAIR = (
     "Check that it is a recording of the same machine, with the same signs, units and timing "
-    "(penode check); if it is, identify from both."
+    "(penode check); where nothing differs, identify from both."
 )
 
 

@@ -137,18 +137,14 @@ def _title(fit: Fit, names: Sequence[str]) -> str:
     values = [estimate_text(fit.parameters[name])[0] for name in names]
     if not names:
         return f"A model of {listed(fit.model.states)}"
-    if len(names) > 1 and fit.horizon.verdict == IMPLAUSIBLE:
-        return f"No answer on {listed(names)}: the model does not explain these recordings"
-    if len(names) > 1 and not fit.horizon.answered:
-        return f"These recordings cannot determine all of {listed(names)}"
-    if len(names) > 1:
-        return listed([f"{name} = {value}" for name, value in zip(names, values, strict=True)])
-    meaning = fit.parameters[names[0]].meaning
-    what = f"the {meaning}" if meaning else names[0]
+    several, meaning = len(names) > 1, fit.parameters[names[0]].meaning
+    what = listed(names) if several else f"the {meaning}" if meaning else names[0]
     if fit.horizon.verdict == IMPLAUSIBLE:
         return f"No answer on {what}: the model does not explain these recordings"
     if not fit.horizon.answered:
-        return f"These recordings cannot determine {what}"
+        return f"These recordings cannot determine {'all of ' if several else ''}{what}"
+    if several:
+        return listed([f"{name} = {value}" for name, value in zip(names, values, strict=True)])
     return f"{what[0].upper()}{what[1:]} is {values[0]}"
 
 

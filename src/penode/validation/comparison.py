@@ -75,13 +75,14 @@ class Comparison:
     @property
     def free_run_errors(self) -> dict[str, float]:
         """Root mean squared free-run error of each state, in its unit; infinite if it diverged."""
-        errors, limits = self._errors(self.free_run), dict.fromkeys(self.units, 0.0)
-        for unit, largest in zip(self.units, np.abs(self.measured).max(axis=0), strict=True):
-            limits[unit] = max(limits[unit], _DIVERGED * float(largest))
-        pairs = zip(errors.items(), map(limits.get, self.units), strict=True)
-        return {
-            name: np.inf if limit and error > limit else error for (name, error), limit in pairs
+        largest, errors = np.abs(self.measured).max(axis=0), self._errors(self.free_run)
+        limits = {
+            unit: _DIVERGED
+            * max(size for size, own in zip(largest, self.units, strict=True) if own == unit)
+            for unit in self.units
         }
+        units = zip(errors.items(), self.units, strict=True)
+        return {name: np.inf if e > limits[unit] > 0 else e for (name, e), unit in units}
 
     @property
     def one_step_residual(self) -> FloatArray:

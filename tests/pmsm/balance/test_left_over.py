@@ -10,7 +10,7 @@ from penode.bench.run import simulate
 from penode.bench.sensors import CurrentSensors
 from penode.horizon.consensus import LEFT_OUT
 from penode.pmsm.balance.calibration import AS_RECORDED
-from penode.pmsm.balance.left_over import _functions, _repeats, left_over
+from penode.pmsm.balance.left_over import LeftOver, _functions, _repeats, left_over
 from penode.pmsm.balance.start import weak_start
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES, less_voltage, with_vector
 from penode.pmsm.recording.imperfections import Accuracy
@@ -96,3 +96,10 @@ def test_the_functions_are_a_process_of_variance_one(run):
     variance = np.sum(_functions(currents)(currents) ** 2, axis=2)
     assert variance.max() <= 1 + 1e-6
     assert np.median(variance) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("volts", "said"), [(0.7512, "750 mV"), (0.0283, "28 mV"), (1.2e-5, "0.012")]
+)
+def test_the_size_is_two_digits_without_an_exponent(volts, said):
+    assert LeftOver(volts, np.zeros_like, np.array([1.0, 2.0]))._size.startswith(said)

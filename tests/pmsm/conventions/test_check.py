@@ -210,6 +210,7 @@ def test_rms_shows_against_a_name_plate_or_phases_and_not_without(drawn):
     for names, word in ((("u_d", "u_q"), "voltages"), (("i_d", "i_q"), "currents")):
         rms = scaled(run, root, *names)
         assert names_of(rms, None, plate) == [f"rms for peak ({word})"]
+        assert not any("name plate;" in s for s in check_conventions(rms, None, plate).undetermined)
         assert names_of(changed(rms, **in_phases(run).channels)) == [f"rms for peak ({word})"]
         alone = check_conventions(rms)
         assert alone.broken == ()

@@ -187,7 +187,9 @@ def test_a_recording_that_is_not_predicted_is_compared_with_those_trained_on(fit
     check = machine_checks(unseen=[other])[-1]
     free_run = fit.comparisons[0].measured + 80.0
     failing = replace(fit.comparisons[0], name="other.csv", role="validation", free_run=free_run)
-    (found,) = check(replace(fit, comparisons=(*fit.comparisons, failing)), [slow_run])
+    unlike = replace(fit, comparisons=(*fit.comparisons, failing))
+    assert len(list(check(unlike, [slow_run, replace(other, name="trained.csv")]))) == 1
+    (found,) = check(unlike, [slow_run])
     assert found.name == "recordings that disagree"
     assert found.reason.startswith("other.csv: R is ")
     assert found.repair.startswith("Identify them one by one")

@@ -111,6 +111,10 @@ def test_a_rotor_that_stood_still_has_a_speed_of_zero_and_no_column(file):
 def test_without_a_speed_the_refusal_names_the_entry_of_a_rotor_that_stood_still(file):
     with pytest.raises(InputError, match=r"give omega_el = 0 .*penode init --standstill"):
         DriveMapping(at_rest(file)).load(file)
+    voltages = {name: column for name, column in at_rest(file).items() if not name.startswith("i")}
+    with pytest.raises(InputError, match="no channel i_d, i_q, omega_el") as refused:
+        DriveMapping(voltages).load(file)
+    assert "standstill" not in str(refused.value)  # more than the speed is missing
 
 
 def test_a_speed_that_is_a_number_is_zero_and_no_channel_beside(file):

@@ -327,6 +327,11 @@ def test_refusal_says_so_in_words_and_names_no_resistance():
     text = machine_report(machine_fit(refused(), warnings=["One speed only."]))
     page = Page(text)
     assert page.titles("h1") == ["These recordings cannot determine the stator resistance"]
+    implausible = replace(refused(), verdict="implausible")
+    (title,) = Page(machine_report(machine_fit(implausible))).titles("h1")
+    assert (
+        title == "No answer on the stator resistance: the model does not explain these recordings"
+    )
     classes = [a.get("class") for _, a in page.attributes]
     assert "notice refusal" in classes
     assert "notice caution" in classes

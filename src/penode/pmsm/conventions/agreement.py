@@ -19,9 +19,10 @@ from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.standstill import stands_still
 from penode.pmsm.machine.terms import SPEED, Term
 
-#: Differences of R, the magnets' flux linkage and the dead time over their size (of the dead time
-#: the larger one) from which recordings disagree: copper some 13 K, magnets some 10 K warmer.
-_MATTERS = (0.05, 0.01, 0.5)
+#: Differences of R, the magnets' flux linkage and the dead time over their scale from which
+#: recordings disagree: copper some 13 K, magnets some 10 K warmer. That of the dead time is the
+#: larger one, or so much of the largest drop in R.
+_MATTERS, _OF_A_DROP = (0.05, 0.01, 0.5), 0.1
 #: Deviations that a difference is at least. Of 44 pairs of recordings of one machine at other
 #: speeds, behind dead time, no R differed by more than 5, and no magnets by more than 0.13 %.
 _SURE = 6.0
@@ -54,13 +55,12 @@ class _Difference:
     value: float
     deviation: float
     size: float
+    # What is large beside it.
+    scale: float
 
     def matters(self, kind: int) -> bool:
         """Return whether it is larger than a balance can be wrong."""
-        size = abs(self.size)
-        if kind == _DEAD_TIME:
-            size = max(size, abs(self.size + self.value))
-        return abs(self.value) > max(_MATTERS[kind] * size, _SURE * self.deviation)
+        return abs(self.value) > max(_MATTERS[kind] * self.scale, _SURE * self.deviation)
 
     def kelvin(self, kind: int) -> float:
         """Return how much warmer the second would be."""
@@ -104,11 +104,19 @@ def _differences(recordings: Sequence[Experiment]) -> list[tuple[_Difference, ..
     (resistance, dead_time), weights = solution[3 * count :][:2], solution[3 * count + 2 :]
     magnet = float((form.polynomial.basis(np.zeros((1, 2))) @ weights)[0, 0])
     sizes = float(resistance), magnet, float(dead_time)
-    each = [
-        _Difference(float(solution[k]), equations.deviation(k), sizes[k // count])
-        for k in range(3 * count)
-    ]
-    return list(zip(each[:count], each[count : 2 * count], each[2 * count :], strict=True))
+    drop = _OF_A_DROP * abs(float(resistance)) * form.polynomial.current_scale
+    found = []
+    for place in range(count):
+        values = [float(solution[kind * count + place]) for kind in range(3)]
+        scales = (
+            abs(sizes[0]),
+            abs(magnet),
+            max(drop, *map(abs, (dead_time, dead_time + values[2]))),
+        )
+        deviations = (equations.deviation(kind * count + place) for kind in range(3))
+        rows = zip(values, deviations, sizes, scales, strict=True)
+        found.append(tuple(_Difference(*map(float, row)) for row in rows))
+    return found
 
 
 def _same_speed(one: Experiment, other: Experiment) -> bool:

@@ -225,14 +225,13 @@ class DriveMapping:
     def _require(self, path: str | Path, table: Table, present: Collection[str]) -> None:
         """Refuse a file from which no drive recording can be made."""
         missing = missing_channels(present)
-        still = _STOOD_STILL if SPEED.name in missing else ""
+        still = _STOOD_STILL if list(missing) == [SPEED.name] else ""
         if missing and not table.columns:
             raise InputError(
                 f"{path}: no column of numbers, where {', '.join(missing)} were wanted; export the "
                 "recording again, with a line of names above its numbers."
             )
         if missing and not self.channels:
-            still = still if len(missing) == 1 else ""
             raise InputError(
                 f"{path}: no column {', '.join(missing)}; the columns are "
                 f"{list_names(table.columns)}; rename them, or map them by a study file, which "
