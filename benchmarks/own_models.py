@@ -1,7 +1,7 @@
 """Time and memory of fits of own models over their size: ``python -m benchmarks.own_models``.
 
-Each row is a process of its own, cold: a chain of masses of which six positions are measured, and a
-long recording of a lag. Before a row counts, its physical parameters have to be right within three
+Each row is a process of its own, cold: a chain of masses of which six positions are measured, a
+long recording of a lag, and an oscillator whose spring a network learns beside the damping. Before a row counts, its physical parameters have to be right within three
 deviations and 2 %.
 """
 
@@ -15,9 +15,10 @@ import numpy as np
 import penode
 from benchmarks.scale import cost
 from penode.data.experiment import Experiment
+from penode.engine import TanhLayers
 
-#: Kind and sizes: masses, samples.
-ROWS = {"chain": (3, 6, 12, 25), "lag": (10_000, 100_000, 1_000_000)}
+#: Kind and sizes: masses, samples, neurons in each of two layers.
+ROWS = {"chain": (3, 6, 12, 25), "lag": (10_000, 100_000, 1_000_000), "network": (6, 20)}
 _MEASURED, _SEED = 6, 20_261_128
 
 
@@ -103,9 +104,44 @@ def lag(samples):
     return Lag(1.0), Experiment("lag", 0.01, {"x": x, "force": force}), (2.0,)
 
 
+class Sprung(penode.Model):
+    """x'' = force - damping x' - x - what is learned of x."""
+
+    states: ClassVar = ("x", "v")
+    inputs: ClassVar = ("force",)
+    state_units: ClassVar = ("m", "m/s")
+    unmeasured: ClassVar = ("v",)
+
+    spring: TanhLayers
+    damping: object = penode.physical("1/s")
+
+    def derivative(self, x, u):
+        learned = self.spring.value_and_jacobian(x[:1])[0][0]
+        return jnp.stack([x[1], u[0] - self.damping * x[1] - x[0] - learned])
+
+
+def network(neurons):
+    """Return an oscillator whose spring hardens and saturates; the position is measured."""
+
+    def true(x, force):
+        rest = np.tanh(3 * x[0]) + 0.3 * x[0] ** 3
+        return np.array([x[1], force - 0.4 * x[1] - x[0] - rest])
+
+    step, random = 0.02, np.random.default_rng(_SEED)
+    time = step * np.arange(6000)
+    lines = random.uniform(0.05, 1.5, 12), random.normal(size=12), random.uniform(0, 6, 12)
+    force = sum(a * np.sin(2 * np.pi * f * time + p) for f, a, p in zip(*lines, strict=True))
+    states = recorded(true, np.zeros(2), force, step, 0.002)
+    run = Experiment("sprung", step, {"x": states[:, 0], "force": force})
+    return Sprung(TanhLayers.random((1, neurons, neurons, 1), seed=0), 0.2), run, (0.4,)
+
+
+MODELS = {"chain": chain, "lag": lag, "network": network}
+
+
 def fitted(kind, size):
     """Identify by the default; raise SystemExit unless what is physical comes out right."""
-    start, run, truth = {"chain": chain, "lag": lag}[kind](size)
+    start, run, truth = MODELS[kind](size)
     fit = penode.identify(start, [run])
     for (name, found), true in zip(fit.parameters.items(), truth, strict=True):
         off = abs(found.value - true)
@@ -119,7 +155,7 @@ def main():
     print("| model | size | parameters | peak | processor | clock |\n|---|---|---|---|---|---|")
     for kind, sizes in ROWS.items():
         for size in sizes:
-            start = {"chain": chain, "lag": lag}[kind](min(size, 20_000))[0]
+            start = MODELS[kind](min(size, 20_000))[0]
             count = sum(np.size(leaf) for leaf in jax.tree.leaves(start))
             taken = cost("benchmarks.own_models", [kind, str(size)])
             print(

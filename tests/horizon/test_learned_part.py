@@ -10,7 +10,7 @@ import pytest
 
 from penode import Experiment, Model, Start, identify, ladder_plan, physical
 from penode.arrays import Leaf, float64
-from penode.engine import Loss, Positive, Spline
+from penode.engine import Loss, Positive, Spline, TanhLayers
 from penode.horizon import learned_part
 from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.horizon.learned_part import searched
@@ -32,7 +32,7 @@ class Leak(Model):
     inputs: ClassVar[tuple[str, ...]] = ("u",)
     state_units: ClassVar[tuple[str, ...]] = ("m",)
 
-    curve: Spline
+    curve: Spline | TanhLayers
     rate: Leaf = physical("1/s", Positive())
 
     def derivative(self, x, u):
@@ -104,6 +104,24 @@ def test_a_part_that_is_needed_stays():
     x = recorded(0.3).channels["x"]
     shared = 0.3 * (x * abs(x)) @ x / (x @ x)
     assert value == pytest.approx(RATE + shared, rel=0.03)
+
+
+def test_a_network_that_is_needed_is_trained_from_the_shortest_horizon_on():
+    heard = []
+    network = TanhLayers.random((1, 4, 1), seed=2)
+    given = Leak(network, 0.5)
+    run = recorded(0.3)
+    stages = ladder_plan((2, 4, 8, 16, 32)).stages
+    plan = replace(PLAN, stages=stages)
+    one = searched(Search(Start(given), [run], Longest(), heard.append), plan)
+    assert "stays in the model" in one.start.facts["learned_part"]
+    rungs = [event["horizon"] for event in heard if event["event"] == "rung"]
+    assert rungs[:3] == [2, 4, 8]  # the physics alone, half way up
+    assert rungs[3:5] == [2, 8]  # the network, on every second of these
+    assert rungs[-1] == 32
+    value = one.climbed.climb.fits[-1].values[0]
+    x = run.channels["x"]
+    assert value == pytest.approx(RATE + 0.3 * (x * abs(x)) @ x / (x @ x), rel=0.05)
 
 
 def test_a_part_that_is_not_needed_is_left_as_it_was_given():

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -183,3 +184,14 @@ def test_convex_hessian_is_symmetric_positive_definite_everywhere(seed, spread, 
     assert softest > 0
     eigenvalues = np.linalg.eigvalsh(np.moveaxis(hessian, -1, 0))
     assert (eigenvalues.min(axis=1) >= softest - 1e-12 * np.abs(hessian).max()).all()
+
+
+def test_wide_weights_that_all_columns_share_multiply_as_others_do():
+    random = np.random.default_rng(0)
+    weights = random.normal(size=(20, 30, 1))
+    with float64():
+        for x in (random.normal(size=(30, 6)), random.normal(size=(30, 2, 6))):
+            by_hand = np.einsum("mn,n...->m...", weights[..., 0], x)
+            assert np.asarray(dense(jnp.asarray(weights), jnp.asarray(x))) == pytest.approx(by_hand)
+            own = jnp.asarray(np.broadcast_to(weights, (20, 30, 6)))
+            assert np.asarray(dense(own, jnp.asarray(x))) == pytest.approx(by_hand)

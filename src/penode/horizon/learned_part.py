@@ -2,8 +2,9 @@
 
 A model with a learned part contains the one without it. That one is climbed first: it costs little,
 and shows the hold, the sub-steps and where the physical parameters lie. From there the part is
-freed, at the horizon chosen. It stays, and is climbed with, where it predicts stretches that were
-left out of training better than the physics alone; elsewhere it stays as it was given.
+freed, at the horizon chosen; a network, which is not linear and takes long, up the lower half of
+the horizons, from the shortest on. It stays, and is climbed with, where it predicts stretches that
+were left out of training better than the physics alone; elsewhere it stays as it was given.
 """
 
 from collections.abc import Sequence
@@ -38,6 +39,8 @@ _FOLDS, _AGAIN = 4, LevenbergMarquardt(evaluations=12)
 _EXACT = 1e-24
 #: Trainings of the part before it is judged, each with the prior estimated after the one before.
 _ROUNDS = 2
+#: Rungs from one at which a network is trained to the next, before it is judged.
+_EVERY = 2
 #: The prior where training begins near the minimum.
 _NEAR = LearnedPrior(first=None)
 #: Rungs below the one chosen without the part at which the climb with it begins.
@@ -49,8 +52,11 @@ def searched(search: Search, plan: Plan) -> Found:
     physics = WithoutPart.of(search.start.model)
     if physics is None or plan.loss.penalties:
         return _as_recorded(search, plan)
+    without = replace(search, start=replace(search.start, model=physics))
+    network = not _is_linear(Layout(search.start.model))
+    half = replace(plan, stages=plan.stages[: len(plan.stages) // 2 + 1])
     try:
-        alone = _as_recorded(replace(search, start=replace(search.start, model=physics)), plan)
+        alone = _as_recorded(without, half if network else plan)
     except InputError:  # the physics is nothing without the part
         return _as_recorded(search, plan)
     if alone.climbed.climb.interrupted or alone.check.interrupted:
@@ -58,7 +64,9 @@ def searched(search: Search, plan: Plan) -> Found:
     try:
         trial = _Trial.of(search, alone.climbed)
         if trial.supported:
-            return trial.climbed_with(search, alone.climbed)
+            return trial.climbed_with(search, plan.stages)
+        if network:
+            alone = _as_recorded(without, plan)
     except KeyboardInterrupt:
         horizon = alone.climbed.climb.fits[alone.climbed.choice.index].horizon
         search.observer({"event": "stop", "horizon": horizon})
@@ -114,7 +122,7 @@ class _Trial:
         part = _freed(search, alone, index)
         if part.climb.interrupted:
             raise KeyboardInterrupt
-        errors = [_left_out(alone, index), _left_out(part, _ROUNDS - 1)]
+        errors = [_left_out(alone, index), _left_out(part, len(part.climb.fits) - 1)]
         logarithms = 0.5 * np.log(np.clip(errors, _EXACT, 1 / _EXACT))
         return cls(index, part, logarithms[0] - logarithms[1])
 
@@ -144,18 +152,23 @@ class _Trial:
             f"{abs(mean):.2g} ± {chance:.2g} % {way} with it than without"
         )
 
-    def climbed_with(self, search: Search, alone: Climbed) -> Found:
-        """Return what is found with the part."""
+    def climbed_with(self, search: Search, stages: Sequence[Stage]) -> Found:
+        """Return what is found with the part, of all stages of a climb."""
         part, most = self.part, _part_left_out(search.experiments)
-        stages = tuple(
+        upper = tuple(
             stage
-            for k, stage in enumerate(alone.plan.stages)
+            for k, stage in enumerate(stages)
             if k >= self.index - _BELOW and (k <= self.index or stage.horizon <= most)
         )
-        plan = replace(part.plan, stages=stages, detour=None, learned_prior=_NEAR)
+        plan = replace(part.plan, stages=upper, detour=None, learned_prior=_NEAR)
         start = self.noted(replace(search.start, model=part.climb.fits[-1].model))
-        guesses = alone.problem.guesses.get(stages[0].horizon, ())
+        guesses = part.problem.guesses.get(upper[0].horizon, ())
         return replace(search, start=start, guesses=guesses).with_hold_of(plan)
+
+
+def _is_linear(layout: Layout[Model]) -> bool:
+    """Whether all that is learned is linear in its parameters."""
+    return bool(layout.linear_members[layout.members(("learned",))].all())
 
 
 def _freed(search: Search, alone: Climbed, index: int) -> Climbed:
@@ -163,11 +176,12 @@ def _freed(search: Search, alone: Climbed, index: int) -> Climbed:
     physics, experiments = alone.climb.fits[index].model, search.experiments
     assert isinstance(physics, WithoutPart)
     start = replace(search.start, model=physics.whole)
-    stages = (replace(alone.plan.stages[index], optimiser=_AGAIN),) * _ROUNDS
+    layout = Layout(start.model)
+    linear = _is_linear(layout)
+    rungs = (index,) * _ROUNDS if linear else (*range(0, index, _EVERY), index)
+    stages = tuple(replace(alone.plan.stages[k], optimiser=_AGAIN) for k in rungs)
     plan = replace(alone.plan, stages=stages, loss=replace(alone.plan.loss, penalties=()))
     plan = with_declared_priors(with_priors(plan, start), start, experiments)
-    layout = Layout(start.model)
-    linear = layout.linear_members[layout.members(("learned",))].all()
     prior = _NEAR if linear else LearnedPrior()
 
     def climbed(plan: Plan, begun: Begun | None) -> Climbed:

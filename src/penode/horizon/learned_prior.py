@@ -34,7 +34,8 @@ _SHARED = 0.7
 _ALONG = 1e-4
 #: Deviation of a parameter that no point shows, over that of one that they show.
 _UNSEEN = 3.0
-#: Trainings of a map that is not linear, each with the prior estimated after the one before.
+#: Trainings of a map that is not linear, each with the prior estimated where it begins: without
+#: one, a network moves for long along what changes nothing.
 _ROUNDS = 4
 #: Trains without a prior first, where nothing was trained before.
 _FIRST = CoarseToFine(LevenbergMarquardt(evaluations=60))
@@ -62,20 +63,18 @@ class LearnedPrior:
         objective = problem.objective
         if not (problem.moving & _members(objective.layout)).any():
             return problem, raw
-        first, believing = self.first if cold else None, problem
+        first = self.first if cold else None
         if first is None:
             return self._believing(problem, raw), raw
-        for _ in range(self._rounds(objective.layout)):
+        linear = objective.layout.linear_members[_members(objective.layout)].all()
+        believing = problem if linear else self._believing(problem, raw)
+        for _ in range(1 if linear else _ROUNDS):
             solution = first.minimise(believing, raw)
             if solution.outcome == DIVERGED:
                 return problem, raw
             raw = solution.raw
             believing = self._believing(problem, raw)
         return believing, raw
-
-    def _rounds(self, layout: Layout[Model]) -> int:
-        """Return how often training begins anew: a map that is not linear moves its own prior."""
-        return 1 if layout.linear_members[_members(layout)].all() else _ROUNDS
 
     def _believing(self, problem: Problem, raw: FloatArray) -> Problem:
         """Return the problem with the prior estimated at raw (parameter,), if the map matters."""

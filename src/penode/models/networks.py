@@ -19,9 +19,14 @@ from penode.arrays import JaxArray, Leaf
 from penode.models.parameters import parameter
 from penode.models.transforms import Positive, PositiveDefinite
 
+#: Rows and columns from which weights that all columns share are one matrix product.
+_WIDE = 16
+
 
 def dense(weights: JaxArray, x: JaxArray) -> JaxArray:
     """Multiply weights (m, n, batch or 1) with columns x (n, batch) or matrices x (n, k, batch)."""
+    if weights.shape[-1] == 1 and min(weights.shape[:2]) >= _WIDE:
+        return jnp.tensordot(weights[..., 0], x, axes=1)
     if weights.shape[-1] == 1:
         return _sum_of_products(weights, x)
     if x.ndim == 2:

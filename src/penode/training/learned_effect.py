@@ -132,13 +132,24 @@ def _columns(visits: Visits) -> tuple[JaxArray, JaxArray]:
 
 
 def _rate(layout: Layout[Model], values: JaxArray, x: JaxArray, u: JaxArray) -> JaxArray:
-    model = layout.model(values[:, None])
+    """Return the derivative (state, visit) at values (value, visit or 1)."""
+    model = layout.model(values)
     rate = evaluated(model, "derivative", x, Inputs(u, driving_channels(model)))
     return rate[: len(dynamic_states(model))]
 
 
-_derivative = jax.jit(_rate, static_argnums=0)
-_slopes = jax.jit(jax.jacfwd(_rate, argnums=1), static_argnums=0)
+@partial(jax.jit, static_argnums=0)
+def _derivative(layout: Layout[Model], values: JaxArray, x: JaxArray, u: JaxArray) -> JaxArray:
+    return _rate(layout, values[:, None], x, u)
+
+
+@partial(jax.jit, static_argnums=0)
+def _slopes(layout: Layout[Model], values: JaxArray, x: JaxArray, u: JaxArray) -> JaxArray:
+    """Return the derivative's slopes by the values, (state, visit, value), one product a state."""
+    own = jnp.broadcast_to(values[:, None], (len(values), x.shape[1]))
+    rate, pull_back = jax.vjp(lambda values: _rate(layout, values, x, u), own)
+    units = jnp.broadcast_to(jnp.eye(len(rate))[..., None], (len(rate), *rate.shape))
+    return jnp.swapaxes(jax.vmap(pull_back)(units)[0], 1, 2)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -147,5 +158,6 @@ def _effect(
 ) -> tuple[JaxArray, JaxArray]:
     """Return the derivative less that without a learned part, and its slopes by the values."""
     without = jnp.where(layout.value_members(("learned",)), 0.0, values)
-    effect = _rate(layout, values, x, u) - _rate(layout, without, x, u)
-    return effect, jax.jacfwd(_rate, argnums=1)(layout, values, x, u)
+    rate = partial(_rate, layout, x=x, u=u)
+    effect = rate(values[:, None]) - rate(without[:, None])
+    return effect, _slopes(layout, values, x, u)
