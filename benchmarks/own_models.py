@@ -1,8 +1,8 @@
 """Time and memory of fits of own models over their size: ``python -m benchmarks.own_models``.
 
 Each row is a process of its own, cold: a chain of masses of which six positions are measured, a
-long recording of a lag, and an oscillator whose spring a network learns beside the damping. Before a row counts, its physical parameters have to be right within three
-deviations and 2 %.
+long recording of a lag, and an oscillator whose spring a network learns beside the damping. Before
+a row counts, its physical parameters have to be right within three deviations and 2 %.
 """
 
 import sys
