@@ -95,8 +95,9 @@ _NOTES = Notes()
 def main() -> None:
     """Run the command line; bad input is refused in one sentence."""
     # Modules and compiled programs stay to the end; to search them again and again is 3 % of a fit.
-    if not gc.get_freeze_count():  # once: what a second run froze, garbage too, would stay for good
-        gc.freeze()
+    if gc.get_freeze_count():  # garbage of a run before, once frozen, would stay for good
+        gc.collect()
+    gc.freeze()
     gc.set_threshold(_GARBAGE, 10, 10)
     use_compilation_cache()
     use_tolerant_streams()
