@@ -1,11 +1,13 @@
 """The command line: what it prints, writes and returns."""
 
+import gc
 import json
 import re
 import signal
 import subprocess
 import sys
 import time
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -238,3 +240,22 @@ def assert_refused(done, folder: Path, words: list[str]) -> None:
     for word in words:
         assert word in sentence
     assert not (folder / "out").exists()
+
+
+class _Cycle:
+    """Garbage that reference counting does not free."""
+
+    def __init__(self):
+        self.own = self
+
+
+def test_what_a_run_leaves_behind_is_freed_by_the_next(penode):
+    penode("--help")
+    gc.disable()  # so that nothing but the run itself looks for garbage
+    try:
+        left = weakref.ref(_Cycle())
+        assert left() is not None
+        penode("--help")
+    finally:
+        gc.enable()
+    assert left() is None

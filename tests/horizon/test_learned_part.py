@@ -11,6 +11,7 @@ import pytest
 from penode import Experiment, Model, Start, identify, ladder_plan, physical
 from penode.arrays import Leaf, float64
 from penode.engine import Loss, Positive, Spline, TanhLayers
+from penode.errors import InputError
 from penode.horizon import learned_part
 from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.horizon.learned_part import searched
@@ -122,6 +123,19 @@ def test_a_network_that_is_needed_is_trained_from_the_shortest_horizon_on():
     value = one.climbed.climb.fits[-1].values[0]
     x = run.channels["x"]
     assert value == pytest.approx(RATE + 0.3 * (x * abs(x)) @ x / (x @ x), rel=0.05)
+
+
+def test_beside_a_network_that_diverges_the_physics_alone_is_climbed_whole(monkeypatch):
+    def diverging(*given):
+        raise InputError("the predictions diverge.")
+
+    monkeypatch.setattr(learned_part, "_freed", diverging)
+    plan = replace(PLAN, stages=ladder_plan((2, 4, 8, 16, 32)).stages)
+    given = Leak(TanhLayers.random((1, 4, 1), seed=2), 0.5)
+    one = searched(Search(Start(given), [recorded(0.0)], Longest(), ignore_events), plan)
+    (sentence,) = one.start.warnings
+    assert "no part of the recordings can be left out" in sentence
+    assert [rung.horizon for rung in one.climbed.climb.fits] == [2, 4, 8, 16, 32]
 
 
 def test_a_part_that_is_not_needed_is_left_as_it_was_given():

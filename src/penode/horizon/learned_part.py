@@ -24,7 +24,7 @@ from penode.horizon.default_plan import default_horizons
 from penode.horizon.hold_check import with_hold
 from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem
-from penode.horizon.learned_prior import LearnedPrior, with_priors
+from penode.horizon.learned_prior import LearnedPrior, is_linear, with_priors
 from penode.horizon.search import Found, Guesses, Search
 from penode.horizon.selection import Longest
 from penode.models.base import Model
@@ -39,7 +39,7 @@ _FOLDS, _AGAIN = 4, LevenbergMarquardt(evaluations=12)
 _EXACT = 1e-24
 #: Trainings of the part before it is judged, each with the prior estimated after the one before.
 _ROUNDS = 2
-#: Rungs from one at which a network is trained to the next, before it is judged.
+#: Before it is judged, a network is trained at every second rung.
 _EVERY = 2
 #: The prior where training begins near the minimum.
 _NEAR = LearnedPrior(first=None)
@@ -53,7 +53,7 @@ def searched(search: Search, plan: Plan) -> Found:
     if physics is None or plan.loss.penalties:
         return _as_recorded(search, plan)
     without = replace(search, start=replace(search.start, model=physics))
-    network = not _is_linear(Layout(search.start.model))
+    network = not is_linear(Layout(search.start.model))
     half = replace(plan, stages=plan.stages[: len(plan.stages) // 2 + 1])
     try:
         alone = _as_recorded(without, half if network else plan)
@@ -62,17 +62,18 @@ def searched(search: Search, plan: Plan) -> Found:
     if alone.climbed.climb.interrupted or alone.check.interrupted:
         return alone
     try:
-        trial = _Trial.of(search, alone.climbed)
-        if trial.supported:
-            return trial.climbed_with(search, plan.stages)
-        if network:
+        try:
+            trial = _Trial.of(search, alone.climbed)
+            if trial.supported:
+                return trial.climbed_with(search, alone.climbed, plan.stages)
+        except InputError:  # freed, the part makes predictions diverge
+            trial = _Trial(0, alone.climbed, np.full(_FOLDS, np.nan))
+        if network:  # it was climbed half way
             alone = _as_recorded(without, plan)
     except KeyboardInterrupt:
         horizon = alone.climbed.climb.fits[alone.climbed.choice.index].horizon
         search.observer({"event": "stop", "horizon": horizon})
         return replace(alone, check=replace(alone.check, interrupted=True))
-    except InputError:  # freed, the part makes predictions diverge
-        trial = _Trial(0, alone.climbed, np.full(_FOLDS, np.nan))
     return replace(alone, start=trial.noted(alone.start))
 
 
@@ -152,7 +153,7 @@ class _Trial:
             f"{abs(mean):.2g} ± {chance:.2g} % {way} with it than without"
         )
 
-    def climbed_with(self, search: Search, stages: Sequence[Stage]) -> Found:
+    def climbed_with(self, search: Search, alone: Climbed, stages: Sequence[Stage]) -> Found:
         """Return what is found with the part, of all stages of a climb."""
         part, most = self.part, _part_left_out(search.experiments)
         upper = tuple(
@@ -162,13 +163,8 @@ class _Trial:
         )
         plan = replace(part.plan, stages=upper, detour=None, learned_prior=_NEAR)
         start = self.noted(replace(search.start, model=part.climb.fits[-1].model))
-        guesses = part.problem.guesses.get(upper[0].horizon, ())
+        guesses = alone.problem.guesses.get(upper[0].horizon, ())
         return replace(search, start=start, guesses=guesses).with_hold_of(plan)
-
-
-def _is_linear(layout: Layout[Model]) -> bool:
-    """Whether all that is learned is linear in its parameters."""
-    return bool(layout.linear_members[layout.members(("learned",))].all())
 
 
 def _freed(search: Search, alone: Climbed, index: int) -> Climbed:
@@ -176,8 +172,7 @@ def _freed(search: Search, alone: Climbed, index: int) -> Climbed:
     physics, experiments = alone.climb.fits[index].model, search.experiments
     assert isinstance(physics, WithoutPart)
     start = replace(search.start, model=physics.whole)
-    layout = Layout(start.model)
-    linear = _is_linear(layout)
+    linear = is_linear(Layout(start.model))
     rungs = (index,) * _ROUNDS if linear else (*range(0, index, _EVERY), index)
     stages = tuple(replace(alone.plan.stages[k], optimiser=_AGAIN) for k in rungs)
     plan = replace(alone.plan, stages=stages, loss=replace(alone.plan.loss, penalties=()))

@@ -37,7 +37,7 @@ _UNSEEN = 3.0
 #: Trainings of a map that is not linear, each with the prior estimated where it begins: without
 #: one, a network moves for long along what changes nothing.
 _ROUNDS = 4
-#: Trains without a prior first, where nothing was trained before.
+#: Trains first where nothing was trained before.
 _FIRST = CoarseToFine(LevenbergMarquardt(evaluations=60))
 
 
@@ -51,8 +51,8 @@ class LearnedPrior:
         Whether the map has nothing of what the physical terms beside it can do; these mean then
         what they do without the map. Otherwise the data share it out, as far as they can.
     first : Optimiser or None
-        Trains without a prior first, where nothing was trained before; None where training begins
-        near the minimum.
+        Trains first where nothing was trained before, what is linear without a prior; None where
+        training begins near the minimum.
     """
 
     orthogonal: bool = True
@@ -66,7 +66,7 @@ class LearnedPrior:
         first = self.first if cold else None
         if first is None:
             return self._believing(problem, raw), raw
-        linear = objective.layout.linear_members[_members(objective.layout)].all()
+        linear = is_linear(objective.layout)
         believing = problem if linear else self._believing(problem, raw)
         for _ in range(1 if linear else _ROUNDS):
             solution = first.minimise(believing, raw)
@@ -153,7 +153,7 @@ class _Belief:
         size = np.abs(slopes).max(axis=(0, 1), initial=0.0)
         typical = np.median(size[size > 0]) if (size > 0).any() else 1.0
         none = Rows(np.zeros((0, len(values))), np.zeros(0))
-        if layout.linear_members[_members(layout)].all():
+        if is_linear(layout):
             weak = np.eye(len(values)) * typical / _UNSEEN
             unseen, fixed = Rows(weak, weak @ values), none
         else:  # about where training ended, as far as weights are large
@@ -189,6 +189,11 @@ class _Belief:
             length: process_rows(self.points, length, both).reshape(-1, columns)
             for length in _LENGTHS.tolist()
         }
+
+
+def is_linear(layout: Layout[Model]) -> bool:
+    """Whether all that is learned is linear in its parameters."""
+    return bool(layout.linear_members[_members(layout)].all())
 
 
 def _members(layout: Layout[Model]) -> BoolArray:
