@@ -107,8 +107,14 @@ def test_a_part_that_is_needed_stays():
     assert value == pytest.approx(RATE + shared, rel=0.03)
 
 
-def test_a_network_that_is_needed_is_trained_from_the_shortest_horizon_on():
-    heard = []
+def test_a_network_that_is_needed_is_trained_from_the_shortest_horizon_on(monkeypatch):
+    heard, judged, left_out = [], [], learned_part._left_out
+
+    def judging(climbed, index):
+        judged.append(climbed.climb.fits[index].horizon)
+        return left_out(climbed, index)
+
+    monkeypatch.setattr(learned_part, "_left_out", judging)
     network = TanhLayers.random((1, 4, 1), seed=2)
     given = Leak(network, 0.5)
     run = recorded(0.3)
@@ -119,6 +125,7 @@ def test_a_network_that_is_needed_is_trained_from_the_shortest_horizon_on():
     rungs = [event["horizon"] for event in heard if event["event"] == "rung"]
     assert rungs[:3] == [2, 4, 8]  # the physics alone, half way up
     assert rungs[3:5] == [2, 8]  # the network, on every second of these
+    assert judged == [8, 8]  # both at the last of them
     assert rungs[-1] == 32
     value = one.climbed.climb.fits[-1].values[0]
     x = run.channels["x"]

@@ -11,6 +11,7 @@ from penode import Experiment, Model, Start, ladder_plan, physical
 from penode.arrays import Leaf
 from penode.engine import (
     LearnedPrior,
+    LevenbergMarquardt,
     Loss,
     Positive,
     Spline,
@@ -24,6 +25,8 @@ from penode.horizon.learned_prior import with_priors
 from penode.models.layout import Layout
 from penode.training.covariance import sandwich
 from penode.training.learned_effect import Visits
+from penode.training.penalties import GaussianPrior
+from penode.training.plan import ignore_progress
 
 FREE = Loss(free_starts={"x": None})
 STEP, SAMPLES, NOISE, RATE = 0.05, 1000, 0.01, 0.8
@@ -159,3 +162,19 @@ def test_who_gets_a_prior_by_default():
     assert with_priors(plan, start).learned_prior == LearnedPrior()
     decay = replace(start, penalties=(WeightDecay(1.0),))
     assert with_priors(decay.with_penalties(plan), decay).learned_prior is None
+
+
+@pytest.mark.parametrize(
+    ("curve", "first"), [(None, False), (TanhLayers.random((1, 5, 1), seed=2), True)]
+)
+def test_a_network_has_its_prior_from_the_first_step_on(curve, first):
+    seen = []
+
+    class Watching(LevenbergMarquardt):
+        def minimise(self, problem, raw, progress=ignore_progress):
+            seen.append(any(isinstance(p, GaussianPrior) for p in problem.objective.loss.penalties))
+            return super().minimise(problem, raw, progress)
+
+    climbed(recorded(outflow), LearnedPrior(first=Watching(evaluations=5)), curve=curve)
+    assert seen[0] is first
+    assert all(seen[1:])
