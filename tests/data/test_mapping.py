@@ -176,7 +176,7 @@ JITTERED = {"sine": Origin("sine"), "line": Origin("line"), "angle": Origin("ang
 
 def test_jittering_times_are_refused_with_the_two_repairs():
     sentence = refusal(JITTERED, jittered()[0])
-    for word in ("t jitters", 'resample = "linear"', "row number times time step"):
+    for word in ("t jitters", 'resample = "linear"', "give its time_step"):
         assert word in sentence
 
 
@@ -229,6 +229,46 @@ def test_channels_of_several_jittering_clocks_are_taken_at_the_fastest_made_unif
     step, channels = mapped(ORIGINS, content, resample=True)
     assert step == pytest.approx(STEP, rel=1e-3)
     np.testing.assert_allclose(np.diff(channels["slow"]), 2.0 * step, rtol=1e-9)
+
+
+LOST = [k for k in range(1200) if k not in (300, 301, 302, 700)]
+
+
+@pytest.mark.parametrize(
+    "stamped",
+    [
+        lambda true, random: true + STEP * random.exponential(0.15, len(true)),
+        lambda true, random: true + STEP * random.uniform(-0.2, 0.2, len(true)),
+        lambda true, random: np.floor(true / (4 * STEP) + 1e-9) * 4 * STEP,
+    ],
+    ids=["late", "early and late", "in steps of four rows"],
+)
+def test_stamps_of_a_steady_clock_give_its_times_and_the_rows_that_were_lost(stamped):
+    true = 5.0 + STEP * np.array(LOST)
+    stamps = np.maximum.accumulate(stamped(true, np.random.default_rng(4)))
+    content = Table({"t": stamps, "line": true}, {})
+    found = map_channels("run.csv", content, {"line": Origin("line")}, time_step=STEP)
+    assert found.time_step == pytest.approx(STEP, rel=1e-9)
+    assert found.spans[0] == (0, 300)
+    assert found.spans[1] == (300, 697)
+    for first, last in found.spans:
+        np.testing.assert_allclose(np.diff(found.channels["line"][first:last]), STEP, rtol=1e-9)
+    jumps = np.diff(found.times)[[299, 696]]
+    np.testing.assert_allclose(jumps, [4 * STEP, 2 * STEP], rtol=1e-9)
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.6, 0.98, 1.02, 2.0, 3.0])
+def test_a_time_step_that_the_stamps_do_not_have_is_refused(factor):
+    content, _ = jittered()
+    with pytest.raises(InputError, match=r"the rows of t are .* s apart; set"):
+        map_channels("run.csv", content, JITTERED, time_step=factor * STEP)
+
+
+def test_stamps_that_decrease_are_refused_also_where_their_clock_is_known():
+    content, time = jittered()
+    content.columns["t"] = np.r_[time[:400], time[400:402][::-1], time[402:]]
+    with pytest.raises(InputError, match="t decreases at data row 402"):
+        map_channels("run.csv", content, JITTERED, time_step=STEP)
 
 
 # --- refusals ---------------------------------------------------------------------------------

@@ -125,12 +125,16 @@ def read(path: str | os.PathLike[str]) -> tuple[Table, Source]:
 
 
 def experiments_of(
-    table: Table, source: Source, origins: Mapping[str, Origin], resample: bool = False
+    table: Table,
+    source: Source,
+    origins: Mapping[str, Origin],
+    resample: bool = False,
+    time_step: float | None = None,
 ) -> tuple[Experiment, ...]:
     """Make a recording of the columns of a file, or the stretches between its gaps.
 
-    ``table`` and ``source`` are as `read` gives them, ``origins`` and ``resample`` as
-    `map_channels` takes them; named after the file. Refuses a file without time, channel or data
+    ``table`` and ``source`` are as `read` gives them, the rest as `map_channels` takes it; named
+    after the file. Refuses a file without time, channel or data
     row.
     """
     file = source.path
@@ -155,7 +159,7 @@ def experiments_of(
             f"{file}: column {empty[0]} has no values where another has some; record or export the "
             "data again, or remove it."
         )
-    mapped = map_channels(file, table, origins, resample)
+    mapped = map_channels(file, table, origins, resample, time_step)
     whole = Experiment(Path(file).name, mapped.time_step, mapped.channels, source)
     return between_gaps(whole, mapped.times - mapped.times[0], mapped.spans, SHORTEST)
 

@@ -14,7 +14,7 @@ from penode.arrays import FloatArray
 from penode.data.gathered import in_pieces, pieces
 from penode.data.stretches import SHORTEST
 from penode.data.table import TIME, Table, cell_error, list_names
-from penode.data.time_axis import Sampled, on_one_clock, uniform_stretches
+from penode.data.time_axis import Sampled, on_one_clock, steady_times, uniform_stretches
 from penode.data.units import UNITS, Unit, find_unit, unit_name
 from penode.errors import InputError, did_you_mean
 
@@ -61,13 +61,18 @@ class Mapped:
 
 
 def map_channels(
-    file: str, table: Table, origins: Mapping[str, Origin], resample: bool = False
+    file: str,
+    table: Table,
+    origins: Mapping[str, Origin],
+    resample: bool = False,
+    time_step: float | None = None,
 ) -> Mapped:
     """Make channels of one uniform clock from the columns of a file; origin ``t`` is the time in s.
 
     ``resample`` puts channels of different clocks onto the fastest, and those whose times jitter
     onto uniform ones between the gaps, by linear interpolation, angles without their jumps, over
-    the time that all channels cover. Refused are clocks that differ without it, values that are not
+    the time that all channels cover. ``time_step`` in s is that of a steady clock whose stamps
+    jitter; see `steady_times`. Refused are clocks that differ without it, values that are not
     finite or do not match their times, units of another quantity, and times as `uniform_stretches`
     says.
     """
@@ -81,7 +86,8 @@ def map_channels(
         own = table.clocks.get(origin.column)
         clock = time if own in (None, table.clocks.get(time.column)) else Origin(own, "s")
         if clock not in read:
-            read[clock] = si_values(file, table, TIME, clock)[0]
+            stamps = si_values(file, table, TIME, clock)[0]
+            read[clock] = stamps if time_step is None else steady_times(file, stamps, time_step)
         if len(values) != len(read[clock]):
             raise InputError(
                 f"{file}: channel {name}: column {origin.column} has {len(values)} values where "

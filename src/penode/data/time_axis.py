@@ -19,6 +19,10 @@ _GAP = 1.5
 _ROUNDING = 1e-6
 #: Largest time in s, some 30 000 years.
 LARGEST_TIME = 1e12
+# Rows before and after a gap by which it is seen among stamps that jitter.
+_NEAR = 50
+# Another repair of stamps that a steady clock did not make.
+_STEADY = "; where a steady clock sampled and only the stamps jitter, give its time_step beside t"
 # Largest turn in rad between two samples of an angle that can still be interpolated.
 _LARGEST_TURN = np.pi / 2
 
@@ -90,6 +94,49 @@ def regular_times(t: FloatArray) -> FloatArray:
         for span, step in zip(spans, steps, strict=True)
     ]
     return np.concatenate(grids)
+
+
+def steady_times(file: str, t: FloatArray, step: float) -> FloatArray:
+    """Return the times in s of rows that a steady clock of a known step took, stamped unevenly.
+
+    A stamp is late by what a computer took, or rounded: rows are missing where all stamps that
+    follow are later, by a step, than the earliest before. Refused are stamps that decrease, and
+    that are not one step apart within 1 %.
+    """
+    from scipy.ndimage import minimum_filter1d
+
+    if len(t) < MINIMUM_SAMPLES:
+        return t
+    steps = np.diff(t)
+    if steps.min() < 0.0:
+        raise _not_increasing(file, t, int(np.argmax(steps < 0.0)), 0)
+    late = (t - t[0]) / step - np.arange(len(t))
+    apart = min(_NEAR, len(t) // 2)
+    earliest = minimum_filter1d(late, apart)
+    pace = 1.0 + float(np.median(earliest[apart:] - earliest[:-apart])) / apart
+    if abs(pace - 1.0) > STEP_TOLERANCE:
+        raise InputError(
+            f"{file}: time_step is {step:.6g} s in the study file, and the rows of t are "
+            f"{pace * step:.6g} s apart; set time_step to what the drive samples at, or remove it."
+        )
+    return np.asarray(t[0] + step * (np.arange(len(t)) + np.cumsum(_rows_missing(late, apart))))
+
+
+def _rows_missing(late: FloatArray, apart: int) -> FloatArray:
+    """Return how many rows are missing in front of each, of stamps that are so many rows late."""
+    from scipy.ndimage import minimum_filter1d
+
+    missing = np.zeros(len(late))
+    while True:
+        left = late - np.cumsum(missing)
+        after = minimum_filter1d(left, apart, origin=-(apart // 2), mode="nearest")
+        before = np.roll(minimum_filter1d(left, apart, origin=(apart - 1) // 2, mode="nearest"), 1)
+        rise = np.floor(after - before + 0.25)
+        rise[0] = 0.0
+        begins = (rise > 0) & ~np.r_[False, rise[:-1] > 0]
+        if not begins.any():
+            return missing
+        missing[begins] += rise[begins]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of digits of times that are almost zero
@@ -196,7 +243,7 @@ def _not_increasing(file: str, t: FloatArray, k: int, before: int) -> InputError
     return InputError(
         f"{file}: t {what} at data row {before + k + 2} ({t[k]:.9g} s, then "
         f"{t[k + 1]:.9g} s) where it must increase; remove the repeated or misplaced rows, or "
-        "export t with more digits."
+        f"export t with more digits{_STEADY if what == 'repeats' else ''}."
     )
 
 
@@ -209,13 +256,12 @@ def _irregular(file: str, steps: FloatArray, k: int, before: int) -> InputError:
         return InputError(
             f"{file}: t has a gap {rows}: a step of {steps[k]:.6g} s where the median is "
             f"{median:.6g} s, about {missing} missing rows; record without losses, cut the file at "
-            "the gap, or export t with more digits."
+            f"the gap, or export t with more digits{_STEADY}."
         )
     return InputError(
         f"{file}: t jitters: the step {rows} is {steps[k]:.6g} s where the median is "
         f'{median:.6g} s and 1 % is allowed; ask for resample = "linear" in the study file, '
-        "export t with more digits, or, where a steady clock sampled and only the stamps jitter, "
-        "give row number times time step as t."
+        f"or export t with more digits{_STEADY}."
     )
 
 

@@ -74,16 +74,32 @@ def untimed(file):
 
 def test_even_samples_need_no_column_of_times(file):
     timed = DriveMapping().load(file)
-    with pytest.raises(InputError, match=r"time_step is a number .* has a column of its times"):
-        DriveMapping(constants={"time_step": 1e-3}).load(file)
     untimed(file)
     run = DriveMapping(constants={"time_step": 1e-3}).load(file)
     assert run.time_step == pytest.approx(1e-3)
     np.testing.assert_array_equal(
         run.stack(tuple(timed.channels)), timed.stack(tuple(timed.channels))
     )
-    with pytest.raises(InputError, match=r"time_step is a number \(0.001\) and t a channel"):
-        DriveMapping({"t": origin("t")}, constants={"time_step": 1e-3})
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_stamps_that_jitter_are_those_of_a_clock_whose_step_is_given(file, named):
+    timed = DriveMapping().load(file)
+    lines = file.read_text().splitlines()
+    late = 1e-3 * np.random.default_rng(5).uniform(0, 0.9, len(lines))
+    rows = [f"{1e-3 * k + late[k]},{line.split(',', 1)[1]}" for k, line in enumerate(lines[1:])]
+    file.write_text("\n".join([lines[0].replace("t,", "stamp," if named else "t,", 1), *rows]))
+    names = ("t", "u_d", "u_q", "i_d", "i_q", "omega_el")
+    channels = {n: origin(n) for n in names} if named else {}
+    if named:
+        channels["t"] = DriveOrigin(Origin("stamp", "s"))
+    with pytest.raises(InputError, match="give its time_step beside t"):
+        DriveMapping(channels).load(file)
+    run = DriveMapping(channels, constants={"time_step": 1e-3}).load(file)
+    assert run.time_step == pytest.approx(1e-3, rel=1e-9)
+    np.testing.assert_array_equal(run.stack(names[1:]), timed.stack(names[1:]))
+    with pytest.raises(InputError, match=r"time_step is 0.002 s .* the rows of t are 0.00"):
+        DriveMapping(channels, constants={"time_step": 2e-3}).load(file)
 
 
 def test_the_time_step_of_a_recording_is_none_of_the_points_beside_it(tmp_path):

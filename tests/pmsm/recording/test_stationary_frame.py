@@ -103,9 +103,7 @@ def test_a_constant_dc_link(run, tmp_path):
         columns[f"duty_{phase}"] = 0.5 + columns[f"u_{phase}"] / LINK
     text = f"u_dc = 400\n[channels]\n{ANGLE}{entries('omega_el')}{CURRENTS}{DUTIES}"
     assert_same(drive_recording(written(tmp_path, columns, text)), run)
-    with pytest.raises(
-        InputError, match=r"u_dc is a number \(400\) and u_dc a channel; remove one\."
-    ):
+    with pytest.raises(InputError, match=r"u_dc is a number \(400\) and a channel; remove one\."):
         written(tmp_path, columns, text + LINKED)
 
 

@@ -88,13 +88,13 @@ class DriveMapping:
     constants : mapping of str to float
         ``u_dc`` in V where no channel holds it, ``omega_el`` of 0 for a rotor that stood still,
         what 1 is in V, A and rad/s of channels that were recorded per unit: values of `BASES`, and
-        ``time_step`` in s of even samples where no column holds the time.
+        ``time_step`` in s of a steady clock, where no column holds the time or its stamps jitter.
 
     Raises
     ------
     InputError
-        If a channel cannot be rms or mechanical, pole_pairs is needed and missing, u_dc, omega_el
-        or the time is both a constant and a channel, or omega_el is a constant other than 0.
+        If a channel cannot be rms or mechanical, pole_pairs is needed and missing, u_dc
+        or omega_el is both a constant and a channel, or omega_el is a constant other than 0.
     """
 
     channels: Mapping[str, DriveOrigin] = field(default_factory=dict)
@@ -118,11 +118,10 @@ class DriveMapping:
                     "machine, as a whole number."
                 )
 
-        for name, other in ((LINK, LINK), (SPEED.name, SPEED.name), (TIME_STEP, TIME)):
-            if name in self.constants and other in self.channels:
+        for name in (LINK, SPEED.name):
+            if name in self.constants and name in self.channels:
                 raise InputError(
-                    f"{name} is a number ({self.constants[name]:g}) and {other} a channel; "
-                    "remove one."
+                    f"{name} is a number ({self.constants[name]:g}) and a channel; remove one."
                 )
         speed = self.constants.get(SPEED.name, 0.0)
         if speed:
@@ -182,7 +181,7 @@ class DriveMapping:
         self, path: str | Path, table: Table, source: Source
     ) -> tuple[Experiment, ...]:
         """Make recordings of the columns of a file; see `load_stretches`."""
-        table = self._timed(path, table)
+        table = self._timed(table)
         origins = {n: channel.origin for n, channel in self.channels.items() if n != TORQUE}
         if not self.channels:
             for name in RECORDED:
@@ -193,22 +192,18 @@ class DriveMapping:
         self._require(path, table, {*origins, *constant})
         _require_own_columns(path, table, origins)
         origins = {n: self._in_base(str(path), table, n, o) for n, o in origins.items()}
-        found = experiments_of(table, source, origins, self.resample)
+        steady = self.constants.get(TIME_STEP)
+        found = experiments_of(table, source, origins, self.resample, steady)
         runs = tuple(self._completed(run, constant) for run in found)
         if SPEED.name in self.constants:
             _require_standstill(path, runs)
         return runs
 
-    def _timed(self, path: str | Path, table: Table) -> Table:
-        """Return a table with its times where the study file gives their step as a number."""
+    def _timed(self, table: Table) -> Table:
+        """Return a table with times by the study file's step where it has none of its own."""
         step = self.constants.get(TIME_STEP)
-        if step is None:
+        if step is None or TIME in table.columns or TIME in self.channels or table.clocks:
             return table
-        if TIME in table.columns or table.clocks:
-            raise InputError(
-                f"{path}: {TIME_STEP} is a number in the study file ({step:g}), and the file has "
-                f"a column of its times; remove {TIME_STEP}."
-            )
         used = [channel.origin.column for channel in self.channels.values()] or list(CANONICAL)
         samples = next((len(table.columns[one]) for one in used if one in table.columns), 0)
         times = gathered(np.arange(samples, dtype=np.float64) * step)
