@@ -2,7 +2,9 @@
 
 A pendulum is recorded with noise of 0.01 rad. Where 2 % of the samples are outliers of 20 noise
 deviations (part ``outliers``), it is fitted by least squares and with noise of Student's t
-distribution; it is recorded at 10 ms and at 50 ms too (part ``time_steps``). Printed are the median
+distribution; it is recorded at 10 ms and at 50 ms too (part ``time_steps``), and by the height of
+its tip alone, which has one value for two angles (part ``starts``: each window estimates its own,
+or an encoder of 12 samples with 8 neurons knows them all). Printed are the median
 deviation of each parameter over that of the first line, and how many of the 95 % intervals contain
 the truth.
 """
@@ -10,14 +12,14 @@ the truth.
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 
 from penode import Experiment, Fit, Model, identify, physical
 from penode.arrays import Leaf
-from penode.engine import StudentT, default_plan
+from penode.engine import Encoded, StudentT, default_plan
 
 TRUTH = {"pull": 30.0, "damping": 0.4}
 NOISE, SHARE, FAR = 0.01, 0.02, 20.0
@@ -39,6 +41,21 @@ class Pendulum(Model):
     def derivative(self, x, u):  # type: ignore[no-untyped-def]
         """Return the rates, (state, batch)."""
         return jnp.stack([x[1], u[0] - self.pull * jnp.sin(x[0]) - self.damping * x[1]])
+
+
+class Tip(Pendulum):
+    """A pendulum with a bent rod, the height of whose tip is measured."""
+
+    unmeasured: ClassVar = ()
+    outputs: ClassVar = {"height": "m"}
+
+    def output(self, x, u):  # type: ignore[no-untyped-def]
+        """Return the height, (1, batch)."""
+        return _height(x[:1])
+
+
+def _height(angle: Any) -> Any:
+    return 0.5 * (1.0 - jnp.cos(angle)) + 0.2 * jnp.sin(angle)
 
 
 def _rate(x: np.ndarray, torque: float) -> np.ndarray:
@@ -95,7 +112,17 @@ def time_steps(seed: int) -> dict[str, Fit]:
     return {"10 ms": fitted([fast]), "50 ms": fitted([slow]), "both": fitted([fast, slow])}
 
 
-PARTS = {"outliers": outliers, "time_steps": time_steps}
+def starts(seed: int) -> dict[str, Fit]:
+    """Return fits of 80 s of height, an encoder's first."""
+    run = recorded("run", 0.02, 4000, 200 + seed)
+    height = np.asarray(_height(run.channels["angle"]), dtype=float)
+    seen = replace(run, channels={"height": height, "torque": run.channels["torque"]})
+    model = Tip(pull=25.0, damping=0.6)
+    models = {"an encoder": Encoded(model, [seen], past=12, neurons=8), "each its own": model}
+    return {name: identify(one, [seen]) for name, one in models.items()}
+
+
+PARTS = {"outliers": outliers, "time_steps": time_steps, "starts": starts}
 
 
 def print_table(cases: dict[str, list[Fit]]) -> None:

@@ -34,6 +34,7 @@ from penode.horizon.profile import Profile, profile
 from penode.horizon.selection import Longest, Plateau
 from penode.horizon.uncertainty_budget import Imperfection
 from penode.models.compositions import Gradient, LinearSkip, Scaled
+from penode.models.encoded import Encoded
 from penode.models.inputs import Inputs
 from penode.models.kalman import ExtendedKalman
 from penode.models.networks import ConvexGradient, TanhLayers
@@ -73,6 +74,7 @@ __all__ = [
     "Bounded",
     "Checkpoint",
     "ConvexGradient",
+    "Encoded",
     "ExtendedKalman",
     "FirstOrder",
     "FirstOrderHold",

@@ -99,9 +99,7 @@ def identify(
     if given:
         plan = with_declared_priors(plan, start, experiments)
     problem = LadderProblem.of(start.model, experiments, plan, observer)
-    check_lengths(
-        experiments, max(s.horizon for s in plan.stages), problem.objective.predictor.past
-    )
+    check_lengths(experiments, max(s.horizon for s in plan.stages), problem.objective.error.past)
     for unseen in validation:
         near = nearest(time_steps(experiments), unseen)
         require_predictable(problem.objective.predictor.at(near), start.model, unseen)

@@ -128,8 +128,9 @@ def _of_gaps(
         f"{read}, and nothing is predicted across a gap."
     )
     left = len(times) - sum(b - a for a, b in spans)
-    few = f" {left} samples that are fewer than {shortest} in a row are left out."
-    return sentence + few * (left > 0)
+    few = f"{left} samples that are fewer than {shortest} in a row are"
+    alone = "A sample that stands alone is"
+    return f"{sentence} {few if left > 1 else alone} left out." if left else sentence
 
 
 def listed(places: Sequence[int], word: str = "data row") -> str:

@@ -305,7 +305,7 @@ class LadderProblem:
             driving_channels(self.model),
             stage.horizon,
             output_names=tuple(self.model.outputs),
-            past=predictor.past,
+            past=self.objective.error.past,
             placement=plan.placement,
             prepared=predictor.prepared,
         )

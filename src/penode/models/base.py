@@ -125,6 +125,19 @@ class Model(eqx.Module):
         """
         return x
 
+    @property
+    def encoded_samples(self) -> int:
+        """Samples by which an encoder says where a window starts (0, none, by default)."""
+        return 0
+
+    def encoded(self, measured: JaxArray, inputs: JaxArray) -> JaxArray:
+        """Return the states (state, batch) where a window starts, by its past samples.
+
+        Measured values (sample, quantity, batch) and inputs (sample, input, batch), SI units, the
+        newest sample first; see `penode.engine.Encoded`.
+        """
+        raise NotImplementedError
+
     def learned(self, x: JaxArray) -> JaxArray:
         """Return the output (output, batch) of the learned part at states (state, batch).
 

@@ -67,6 +67,15 @@ class Wrapped(Model):
         """Return the model's states behind what was measured at a sample."""
         return self.model.filtered(x, measured, u)
 
+    @property
+    def encoded_samples(self) -> int:
+        """Samples that the model's encoder sees."""
+        return self.model.encoded_samples
+
+    def encoded(self, measured: JaxArray, inputs: JaxArray) -> JaxArray:
+        """Return where the model's encoder starts a window."""
+        return self.model.encoded(measured, inputs)
+
     def learned(self, x: JaxArray) -> JaxArray:
         """Return the model's learned part."""
         return self.model.learned(x)

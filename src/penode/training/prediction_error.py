@@ -172,12 +172,14 @@ class PredictionError:
                 f"{', '.join(hidden)} is not measured, but errors in the equation's "
                 "domain need every state; measure errors in the states."
             )
-        if self.predictor.past > 1 and (len(self.free) or self.filters):
-            what = f"starts of {', '.join(self.model.states[k] for k in self.free)} are to be"
+        if self.predictor.past > 1 and (len(self.free) or self.filters or self.encodes):
+            names = ", ".join(self.model.states[k] for k in self.free)
+            what = f"starts of {names} are to be estimated"
+            if not names:
+                what = "starts are to be encoded" if self.encodes else "states are to be filtered"
             raise InputError(
-                f"{what + ' estimated' if len(self.free) else 'states are to be filtered'}, but "
-                f"{self.predictor.solver} starts from {self.predictor.past} samples; choose a "
-                "one-step solver."
+                f"{what}, but {self.predictor.solver} starts from {self.predictor.past} samples; "
+                "choose a one-step solver."
             )
 
     @cached_property
@@ -185,7 +187,7 @@ class PredictionError:
         loss = self.loss
         freed = tuple(sorted(loss.free_starts.items()))
         measured = loss.domain, loss.weight, loss.prefilter, loss.noise and loss.noise.degrees
-        return self.predictor.program, self.layout, *measured, freed, self.filters
+        return self.predictor.program, self.layout, *measured, freed, self.filters, self.encodes
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, PredictionError) and self._form == other._form
@@ -205,6 +207,8 @@ class PredictionError:
     @cached_property
     def free(self) -> IntArray:
         """Rows of the states whose start each window estimates."""
+        if self.encodes:
+            return np.empty(0, dtype=np.int64)
         freed = {*free_states(self.model), *self.loss.free_starts}
         return np.array([k for k, n in enumerate(self.model.states) if n in freed], dtype=np.int64)
 
@@ -256,6 +260,11 @@ class PredictionError:
         The correction (free, batch), SI units, is added to the free states.
         """
         model = self._model(parts, batch)
+        if self.encodes:
+            steps = [jnp.asarray(-j) for j in range(model.encoded_samples)]
+            measured = jnp.stack([self._measured(model, step, batch) for step in steps])
+            inputs = jnp.stack([self._input(model, step, batch).values for step in steps])
+            return model.encoded(measured, inputs)[None]
         past = [
             model.corrected(batch.recorded(jnp.asarray(-j))) for j in range(self.predictor.past)
         ]
@@ -287,6 +296,16 @@ class PredictionError:
         return ahead
 
     @property
+    def encodes(self) -> bool:
+        """Whether past samples say where a window starts."""
+        return self.model.encoded_samples > 0 and not self.simulates
+
+    @property
+    def past(self) -> int:
+        """Samples up to a window's first that its start is made of."""
+        return max(self.predictor.past, self.model.encoded_samples if self.encodes else 0)
+
+    @property
     def filters(self) -> bool:
         """Whether what is measured moves the state on the way."""
         return bool(self.model.covariances) and not self.simulates
@@ -296,10 +315,12 @@ class PredictionError:
         if not self.filters:
             return history
         model = self._model(parts, batch)
-        measured = batch.output(step) if model.outputs else self._measured(model, step, batch)
+        measured = self._measured(model, step, batch)
         return model.filtered(history[0], measured, self._input(model, step, batch))[None]
 
     def _measured(self, model: Model, step: JaxArray, batch: Batch) -> JaxArray:
+        if model.outputs:
+            return batch.output(step)
         return model.corrected(batch.recorded(step))[self.compared]
 
     def substep(
@@ -368,7 +389,7 @@ class PredictionError:
         """
         loss = self.loss
         plainly = loss.prefilter == NO_FILTER and loss.noise is None
-        as_it_is = loss.weight is every_step and plainly and not self.filters
+        as_it_is = loss.weight is every_step and plainly and not (self.filters or self.encodes)
         return self.plain and as_it_is and not self.model.unmeasured
 
     @property
