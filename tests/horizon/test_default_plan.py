@@ -1,6 +1,7 @@
 """The default plan: where its ladder begins and ends, how many windows, which starts are free."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -231,7 +232,11 @@ def test_the_horizon_that_speaks_most_against_a_hold_decides(run, monkeypatch, s
         FirstOrderHold(): list(straight),
         BandLimitedHold(): [-2.0, -2.0, -2.0],
     }
-    monkeypatch.setattr(hold_check, "_log_losses", lambda plan, *given: logarithms[plan.hold])
+
+    def trial(plan, *given):
+        return SimpleNamespace(log_losses=logarithms[plan.hold], fine_solver=plan.solver)
+
+    monkeypatch.setattr(hold_check._Trial, "of", trial)
     start = Start(Tanks(OUTFLOW, INFLOW))
     assert with_hold(default_plan(start.model, [run]), start, [run]).hold == taken
 

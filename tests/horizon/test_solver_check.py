@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from penode import Experiment, Model, identify, ladder_plan, physical
-from penode.engine import Positive
+from penode.engine import Positive, default_plan
 from penode.horizon import as_recorded, solver_check
 from penode.horizon.as_recorded import Climbed, climbed_as_recorded, examined
 from penode.horizon.free_runs import with_free_runs
+from penode.horizon.hold_check import with_hold
+from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.horizon.selection import Longest, Plateau, believable, choose
 from penode.horizon.solver_check import (
@@ -180,6 +182,19 @@ def test_each_horizon_goes_on_from_where_it_ended(coarse, alias):
     assert set(asked[1]) == {stage.horizon for stage in plan.stages}
     assert examined(alias(PLAN)).begun is None
     assert examined(climbed(ladder_plan((1, 4, 16)))).begun is None
+
+
+@pytest.mark.parametrize(("step", "finer"), [(0.5, True), (0.02, False)])
+def test_a_solver_is_refined_before_the_first_climb(step, finer):
+    """A step of one and a half time constants, and one of a twentieth."""
+    run, start = recorded(3.0, 3.0, step), Start(Follower(2.0))
+    plan = default_plan(start.model, [run])
+    fine = with_hold(plan, start, [run])
+    assert (fine.solver.count > 1) is finer
+    assert fine.hold == ZeroOrderHold()
+    if finer:
+        found = climber(start.model, run, Longest())(fine)
+        assert examined(found).coarse is None
 
 
 def test_a_fine_solver_stays(coarse):

@@ -1,20 +1,26 @@
-"""How inputs go on between samples, asked of the recordings: before a fit, and after it."""
+"""How inputs go on between samples, asked of the recordings: before a fit, and after it.
+
+What is trained for it shows as well how many sub-steps a sample the solver wants.
+"""
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
 from penode.horizon.identifiability import Start
-from penode.horizon.ladder import HorizonFit, LadderProblem, ignore_events
+from penode.horizon.ladder import Climb, HorizonFit, LadderProblem, ignore_events
+from penode.horizon.selection import Longest
+from penode.horizon.solver_check import too_coarse
 from penode.models.base import Model
 from penode.models.measured import measured_units
 from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.holds import FirstOrderHold, Hold, ZeroOrderHold
-from penode.training.plan import Plan
+from penode.predictors.solver import Solver
+from penode.training.plan import Plan, Problem, Solution
 from penode.training.second_order import LevenbergMarquardt
 
 #: Holds that are compared, the simplest first.
@@ -30,17 +36,53 @@ def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Pl
     """Return a plan whose hold predicts the recordings best; of those as good the simplest.
 
     By minimax regret: of each hold counts the horizon at which its loss exceeds the least of all
-    holds most. That may be the first, or one in the middle, where noise hides it in the first.
+    holds most. That may be the first, or one in the middle, where noise hides it in the first. The
+    solver is as fine as the longest of these horizons wants.
     """
     if not start.model.inputs:
         return plan
-    plans = [plan, *(replace(plan, hold=hold) for hold in _HOLDS[1:])]
     middle = len(plan.stages) // 2
     stages = tuple(plan.stages[k] for k in sorted({0, (middle + 1) // 2, middle}))
-    losses = np.array([_log_losses(replace(p, stages=stages), start, experiments) for p in plans])
+    plans = [plan, *(replace(plan, hold=hold) for hold in _HOLDS[1:])]
+    trials = [_Trial.of(replace(p, stages=stages), start, experiments) for p in plans]
+    losses = np.array([trial.log_losses for trial in trials])
     regret = np.max(losses - losses.min(axis=0), axis=1)
     chance = _TIE / _values(start.model, experiments)
-    return plans[int(np.argmax(regret <= regret.min() + chance))]
+    best = int(np.argmax(regret <= regret.min() + chance))
+    solver = trials[best].fine_solver
+    return plans[best] if solver == plan.solver else replace(plans[best], solver=solver)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """What training at a few horizons with one hold ends with."""
+
+    plan: Plan
+    problem: LadderProblem
+    ends: Sequence[tuple[Problem, Solution]]
+
+    @classmethod
+    def of(cls, plan: Plan, start: Start, experiments: Sequence[Experiment]) -> "_Trial":
+        problem = LadderProblem.of(start.model, experiments, plan, ignore_events)
+        raw = problem.objective.layout.raw(start.model)
+        return cls(plan, problem, list(problem.solutions(plan, raw)))
+
+    @property
+    def log_losses(self) -> list[float]:
+        """The logarithm of the loss at each horizon."""
+        known = [math.log(solution.terms.loss + _EXACT) for _, solution in self.ends]
+        return known + [_DIVERGED] * (len(self.plan.stages) - len(known))
+
+    @property
+    def fine_solver(self) -> Solver:
+        """The solver with the sub-steps that the longest horizon wants, unless at an alias."""
+        if len(self.ends) < len(self.plan.stages) or not self.ends[-1][1].converged:
+            return self.plan.solver
+        rung = self.problem.finished(self.plan.stages[-1].horizon, *self.ends[-1])
+        choice = Longest().select((rung,))
+        coarse = too_coarse(self.problem, self.plan, Climb((rung,), False), choice)
+        known = coarse is not None and coarse.near is not None
+        return (coarse.finer if coarse and known else None) or self.plan.solver
 
 
 def better_hold(
@@ -72,11 +114,3 @@ def better_hold(
 def _values(model: Model, experiments: Sequence[Experiment]) -> int:
     """Return how many values were measured."""
     return len(measured_units(model)) * sum(map(len, experiments))
-
-
-def _log_losses(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> list[float]:
-    """Return the logarithm of the loss at each of a plan's horizons."""
-    problem = LadderProblem.of(start.model, experiments, plan, ignore_events)
-    ends = problem.solutions(plan, problem.objective.layout.raw(start.model))
-    known = [math.log(solution.terms.loss + _EXACT) for _, solution in ends]
-    return known + [_DIVERGED] * (len(plan.stages) - len(known))

@@ -260,7 +260,7 @@ class LadderProblem:
         for number, (problem, solution) in enumerate(self.solutions(plan, raw)):
             horizon = plan.stages[number].horizon
             self.objectives[horizon] = problem.objective
-            rungs.append(self._finish(horizon, problem, solution))
+            rungs.append(self.finished(horizon, problem, solution))
             self._report(rungs[-1], (number + 1, len(plan.stages)))
 
     def solutions(self, plan: Plan, raw: FloatArray) -> Iterator[tuple[Problem, Solution]]:
@@ -341,7 +341,8 @@ class LadderProblem:
             for part in parts
         ]
 
-    def _finish(self, horizon: int, problem: Problem, solution: Solution) -> HorizonFit:
+    def finished(self, horizon: int, problem: Problem, solution: Solution) -> HorizonFit:
+        """Return the fit of a horizon."""
         jacobian = problem.reported_jacobian(solution.raw)
         of_physical = jacobian[: len(self.objective.layout.physical)]
         few = dominated_by_few_windows(solution.terms, of_physical)
@@ -349,9 +350,8 @@ class LadderProblem:
         working = sandwich_deviation(solution.terms, jacobian, series)
         blind = self._blind(problem, solution, of_physical)
         working[: len(few)][few | np.array([bool(names) for names in blind], dtype=bool)] = np.inf
-        deviation = working.copy()
-        if reason := self._unknown(horizon, series):
-            deviation[:] = np.inf
+        reason = self._unknown(horizon, series)
+        deviation = np.where(bool(reason), np.inf, working)
         reasons = tuple(
             _together(names) if names else _FEW if of_few else reason
             for names, of_few in zip(blind, few, strict=True)
