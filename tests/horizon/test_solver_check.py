@@ -184,9 +184,9 @@ def test_each_horizon_goes_on_from_where_it_ended(coarse, alias):
     assert examined(climbed(ladder_plan((1, 4, 16)))).begun is None
 
 
-@pytest.mark.parametrize(("step", "finer"), [(0.5, True), (0.02, False)])
+@pytest.mark.parametrize(("step", "finer"), [(0.3, True), (0.1, False), (0.5, False)])
 def test_a_solver_is_refined_before_the_first_climb(step, finer):
-    """A step of one and a half time constants, and one of a twentieth."""
+    """A step of nine tenths of a time constant, of three, and one whose solver makes an alias."""
     run, start = recorded(3.0, 3.0, step), Start(Follower(2.0))
     plan = default_plan(start.model, [run])
     fine = with_hold(plan, start, [run])

@@ -48,6 +48,7 @@ from validate import (
     accessibility,
     aliasing,
     conventions,
+    drives_without_angle,
     exports_read,
     flux_maps,
     full_disk,
@@ -85,7 +86,8 @@ ELSEWHERE = {
     "pmsm_id.peers": "jax_sysid",
 }
 HERE = {
-    "accessibility", "aliasing", "bad_files", "conventions", "drawn_recordings", "examples",
+    "accessibility", "aliasing", "bad_files", "conventions", "drawn_recordings",
+    "drives_without_angle", "examples",
     "exports_read", "flux_maps", "full_disk", "horizon_choice", "identified", "imperfect_drives",
     "imperfections", "imported_machine", "interruption", "learned_sets", "ledger", "map_errors",
     "misfitting_drives", "noise_models", "operating_points", "other_simulators", "processes",
@@ -213,6 +215,17 @@ def test_imperfect_drives(done, capsys):
     printed = capsys.readouterr().out
     assert "1 of 2 verdicts are positive" in printed
     assert "width over that of what is told: 1.00" in printed
+
+
+def test_drives_without_an_angle_are_identified_without_it(done, monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        drives_without_angle, "identified", lambda name, runs: seen.append(runs) or done
+    )
+    one = {"draw": 3, **drives_without_angle.result_of(3)}
+    assert "theta_el" not in seen[0][0].channels
+    assert one["law"] == "switch"
+    assert "inverter" in drives_without_angle.line_of(one)
 
 
 def test_misfitting_drives_have_laws_that_no_term_has(done, capsys):

@@ -14,7 +14,7 @@ from penode.bench.references import Lissajous
 from penode.bench.run import simulate
 from penode.pmsm.balance.term_selection import order_power, structure_of
 from penode.pmsm.balance.voltage_balance import BalanceForm, PolynomialMap, term_columns
-from penode.pmsm.machine.dead_time import DeadTime
+from penode.pmsm.machine.dead_time import DeadTime, MeanDeadTime
 from penode.pmsm.machine.space_vectors import less_voltage
 from penode.pmsm.machine.term_registry import completed
 from penode.pmsm.study_settings import Study
@@ -91,11 +91,24 @@ def test_an_order_beyond_the_samples_is_left_out(slow_run):
     assert 12 not in found.angle_orders
 
 
-def test_without_the_angle_nothing_is_told(slow_run):
-    bare = {name: c for name, c in slow_run.channels.items() if name != "theta_el"}
-    found = structure_of([replace(slow_run, channels=bare)], "coenergy")
+def without_angle(run):
+    kept = {name: c for name, c in run.channels.items() if name != "theta_el"}
+    return replace(run, channels=kept)
+
+
+def test_without_the_angle_no_voltage_is_made_up(slow_run):
+    found = structure_of([without_angle(slow_run)], "coenergy")
     assert (found.terms, found.angle_orders) == ((), ())
-    assert "theta_el was not recorded" in found.term_reasons[0]
+    assert "theta_el, which was not recorded" in found.term_reasons[0]
+
+
+def test_without_the_angle_dead_time_is_its_mean_along_the_current(dead_time_run):
+    found = structure_of([without_angle(dead_time_run)], "coenergy")
+    assert [type(term) for term in found.terms] == [MeanDeadTime]
+    shown = float(re.search(r"shows (\S+) ±", found.term_reasons[0])[1])
+    assert shown == pytest.approx(4 / np.pi * 2.4, rel=0.05)
+    certain = structure_of([without_angle(dead_time_run)], "coenergy", (DeadTime(),), ())
+    assert [type(term) for term in certain.terms] == [MeanDeadTime]
 
 
 def test_what_the_user_says_stands(slow_run):

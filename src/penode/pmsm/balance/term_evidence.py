@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,14 +11,14 @@ from penode.horizon.identifiability import THRESHOLD
 from penode.pmsm.balance.doubt import NOTICED, Doubt, probability
 from penode.pmsm.balance.knee import knee_of, with_knee
 from penode.pmsm.balance.voltage_balance import BalanceForm, BalanceSolution
-from penode.pmsm.machine.dead_time import DeadTime, PhaseDeadTime, PhaseSigns
+from penode.pmsm.machine.dead_time import DeadTime, MeanDeadTime, PhaseDeadTime, PhaseSigns
 from penode.pmsm.machine.term_registry import (
     channels_of,
     physical_places,
     physical_values,
     with_physical,
 )
-from penode.pmsm.machine.terms import Term
+from penode.pmsm.machine.terms import ANGLE, Term
 from penode.training.weak_form import OVERLAP
 
 #: Share of the largest voltage across R below which a voltage is left to doubt: as much is left
@@ -45,10 +45,15 @@ def judged(
 ) -> Judged:
     """Return whether a candidate is in beside terms; if `certain`, whatever recordings show.
 
-    A dead time whose i_0 is not set takes the knee that the recordings show.
+    A dead time whose i_0 is not set takes the knee that the recordings show. Without the rotor's
+    angle it is what dead time takes on average, along the current.
     """
     missing = [n for e in experiments for n in channels_of((candidate,)) if n not in e.channels]
     title = candidate.title
+    if ANGLE.name in missing and isinstance(candidate, PhaseSigns):
+        along = judged(experiments, terms, MeanDeadTime(), certain)
+        why = f"{along.reason} {title} itself takes {ANGLE.name}, which was not recorded."
+        return replace(along, reason=why)
     if missing:
         return Judged(None, f"{title} was left out: {missing[0]} was not recorded.")
     if not isinstance(candidate, PhaseSigns) or candidate.dead_time_current is not None:
