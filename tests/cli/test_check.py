@@ -60,7 +60,7 @@ def test_a_broken_convention_is_told_with_its_mend_and_the_mend_works(run, penod
     assert done.returncode == 1
     told = " ".join(done.stdout.split())
     assert "negative q current" in told
-    assert "give i_q sign = -1, or take that away where it is given." in told
+    assert "give i_q sign = -1, or remove that where the study file has it." in told
     assert not picture.exists()
     names = [n for n in run.channels if n != "i_q"]
     lines = ["[channels]", 'i_q = { column = "i_q", sign = -1 }']

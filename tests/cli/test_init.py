@@ -232,6 +232,25 @@ def test_init_says_how_samples_that_are_counted_get_their_times(run, penode, tmp
     assert len(run_again) == len(run)
 
 
+def test_init_says_of_rounded_times_that_their_step_is_wanted(run, penode, tmp_path):
+    rounded = np.floor(1e3 * times(run) + 1e-6) / 1e3
+    columns = {"t": rounded, **run.channels}
+    path, config = tmp_path / "rounded.csv", tmp_path / "study.toml"
+    np.savetxt(
+        path,
+        np.column_stack([*columns.values()]),
+        delimiter=",",
+        header=",".join(columns),
+        comments="",
+    )
+    done = penode("init", path, "--out", config)
+    assert "time_step (t jitters or repeats)" in " ".join(done.stdout.split())
+    config.write_text(config.read_text().replace("# time_step =", "time_step ="))
+    read = load_study(config).load(path)
+    assert read.time_step == pytest.approx(1e-4, rel=1e-6)
+    assert len(read) == len(run)
+
+
 def test_init_refuses_what_cannot_be_read_and_leaves_nothing(penode, tmp_path):
     done = penode("init", tmp_path / "gone.csv", "--out", tmp_path / "study.toml")
     assert done.returncode == 2

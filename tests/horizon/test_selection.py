@@ -106,7 +106,7 @@ def test_consistent_rungs_give_the_shortest_of_the_surest():
 def test_equally_sure_rungs_give_one_step():
     choice = Plateau().select(ladder([1, 2, 4, 8], [0.2] * 4, [0.01] * 4))
     assert (choice.index, choice.verdict) == (0, "H = 1 suffices")
-    assert "H = 1 to 8; of these H = 1 is the shortest" in choice.reason
+    assert "H = 1 to 8, and their weighted mean is the answer; of these" in choice.reason
     assert "expected error, of parameters together, is within 1.25" in choice.reason
 
 
@@ -118,6 +118,12 @@ def test_what_is_compared_is_named_with_the_map_where_there_is_one():
 def test_a_tie_is_a_factor():
     made = ladder([1, 2, 4, 8], [0.2] * 4, [0.02, 0.014, 0.012, 0.01])
     assert [Plateau(tie=tie).select(made).index for tie in (1.0, 1.25, 1.5, 2.1)] == [3, 2, 1, 0]
+
+
+def test_horizons_beyond_the_plateau_are_named():
+    choice = Plateau().select(ladder([1, 2, 4, 8, 16], [0.2] * 4 + [0.9], [0.01] * 5))
+    assert "(those at 16 differ by more than chance)" in choice.reason
+    assert "differ" not in Plateau().select(ladder([1, 2, 4], [0.2] * 3, [0.01] * 3)).reason
 
 
 def test_drifting_estimates_are_no_plateau():

@@ -15,6 +15,7 @@ from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
+from penode.pmsm.machine.terms import ANGLE
 from penode.pmsm.points.check import PointsCheck, check_points
 from penode.pmsm.points.operating_points import load_runs
 from penode.pmsm.precheck.excitation import QUARTERS
@@ -101,8 +102,10 @@ def _recordings(check: RecordingCheck) -> list[Row]:
     quality = [f.sentence for f in check.quality] or [
         "No voltage, current or angle stands still or is clipped."
     ]
+    angle = all(ANGLE.name in one.channels for one in check.recordings)
+    tested = "Signs, units, order, timing and angle" if angle else "Signs, units and order"
     conventions = [b.sentence for b in check.broken] or [
-        "Signs, units, order, timing and angle of the channels agree with physics."
+        f"{tested} of the channels agree with physics."
     ]
     return [
         *(("recording", _recording(each)) for each in by_recording(check.recordings)),
@@ -126,9 +129,9 @@ def _coverage(check: RecordingCheck) -> list[Row]:
     cover = check.excitation
     speeds = ", ".join(dict.fromkeys(number(s * 30 / np.pi) for s in cover.speeds))
     summary = (
-        f"Currents up to {number(cover.largest_current)} A over {number(100 * cover.fraction)} % "
-        f"of that disc; the current vector changes at up to {number(cover.current_rate)} rad/s; "
-        f"electrical speed {speeds} rpm."
+        f"Currents up to {number(cover.largest_current)} A, over {number(100 * cover.fraction)} % "
+        "of the disc of that radius; the current vector changes at up to "
+        f"{number(cover.current_rate)} rad/s; electrical speed {speeds} rpm."
     )
     parts = zip(cover.quarters, QUARTERS, strict=True)
     visited = ", ".join(f"{number(100 * part, 2)} % at {name}" for part, name in parts)
@@ -143,7 +146,8 @@ def _identifiability(check: RecordingCheck) -> list[Row]:
     rhos = ", ".join(f"{name} {rho:.2g}" for name, rho in judged.independence.items())
     summary = (
         f"With the {judged.flux_map} map: {rhos} "
-        "(1: nothing in the map looks like it; below 0.01: not identifiable)."
+        "(1: nothing in the map looks like it; below 0.01: not identifiable; how sure it is "
+        "depends on the sensors too)."
     )
     told = filter(None, (summary, judged.alarm, judged.repair and f"Repair: {judged.repair}"))
     return [

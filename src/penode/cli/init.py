@@ -63,6 +63,7 @@ def _open_questions(guess: StudyGuess) -> str:
     if TIME in guess.missing and not timeless:
         counted = f"{TIME_STEP} ({guess.counter} counts samples)"
         missing.insert(0, counted if guess.counter else f"column of {TIME} or {TIME_STEP}")
+    missing += [f"{TIME_STEP} ({TIME} jitters or repeats)"] * guess.uneven
     missing += ["pole_pairs"] * guess.lacks_pole_pairs
     missing += guess.bases
     if timeless:

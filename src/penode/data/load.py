@@ -143,10 +143,15 @@ def experiments_of(
     for column in (time, *channels):
         table.require_numbers(file, column)
     if time not in table.columns and not all(column in table.clocks for column in channels):
+        how = (
+            f"rename the time column to {time}, or name it in a study file (penode init begins "
+            "one, penode.pmsm.load_study reads it)"
+        )
+        if TIME in origins:
+            how = f"the study file maps {TIME} to it: name the column of this recording there"
         raise InputError(
             f"{file}: no column {time} (time in s); the columns are {list_names(table.columns)}; "
-            f"rename the time column to {time}, or name it in a study file (penode init begins "
-            "one, penode.pmsm.load_study reads it)."
+            f"{how}."
         )
     if not channels:
         raise InputError(f"{file}: no column besides {time}; add the measured channels.")

@@ -22,7 +22,10 @@ LARGEST_TIME = 1e12
 # Rows before and after a gap by which it is seen among stamps that jitter.
 _NEAR = 50
 # Another repair of stamps that a steady clock did not make.
-_STEADY = "; where a steady clock sampled and only the stamps jitter, give its time_step beside t"
+_STEADY = (
+    "; where a steady clock sampled and only the stamps jitter, give its time_step in s, above "
+    "[channels] of the study file"
+)
 # Largest turn in rad between two samples of an angle that can still be interpolated.
 _LARGEST_TURN = np.pi / 2
 
@@ -94,6 +97,14 @@ def regular_times(t: FloatArray) -> FloatArray:
         for span, step in zip(spans, steps, strict=True)
     ]
     return np.concatenate(grids)
+
+
+def is_uneven(t: FloatArray) -> bool:
+    """Return whether times of any unit repeat, or jitter between their gaps; none may decrease."""
+    if len(t) < MINIMUM_SAMPLES:
+        return False
+    least = _ends_of_steps(t)[0]
+    return least == 0.0 or (least > 0.0 and regular_times(t) is not t)
 
 
 def steady_times(file: str, t: FloatArray, step: float) -> FloatArray:

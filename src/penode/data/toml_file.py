@@ -36,7 +36,7 @@ def read_toml(path: Path) -> dict[str, Any]:
             if content.size > _LONGEST:
                 raise InputError(
                     f"{path}: a file of settings must have at most {_LONGEST} bytes, got "
-                    f"{content.size}; name another file."
+                    f"{content.size}; name another file (a recording is no study file)."
                 )
             entries = tomllib.loads(content.all().decode("utf-8-sig"))
         _require_64_bits(path, entries)
@@ -87,7 +87,8 @@ def held_against(schema: type[_Schema], entries: Mapping[str, Any], where: str) 
 def _refusal(error: str, schema: Any, entry: Any) -> str:
     """Return msgspec's error, ``Expected `int`, got `str` - at `$.horizon` ``, as a sentence."""
     message, _, path = error.partition(" - at `$")
-    wanted, place = schemas.type_info(schema), ""
+    whole = wanted = schemas.type_info(schema)
+    place = ""
     for key in re.findall(r"[^].[`]+", path):
         wanted = _within(wanted, entry, key)
         index = int(key) if key.isdigit() else key
@@ -97,6 +98,8 @@ def _refusal(error: str, schema: Any, entry: Any) -> str:
     if named and "unknown field" in message:
         known = _fields(wanted, entry)
         nearest = did_you_mean(named[1], known)
+        if place and named[1] in _fields(whole, {}):
+            return f"{inside}{named[1]} is unknown; {named[1]} stands above all tables."
         return f"{inside}{named[1]} is unknown{nearest}; known are {', '.join(known)}."
     if named and "missing required field" in message:
         return (

@@ -34,8 +34,7 @@ _MEANINGS = {
     "can be preferred, so its value must not be used.",
     "implausible": "The model cannot explain these recordings, so its value must not be "
     "used, however narrow its interval is.",
-    "not identifiable": "Different parameter values explain these recordings equally well, so "
-    "its value must not be used.",
+    "not identifiable": "These recordings do not determine it, so its value must not be used.",
 }
 #: Labels of verdicts under which the value was not tested.
 _UNTESTED = {

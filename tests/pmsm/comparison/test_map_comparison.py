@@ -109,7 +109,7 @@ def test_the_accuracy_of_the_same_sensors_cancels(machine_fit):
     )
     moved = Estimate.of(1.01 * estimate.value, std, "ohm", budget=budget)
     sentence = compare_resistances(sure, replace(sure, parameters={"R": moved}))
-    assert "they agree; of the same sensors, where" in sentence
+    assert "they agree; if both used the same sensors," in sentence
     half = 1.96 * np.hypot(own, own) / estimate.value
     assert (
         f"{number(100 * half, 2)} % may be chance, they DISAGREE; in copper that is 2.5 K"

@@ -262,7 +262,7 @@ def with_resistance(fit, deviation, verdict="plateau"):
 def test_a_resistance_that_nobody_could_use_is_no_answer(fit):
     said = uncertain_resistance(with_resistance(fit, 0.052 * 0.01)).horizon
     assert (said.verdict, said.answered) == ("not identifiable", False)
-    assert "± 0.001 ohm only, more than 10 % of its value" in said.reason
+    assert "± 1.0\N{NO-BREAK SPACE}mΩ only, more than 10 % of its value" in said.reason
     assert said.reason.endswith("tail of the knee. The inverter's data sheet.")
 
 

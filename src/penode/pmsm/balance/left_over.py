@@ -28,6 +28,7 @@ from penode.pmsm.balance.voltage_balance import BalanceForm, harmonic_window, jo
 from penode.pmsm.machine.coenergy_map import CoenergySplines, columns
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.space_vectors import CURRENTS, less_voltage, with_vector
+from penode.pmsm.machine.terms import ANGLE
 from penode.predictors.base import Predictor
 from penode.training.covariance import bartlett_variance
 from penode.training.weak_form import OVERLAP, HannWindow
@@ -48,6 +49,9 @@ _VISIBLE = 0.01
 #: Variances of the process over that of the noise, where the equations show it best.
 _RATIOS = 10.0 ** np.arange(-4.0, 8.1, 0.25)
 
+#: What drives want whose angle is not known.
+_RECORD_ANGLE = "Record theta_el: it shows dead time phase by phase, and harmonics of the angle."
+
 
 @dataclass(frozen=True, eq=False)
 class LeftOver:
@@ -59,15 +63,17 @@ class LeftOver:
     functions: Callable[[FloatArray], FloatArray]
     # A: i_d and i_q where most of it shows.
     place: FloatArray
+    # What would narrow it.
+    remedy: str
     # What they are at recordings: every row asks at the same.
     _known: WeakKeyDictionary[Experiment, FloatArray] = field(default_factory=WeakKeyDictionary)
 
     @property
     def rows(self) -> tuple[Imperfection, ...]:
         """The rows of the uncertainty budget, one a function."""
-        remedy = "Record another speed, and add to the model what its residual still shows."
         return tuple(
-            Imperfection(LEFT_OUT, self._size, remedy, self._applied(k)) for k in range(_FUNCTIONS)
+            Imperfection(LEFT_OUT, self._size, self.remedy, self._applied(k))
+            for k in range(_FUNCTIONS)
         )
 
     @property
@@ -118,7 +124,9 @@ def left_over(
         return ()
     size, coefficients = likely
     voltage = np.linalg.norm(np.concatenate(at) @ coefficients, axis=1)
-    return LeftOver(size, functions, currents[int(np.argmax(voltage))]).rows
+    angle = all(ANGLE.name in e.channels for e in experiments)
+    remedy = "Record another speed." if angle else _RECORD_ANGLE
+    return LeftOver(size, functions, currents[int(np.argmax(voltage))], remedy).rows
 
 
 def _expected(experiment: Experiment, machine: Machine, predictor: Predictor) -> Experiment:

@@ -126,7 +126,7 @@ def compare_resistances(first: Fit, second: Fit | FluxGrid) -> str:
         return f"{values} where {limits[0]}: they DISAGREE{kelvin}"
     if same >= chance:
         return f"{values} where {limits[0]}: they agree"
-    of_same = f"of the same sensors, where {limits[1]}, they "
+    of_same = f"if both used the same sensors, {limits[1]}, and they "
     of_same += f"DISAGREE{kelvin}" if apart > same else "agree too"
     return f"{values} where {limits[0]}: they agree; {of_same}"
 

@@ -66,7 +66,7 @@ def _draw_plane(axes: Axes, machine: ControlledMachine, loci: ControlLoci) -> No
         )
     axes.set(aspect="equal", xlabel="i_d (A)", ylabel="i_q (A)")
     axes.set_title(
-        "Torque in Nm; grey, dashed: no recording has been there", loc="left", fontsize=10
+        "Torque in Nm; grey, dotted: no recording has been there", loc="left", fontsize=10
     )
 
 

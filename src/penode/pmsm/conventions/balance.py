@@ -43,7 +43,8 @@ def judge_delay(
     if not deviation < _DETERMINED or _between(lag, deviation):
         why = (
             f"{name}: a delay of the voltage cannot be determined here ({lag:.2g} ± "
-            f"{deviation:.2g} samples); faster currents or a higher speed would show it."
+            f"{deviation:.2g} samples) and is taken as none; faster currents or a higher speed "
+            "would show it."
         )
         return None, list(stretches), why
     if abs(lag) < max(_LATE, _SIGNIFICANT * deviation):

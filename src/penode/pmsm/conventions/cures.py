@@ -87,7 +87,7 @@ class Cure:
 
 AS_RECORDED = Cure("", (), "")
 #: A channel may have a sign in the study file already.
-_GIVEN = ", or take that away where it is given"
+_GIVEN = ", or remove that where the study file has it"
 #: The first of equals is named first.
 _SIGNS = (
     Cure("reversed speed", (_SPEED,), f"give omega_el sign = -1{_GIVEN}", factor=-1.0),
@@ -237,9 +237,9 @@ def _undetermined(experiment: Experiment, cures: Sequence[Cure], trials: Sequenc
     if min(near) > _DETERMINED * trials[0].misfit:
         return ""
     return (
-        f"{experiment.place.recording}: whether omega_el counts with the right pole pairs cannot "
-        "be determined without theta_el, and so no delay of the voltage; record theta_el beside, "
-        "or faster currents."
+        f"{experiment.place.recording}: without theta_el neither the pole pairs that omega_el "
+        "counts with nor a delay of the voltage can be determined; record theta_el beside, or "
+        "faster currents."
     )
 
 

@@ -15,6 +15,7 @@ from penode.pmsm.conventions.agreement import disagreement_of
 from penode.pmsm.conventions.broken_convention import BrokenConvention
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.recording.stationary_frame import LINK
+from penode.report.quantities import with_unit
 from penode.validation.comparison import finite_residual
 
 #: Fraction of the samples with the largest voltages, and how much larger their errors may be.
@@ -108,8 +109,8 @@ def uncertain_resistance(fit: Fit) -> Fit:
         return fit
     most = resistance.budget[0]
     reason = (
-        f"R is determined to ± {half:.2g} ohm only, more than {100 * _WIDE:.0f} % of its value; "
-        f"the largest contribution: {most.source}. {most.remedy}"
+        f"R is determined to ± {with_unit(half, 'ohm', 2)} only, more than {100 * _WIDE:.0f} % of "
+        f"its value; the largest contribution: {most.source}. {most.remedy}"
     )
     choice = replace(fit.horizon, verdict="not identifiable", reason=reason)
     return replace(fit, horizon=choice)

@@ -7,6 +7,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.data.table import TIME, Table
+from penode.data.time_axis import is_uneven
 from penode.data.units import UNITS, unit_name
 from penode.errors import InputError
 from penode.pmsm.machine.standstill import TURN
@@ -51,6 +52,8 @@ class StudyGuess:
         Channels that are a number, SI, as no column holds them.
     counter : str
         Column that counts samples where none holds the time; empty for none.
+    uneven : bool
+        The times jitter or repeat.
     """
 
     channels: Mapping[str, ChannelGuess]
@@ -61,6 +64,7 @@ class StudyGuess:
     bases: tuple[str, ...] = ()
     numbers: Mapping[str, float] = field(default_factory=dict)
     counter: str = ""
+    uneven: bool = False
 
     @property
     def lacks_pole_pairs(self) -> bool:
@@ -104,6 +108,7 @@ def guess_study(table: Table) -> StudyGuess:
         len(clocks) > 1 and len({_times_key(table, clock) for clock in clocks}) > 1,
         bases,
         counter=next((name for name in unused if _counts(table.columns[name])), ""),
+        uneven=TIME in channels and is_uneven(table.columns[channels[TIME].column]),
     )
 
 

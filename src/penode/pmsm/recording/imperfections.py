@@ -103,7 +103,7 @@ class _CurrentOffset(DriveImperfection):
     def sentence(self, size: complex, deviation: float, drive: KnownDrive) -> str:
         return (
             f"The currents have an offset of {abs(size):.3g} ± {deviation:.2g} A in the stationary "
-            "frame: it is taken off."
+            "frame, which is subtracted."
         )
 
 

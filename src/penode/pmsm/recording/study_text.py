@@ -31,7 +31,7 @@ _SETTINGS = """\
 flux_map = "coenergy"  # default; or convex, mlp, polynomial, spline
 horizon = "auto"  # default; or a number of steps
 # Decided from the data unless given here; inverter and angle_orders need theta_el:
-# hold = "dq"  # frame in which a voltage is held for a sample, or "stationary"; as recorded then
+# hold = "dq"  # or "stationary": where a voltage is held for a sample; no delay is corrected then
 # inverter = true  # identify the dead-time voltage
 # terms = ["temperature_resistance"]  # R over a recorded winding temperature
 # angle_orders = [6, 12]  # harmonics of the angle in the map; [] for none
@@ -81,6 +81,11 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
         parts.append(
             f"# not found, and needed: the column of {TIME} below, or the time from one sample to "
             f"the next in s{counted}.\n# {TIME_STEP} = 1e-4\n"
+        )
+    if guess.uneven:
+        parts.append(
+            "# t jitters or repeats: where a steady clock sampled, the time from one sample to the "
+            f"next in s:\n# {TIME_STEP} = 1e-4\n"
         )
     parts.append("\n[channels]\n")
     parts += [_channel(name, channel) for name, channel in guess.channels.items()]
