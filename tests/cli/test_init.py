@@ -233,7 +233,7 @@ def test_init_says_how_samples_that_are_counted_get_their_times(run, penode, tmp
 
 
 def test_init_says_of_rounded_times_that_their_step_is_wanted(run, penode, tmp_path):
-    rounded = np.floor(1e3 * times(run) + 1e-6) / 1e3
+    rounded = np.floor(1e3 * time_of(run) + 1e-6) / 1e3
     columns = {"t": rounded, **run.channels}
     path, config = tmp_path / "rounded.csv", tmp_path / "study.toml"
     np.savetxt(

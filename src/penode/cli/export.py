@@ -41,8 +41,9 @@ def export_command(
     """
     fit = load_machine(folder, trust)
     require_same_pole_pairs(fit, pole_pairs)
+    replaced = " (replaced)" if out.exists() else ""
     grid = export(fit, to, out, points=points, pole_pairs=pole_pairs)
-    rows: list[Row] = [("map", str(out))]
+    rows: list[Row] = [("map", f"{out}{replaced}")]
     if to not in ("csv", "onnx"):
         d, q = grid.supported.shape
         error = number(1e3 * interpolation_error(fit, grid), 2)
