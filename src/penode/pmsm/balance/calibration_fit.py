@@ -24,7 +24,7 @@ from penode.pmsm.balance.smoothing import Roughness, deviations, smoothed
 from penode.pmsm.balance.trial_balance import imitated_lag, mean_lag
 from penode.pmsm.balance.voltage_balance import Window, harmonic_window, joint_equations
 from penode.pmsm.machine.coenergy_map import MEAN, CoenergyPart, columns, roughness
-from penode.pmsm.machine.dead_time import PhaseDeadTime
+from penode.pmsm.machine.dead_time import MeanDeadTime, PhaseDeadTime
 from penode.pmsm.machine.linkage import Linkage
 from penode.pmsm.machine.space_vectors import CURRENTS, in_frame_ahead
 from penode.pmsm.machine.term_registry import completed, physical_values
@@ -104,10 +104,11 @@ class _Balance:
 
     @classmethod
     def of(cls, experiments: Sequence[Experiment], terms: Sequence[Term]) -> "_Balance":
-        """Return the balance of recordings with some terms, dead time beside them if it can be."""
+        """Return the balance of recordings with some terms, an inverter's voltage beside them."""
         angle = all(ANGLE.name in e.channels for e in experiments)
         roles = {term.role for term in terms}
-        extra = (PhaseDeadTime(),) if angle and PhaseDeadTime.role not in roles else ()
+        inverter = PhaseDeadTime() if angle else MeanDeadTime()
+        extra = () if inverter.role in roles else (inverter,)
         reach = max(float(np.abs(e.stack(CURRENTS)).max()) for e in experiments)
         every = tuple(term.prepared(reach) for term in completed((*terms, *extra)))
         return cls(experiments, every, CoenergyPart.zero(MEAN, True), reach)

@@ -16,7 +16,7 @@ from penode.data.experiment import Experiment
 from penode.data.stretches import recording_numbers
 from penode.pmsm.balance.doubt import probability
 from penode.pmsm.balance.voltage_balance import BalanceForm
-from penode.pmsm.machine.dead_time import DeadTime
+from penode.pmsm.machine.dead_time import DeadTime, MeanDeadTime
 from penode.pmsm.machine.terms import ANGLE, MAGNETS, TEMPERATURE, Term
 from penode.pmsm.recording.imperfection import UNKNOWN_DRIVE, Column, KnownDrive
 from penode.pmsm.recording.imperfections import IMPERFECTIONS
@@ -51,11 +51,12 @@ class Drift:
 def drift_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()) -> Drift:
     """Estimate the drift of recordings.
 
-    A dead time is allowed for where the angle was recorded. A term that follows the winding's
+    An inverter's voltage is allowed for. A term that follows the winding's
     temperature leaves no drift of R, one that follows the magnets' none of theirs.
     """
     angle = all(ANGLE.name in e.channels for e in experiments)
-    extra = (DeadTime(),) if angle and all(t.role != DeadTime.role for t in terms) else ()
+    inverter = DeadTime() if angle else MeanDeadTime()
+    extra = (inverter,) if all(term.role != inverter.role for term in terms) else ()
     drifts = drift_columns(experiments, terms)
     form = BalanceForm.of(experiments, True, (*terms, *extra))
     equations = form.equations(experiments, further=drifts)

@@ -13,7 +13,7 @@ currents that functions are of: these are taken at currents predicted from befor
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -64,7 +64,7 @@ class LeftOver:
     # A: i_d and i_q where most of it shows.
     place: FloatArray
     # What would narrow it.
-    remedy: str
+    remedy: str = "Record another speed."
     # What they are at recordings: every row asks at the same.
     _known: WeakKeyDictionary[Experiment, FloatArray] = field(default_factory=WeakKeyDictionary)
 
@@ -125,8 +125,8 @@ def left_over(
     size, coefficients = likely
     voltage = np.linalg.norm(np.concatenate(at) @ coefficients, axis=1)
     angle = all(ANGLE.name in e.channels for e in experiments)
-    remedy = "Record another speed." if angle else _RECORD_ANGLE
-    return LeftOver(size, functions, currents[int(np.argmax(voltage))], remedy).rows
+    found = LeftOver(size, functions, currents[int(np.argmax(voltage))])
+    return (found if angle else replace(found, remedy=_RECORD_ANGLE)).rows
 
 
 def _expected(experiment: Experiment, machine: Machine, predictor: Predictor) -> Experiment:

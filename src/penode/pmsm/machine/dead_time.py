@@ -261,8 +261,9 @@ class MeanDeadTime(Term):
         return self.inverter_voltage * x / jnp.sqrt(jnp.sum(x**2, axis=0) + knee**2)
 
     def prepared(self, largest_current: float) -> Self:
-        """Return the term with its knee."""
-        return replace(self, knee_current=self.knee_current or _GUESS * largest_current)
+        """Return the term with its knee in A, a power of two: one program serves many drives."""
+        guess = 2.0 ** math.floor(math.log2(_GUESS * max(largest_current, 1e-9)))
+        return replace(self, knee_current=self.knee_current or guess)
 
 
 def _phases(alpha: JaxArray, beta: JaxArray) -> JaxArray:
