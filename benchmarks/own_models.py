@@ -133,7 +133,7 @@ def network(neurons):
     force = sum(a * np.sin(2 * np.pi * f * time + p) for f, a, p in zip(*lines, strict=True))
     states = recorded(true, np.zeros(2), force, step, 0.002)
     run = Experiment("sprung", step, {"x": states[:, 0], "force": force})
-    return Sprung(TanhLayers.zero((1, neurons, neurons, 1), seed=0), 0.2), run, (0.4,)
+    return Sprung(TanhLayers.random((1, neurons, neurons, 1), seed=0), 0.2), run, (0.4,)
 
 
 MODELS = {"chain": chain, "lag": lag, "network": network}

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from penode.arrays import float64
-from penode.errors import InputError
 from penode.models.layout import Layout
 from penode.models.networks import ConvexGradient, TanhLayers, dense
 from penode.models.parameters import with_batch_axis
@@ -140,23 +139,6 @@ def test_draws_are_set_by_their_seed(draw):
     first, again, other = (Layout(n).raw(n) for n in (draw(5), draw(5), draw(6)))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
-
-
-def test_a_network_drawn_as_zero_is_zero_and_each_weight_has_its_slope(rng):
-    network, x = TanhLayers.zero((2, 4, 6, 3), seed=4), rng.normal(size=(2, 20))
-    with float64():
-
-        def values(network):
-            return with_batch_axis(network).value_and_jacobian(jnp.asarray(x))
-
-        for part in values(network):
-            np.testing.assert_allclose(part, 0.0, atol=1e-15)
-        slopes = jax.jacobian(lambda one: values(one)[0])(jax.tree.map(jnp.asarray, network))
-    assert [one.shape for one in network.weights] == [(4, 2), (6, 4), (3, 6)]
-    for one in (*slopes.weights, *slopes.biases):
-        assert np.all(np.abs(one).max(axis=(0, 1)) > 1e-3)
-    with pytest.raises(InputError, match=r"hidden layers must be even, got \[6, 5\]"):
-        TanhLayers.zero((2, 6, 5, 1), seed=0)
 
 
 def test_layers_are_drawn_within_the_common_bound():

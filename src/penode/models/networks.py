@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import JaxArray, Leaf
-from penode.errors import InputError
 from penode.models.parameters import parameter
 from penode.models.transforms import Positive, PositiveDefinite
 
@@ -93,34 +92,6 @@ class TanhLayers(FeatureNetwork):
             weights.append(random.uniform(-bound, bound, (n_out, n_in)))
             biases.append(random.uniform(-bound, bound, n_out))
         return cls(tuple(weights), tuple(biases))
-
-    @classmethod
-    def zero(cls, sizes: Sequence[int], seed: int) -> "TanhLayers":
-        """Draw weights as `random` does, of a network that is zero where training begins.
-
-        One half of the neurons is drawn, and what the other, which begins as its copy, adds to the
-        output has the opposite sign. Physics beside the network begins as it is without it.
-
-        Parameters
-        ----------
-        sizes : sequence of int
-            Neurons a layer, inputs first, even numbers in hidden layers.
-        seed : int
-            Seed of the draw.
-
-        Raises
-        ------
-        InputError
-            If the number of a hidden layer is odd.
-        """
-        inputs, *hidden, outputs = sizes
-        if any(count % 2 for count in hidden):
-            raise InputError(f"neurons of hidden layers must be even, got {hidden}.")
-        half = cls.random((inputs, *(count // 2 for count in hidden), outputs), seed)
-        first, *inner, last = half.weights
-        twice = (np.tile(first, (2, 1)), *(np.kron(np.eye(2), one) for one in inner))
-        biases = (*(np.tile(one, 2) for one in half.biases[:-1]), 0.0 * half.biases[-1])
-        return cls((*twice, np.hstack([last, -last])), biases)
 
     def value_and_jacobian(
         self, x: JaxArray, features: JaxArray | None = None
