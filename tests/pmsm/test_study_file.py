@@ -187,7 +187,7 @@ def test_a_study_file_that_is_not_there(tmp_path):
 
 def test_the_blocks_of_the_how_to_are_study_files(config):
     page = Path(__file__).parents[2] / "docs" / "how-to" / "map-your-channels.md"
-    whole, duty, bases, resample = re.findall(
+    whole, duty, bases, resample, steady = re.findall(
         r"```toml\n(.*?)```", page.read_text(), flags=re.DOTALL
     )
     assert load_study(config(whole)).mapping.channels["omega_el"].mechanical
@@ -195,3 +195,4 @@ def test_the_blocks_of_the_how_to_are_study_files(config):
     assert load_study(config(duty)).mapping.constants == {"u_dc": 400}
     assert set(load_study(config(bases)).mapping.constants) == {"u_base", "i_base", "omega_base"}
     assert load_study(config(resample)).mapping.resample
+    assert load_study(config(steady)).mapping.constants == {"time_step": 1e-4}

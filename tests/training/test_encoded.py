@@ -10,7 +10,13 @@ from scipy.linalg import expm
 from penode import Experiment, InputError, Model, Predictor, identify, ladder_plan, physical
 from penode.arrays import Leaf, float64
 from penode.data.windows import Windows
-from penode.engine import AdamsBashforth, Encoded, default_plan, with_batch_axis
+from penode.engine import (
+    AdamsBashforth,
+    Encoded,
+    ExtendedKalman,
+    default_plan,
+    with_batch_axis,
+)
 from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.predictors.base import DEFAULT_SOLVER
 from penode.predictors.tableaus import AB2
@@ -144,9 +150,8 @@ def test_training_begins_at_what_is_measured():
     np.testing.assert_allclose(start, [[0.3, -0.2], [0.0, 0.0]], atol=1e-12)
 
 
-@pytest.mark.parametrize("neurons", [0, 4])
-def test_parameters_are_found_whose_intervals_hold_the_truth(neurons):
-    model = Encoded(Tip(k=2.0, c=1.0), [RUN], 10, neurons)
+def test_parameters_are_found_whose_intervals_hold_the_truth():
+    model = Encoded(Tip(k=2.0, c=1.0), [RUN], 10, neurons=4)
     fit = identify(model, [RUN], plan=ladder_plan((15, 40, 100)))
     assert fit.horizon.answered
     for name, truth in TRUE.items():
@@ -161,6 +166,11 @@ def test_what_is_impossible_is_refused():
         Encoded(model, [RUN], 0)
     with pytest.raises(InputError, match=r"starts are to be encoded, but .* choose a one-step"):
         Objective(Predictor(STEP, AdamsBashforth(AB2)), Encoded(model, [RUN], 4), np.full(2, 0.5))
+    noisy = ExtendedKalman(model, process=(0.1, 0.1), sensor=(0.02,))
+    with pytest.raises(InputError, match="without noise on its states, got ExtendedKalman"):
+        Encoded(noisy, [RUN], 4)
+    with pytest.raises(InputError, match="windows estimate their starts, got Encoded"):
+        ExtendedKalman(Encoded(model, [RUN], 4), process=(0.1, 0.1), sensor=(0.02,))
     short = RUN.part(0, 30)
     with pytest.raises(InputError, match="horizon 25 with 12 past samples needs at least 37"):
         identify(Encoded(model, [short], 12), [short], plan=ladder_plan((25,)))

@@ -49,7 +49,7 @@ class Encoded(Wrapped):
     Raises
     ------
     InputError
-        If a channel is missing or a count is out of range.
+        If a channel is missing, a count is out of range or the model has noise on its states.
     """
 
     past: int
@@ -69,6 +69,11 @@ class Encoded(Wrapped):
     ):
         if past < 1 or neurons < 0:
             raise InputError(f"past must be >= 1 and neurons >= 0, got {past} and {neurons}.")
+        if model.covariances:
+            raise InputError(
+                f"Encoded must be around a model without noise on its states, got "
+                f"{type(model).__name__}, which estimates the windows' starts; use one of them."
+            )
         self.model, self.past = model, past
         measured = tuple(measured_units(model))
         stacked = np.concatenate([e.stack((*measured, *model.inputs)) for e in experiments])

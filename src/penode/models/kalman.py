@@ -51,7 +51,8 @@ class ExtendedKalman(Wrapped):
     Raises
     ------
     InputError
-        If a number is missing, below its bound, or there is correlated noise of states.
+        If a number is missing, below its bound, there is correlated noise of states, or the model
+        has an encoder.
     """
 
     noisy: tuple[int, ...] = eqx.field(static=True)
@@ -69,6 +70,11 @@ class ExtendedKalman(Wrapped):
         correlated: Sequence[float] | None = None,
         time_constant: float | None = None,
     ):
+        if model.encoded_samples:
+            raise InputError(
+                "ExtendedKalman must be around a model whose windows estimate their starts, got "
+                f"{type(model).__name__}; use one of them."
+            )
         names = tuple(measured_units(model))
         acting = _given("process", process, model.states, zero=True)
         white = _given("sensor", sensor, names)

@@ -112,7 +112,7 @@ def test_the_accuracy_of_the_same_sensors_cancels(machine_fit):
     assert "they agree; if both used the same sensors," in sentence
     half = 1.96 * np.hypot(own, own) / estimate.value
     assert (
-        f"{number(100 * half, 2)} % may be chance, they DISAGREE; in copper that is 2.5 K"
+        f"{number(100 * half, 2)} % may be chance, and they DISAGREE; in copper that is 2.5 K"
         in sentence
     )
     near = Estimate.of(1.0001 * estimate.value, std, "ohm", budget=budget)
