@@ -143,7 +143,7 @@ def line_of(one: Record) -> str:
 
 def print_table(draws: list[Record]) -> None:
     """Print coverage by law, then of all."""
-    for law in (*sorted({one["law"] for one in draws}), "all"):
+    for law in (*dict.fromkeys(one["law"] for one in draws), "all"):
         of_it = [one for one in draws if law in (one["law"], "all")]
         good = [one for one in of_it if one["verdict"] in AVERAGED]
         if good:

@@ -30,7 +30,7 @@ def test_a_good_recording(recording, penode, tmp_path):
     done = penode("check", recording, "--picture", picture)
     assert done.returncode == 0, done.stderr
     told = " ".join(done.stdout.split())
-    assert "agree with physics" in told
+    assert "Signs, units, order, timing and angle of the channels agree with physics" in told
     assert "R 0." in told
     visited = [float(part) for part in re.findall(r"([\d.]+) % at i_d [<>] 0 and i_q", told)]
     assert len(visited) == 4
@@ -40,6 +40,13 @@ def test_a_good_recording(recording, penode, tmp_path):
         in told
     )
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_without_an_angle_only_what_was_tested_agrees(run, penode, tmp_path):
+    kept = {name: one for name, one in run.channels.items() if name != "theta_el"}
+    save(replace(run, channels=kept), tmp_path / "bare.csv")
+    told = " ".join(penode("check", tmp_path / "bare.csv").stdout.split())
+    assert "Signs, units and order of the channels agree with physics" in told
 
 
 def test_json_and_nothing_else(recording, penode):

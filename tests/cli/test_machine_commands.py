@@ -33,10 +33,19 @@ def test_every_format_is_written(result, penode, tmp_path, to):
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     assert str(out) in done.stdout.replace("\n", "")
+    assert "(replaced)" not in done.stdout
     assert out.stat().st_size > 1000
     told = "linear interpolation is within" in " ".join(done.stdout.split())
     assert told == (to not in ("csv", "onnx"))
     assert ("mtpa" in done.stdout) == (to in ("c", "c_fixed", "mat", "m", "xlsx"))
+
+
+def test_an_export_says_that_it_replaced_a_file(result, penode, tmp_path):
+    out = tmp_path / "map.csv"
+    out.write_text("another map")
+    done = penode("export", result, "--to", "csv", "--out", out)
+    assert "(replaced)" in done.stdout
+    assert "another map" not in out.read_text()
 
 
 def test_points_are_taken_and_pole_pairs_are_those_of_the_fit(result, penode, tmp_path):

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from penode.data.experiment import Source
+from penode.data.load import experiments_of
 from penode.data.mapping import Origin, map_channels
 from penode.data.table import Table
 from penode.errors import InputError
@@ -176,7 +178,7 @@ JITTERED = {"sine": Origin("sine"), "line": Origin("line"), "angle": Origin("ang
 
 def test_jittering_times_are_refused_with_the_two_repairs():
     sentence = refusal(JITTERED, jittered()[0])
-    for word in ("t jitters", 'resample = "linear"', "give its time_step"):
+    for word in ("t jitters", 'resample = "linear"', "give its step in s as time_step"):
         assert word in sentence
 
 
@@ -272,6 +274,13 @@ def test_stamps_that_decrease_are_refused_also_where_their_clock_is_known():
 
 
 # --- refusals ---------------------------------------------------------------------------------
+
+
+def test_a_time_that_the_study_file_names_and_the_file_lacks_is_named_there():
+    content, _ = jittered()
+    origins = {"t": Origin("Zeit", "s"), "line": Origin("line")}
+    with pytest.raises(InputError, match=r"no column Zeit .* the study file maps t to it: name"):
+        experiments_of(content, Source("run.csv", ""), origins)
 
 
 def test_missing_column_suggests_the_nearest():

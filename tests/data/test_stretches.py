@@ -96,6 +96,12 @@ def test_short_stretches_are_left_out_and_counted(tmp_path):
     assert found[1].place.row == 390
 
 
+def test_a_sample_alone_between_two_gaps_is_left_out(tmp_path):
+    found = load_stretches(written(tmp_path, without(1200, (300, 310), (311, 320))))
+    assert [len(e) for e in found] == [300, 880]
+    assert found[0].place.reasons[0].endswith("A sample that stands alone is left out.")
+
+
 def test_a_recording_that_is_gaps_for_the_most_part_is_refused(tmp_path):
     lost = [(100, 150), *((k, k + 5) for k in range(250, 3000, 105))]
     assert "t has a gap between data rows 100 and 101" in refusal(

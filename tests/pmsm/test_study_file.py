@@ -131,6 +131,10 @@ def test_options_override_the_file(config):
             "[channels]\ni_d = { colum = 'Id' }",
             ["channels.i_d.colum is unknown (did you mean column?)"],
         ),
+        (
+            "[channels]\nt = { column = 't', time_step = 1e-4 }",
+            ["channels.t.time_step is unknown; time_step belongs above all tables"],
+        ),
         ("[channels]\ni_d = { unit = 'A' }", ["channels.i_d.column is missing"]),
         (
             "[channels]\ni_d = { column = 'Id', sign = 2 }",

@@ -134,8 +134,7 @@ def experiments_of(
     """Make a recording of the columns of a file, or the stretches between its gaps.
 
     ``table`` and ``source`` are as `read` gives them, the rest as `map_channels` takes it; named
-    after the file. Refuses a file without time, channel or data
-    row.
+    after the file. Refuses a file without time, channel or data row.
     """
     file = source.path
     time = origins.get(TIME, Origin(TIME, "s")).column

@@ -19,12 +19,12 @@ _GAP = 1.5
 _ROUNDING = 1e-6
 #: Largest time in s, some 30 000 years.
 LARGEST_TIME = 1e12
-# Rows before and after a gap by which it is seen among stamps that jitter.
+#: Rows before and after a gap by which it is seen among stamps that jitter.
 _NEAR = 50
-# Another repair of stamps that a steady clock did not make.
+#: Another repair of stamps, where a steady clock sampled.
 _STEADY = (
-    "; where a steady clock sampled and only the stamps jitter, give its time_step in s, above "
-    "[channels] of the study file"
+    "; where a steady clock sampled and only the stamps jitter, give its step in s as time_step, "
+    "in a study file above [channels]"
 )
 # Largest turn in rad between two samples of an angle that can still be interpolated.
 _LARGEST_TURN = np.pi / 2
@@ -114,8 +114,6 @@ def steady_times(file: str, t: FloatArray, step: float) -> FloatArray:
     follow are later, by a step, than the earliest before. Refused are stamps that decrease, and
     that are not one step apart within 1 %.
     """
-    from scipy.ndimage import minimum_filter1d
-
     if len(t) < MINIMUM_SAMPLES:
         return t
     steps = np.diff(t)
@@ -123,7 +121,7 @@ def steady_times(file: str, t: FloatArray, step: float) -> FloatArray:
         raise _not_increasing(file, t, int(np.argmax(steps < 0.0)), 0)
     late = (t - t[0]) / step - np.arange(len(t))
     apart = min(_NEAR, len(t) // 2)
-    earliest = minimum_filter1d(late, apart)
+    earliest = _least_ahead(late, apart)
     pace = 1.0 + float(np.median(earliest[apart:] - earliest[:-apart])) / apart
     if abs(pace - 1.0) > STEP_TOLERANCE:
         raise InputError(
@@ -135,19 +133,23 @@ def steady_times(file: str, t: FloatArray, step: float) -> FloatArray:
 
 def _rows_missing(late: FloatArray, apart: int) -> FloatArray:
     """Return how many rows are missing in front of each, of stamps that are so many rows late."""
-    from scipy.ndimage import minimum_filter1d
-
     missing = np.zeros(len(late))
     while True:
         left = late - np.cumsum(missing)
-        after = minimum_filter1d(left, apart, origin=-(apart // 2), mode="nearest")
-        before = np.roll(minimum_filter1d(left, apart, origin=(apart - 1) // 2, mode="nearest"), 1)
-        rise = np.floor(after - before + 0.25)
+        before = np.roll(_least_ahead(left[::-1], apart)[::-1], 1)
+        rise = np.floor(_least_ahead(left, apart) - before + 0.25)
         rise[0] = 0.0
         begins = (rise > 0) & ~np.r_[False, rise[:-1] > 0]
         if not begins.any():
             return missing
         missing[begins] += rise[begins]
+
+
+def _least_ahead(values: FloatArray, count: int) -> FloatArray:
+    """Return the least of each value and those that follow it, so many in all."""
+    from scipy.ndimage import minimum_filter1d
+
+    return np.asarray(minimum_filter1d(values, count, origin=-(count // 2), mode="nearest"))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of digits of times that are almost zero

@@ -99,7 +99,7 @@ def _refusal(error: str, schema: Any, entry: Any) -> str:
         known = _fields(wanted, entry)
         nearest = did_you_mean(named[1], known)
         if place and named[1] in _fields(whole, {}):
-            return f"{inside}{named[1]} is unknown; {named[1]} stands above all tables."
+            return f"{inside}{named[1]} is unknown; {named[1]} belongs above all tables."
         return f"{inside}{named[1]} is unknown{nearest}; known are {', '.join(known)}."
     if named and "missing required field" in message:
         return (

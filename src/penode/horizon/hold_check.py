@@ -81,8 +81,9 @@ class _Trial:
         rung = self.problem.finished(self.plan.stages[-1].horizon, *self.ends[-1])
         choice = Longest().select((rung,))
         coarse = too_coarse(self.problem, self.plan, Climb((rung,), False), choice)
-        known = coarse is not None and coarse.near is not None
-        return (coarse.finer if coarse and known else None) or self.plan.solver
+        if coarse is None or coarse.near is None:
+            return self.plan.solver
+        return coarse.finer or self.plan.solver
 
 
 def better_hold(

@@ -17,9 +17,13 @@ from penode.models.wrapped import Wrapped
 
 #: Group of the encoder's weights.
 GROUP = "encoder"
+#: Ratio of time steps that are the same.
+_ALIKE = 1.0001
 
 
 class _Recording(Protocol):
+    @property
+    def time_step(self) -> float: ...
     def stack(self, channels: tuple[str, ...]) -> FloatArray: ...
 
 
@@ -37,7 +41,7 @@ class Encoded(Wrapped):
     ----------
     model : Model
     experiments : sequence of penode.Experiment
-        Recordings whose channels are scaled.
+        Recordings of one time step, whose channels are scaled.
     past : int
         Samples that the encoder sees, the window's first among them; a few more than it takes to
         show each state.
@@ -49,7 +53,8 @@ class Encoded(Wrapped):
     Raises
     ------
     InputError
-        If a channel is missing, a count is out of range or the model has noise on its states.
+        If a channel is missing, a count is out of range, the model has noise on its states, or time
+        steps differ.
     """
 
     past: int
@@ -73,6 +78,12 @@ class Encoded(Wrapped):
             raise InputError(
                 f"Encoded must be around a model without noise on its states, got "
                 f"{type(model).__name__}, which estimates the windows' starts; use one of them."
+            )
+        steps = [one.time_step for one in experiments]
+        if max(steps) > _ALIKE * min(steps):
+            raise InputError(
+                f"recordings of one encoder must have one time step, got {min(steps):.6g} and "
+                f"{max(steps):.6g} s; leave the encoder out."
             )
         self.model, self.past = model, past
         measured = tuple(measured_units(model))

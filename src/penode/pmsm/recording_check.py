@@ -66,7 +66,7 @@ class RecordingCheck:
             names = ", ".join(dict.fromkeys(finding.name for finding in self.broken))
             return (
                 f"These recordings cannot be used as they are ({names}). Fix that and check again; "
-                "signs and delays are beside those that the study file has."
+                "what is to be given comes on top of what the study file has."
             )
         if any(finding.severity == "error" for finding in self.quality):
             return "A channel cannot serve; record again."

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter, savgol_filter
 
 from penode.bench.drive import Drive
-from penode.bench.inverter import Inverter, RotorHold, StationaryHold
+from penode.bench.inverter import DeviceDrop, Inverter, RotorHold, StationaryHold
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
@@ -43,6 +43,19 @@ def early_by_a_fraction(acting):
 def test_a_voltage_in_place_is_left_alone(slow_run, fast_run, dead_time_run):
     for run in (slow_run, fast_run, dead_time_run):
         assert calibration_of([run]) == Calibration()
+
+
+def test_without_the_rotors_angle_an_inverter_hides_no_offset_of_the_axes():
+    devices = DeviceDrop(2.0, 0.0, 12.0, (1.0, 1.0, 1.0), False)
+    drive = Drive(
+        inverter=Inverter(devices=devices), resolver=Resolver(np.radians(-2.0)), current_noise=0.1
+    )
+    reference = Lissajous(200.0, 15.0, 16.25)
+    run = simulate(TRACTION_300A, reference, speed_rpm=300.0, duration=1.0, drive=drive, seed=1)
+    bare = {name: one for name, one in run.channels.items() if name != "theta_el"}
+    found = calibration_of([replace(run, channels=bare)])
+    assert set(found.sizes) == {"angle"}
+    assert np.degrees(found["angle"].real) == pytest.approx(2.0, abs=0.1)
 
 
 @pytest.mark.parametrize("samples", [1, 2, -1])

@@ -52,6 +52,13 @@ def test_a_drift_is_estimated_and_taken_off(steady_run, share, magnet):
     np.testing.assert_allclose(steady.stack(VOLTAGES), steady_run.stack(VOLTAGES), atol=1e-9)
 
 
+def test_without_the_rotors_angle_an_inverter_is_no_drift(dead_time_run):
+    run = drifting(dead_time_run, 0.2 * R, 0.0)
+    bare = {name: one for name, one in run.channels.items() if name != "theta_el"}
+    drift = drift_of([replace(run, channels=bare)])
+    assert drift.sizes["resistance_drift"][0] == pytest.approx(0.2 * R, rel=0.05)
+
+
 def test_a_steady_machine_is_left_alone(steady_run, slow_run):
     drift = drift_of([steady_run, slow_run])
     assert drift.sizes == dict.fromkeys(("resistance_drift", "magnet_drift"), (0.0, 0.0))

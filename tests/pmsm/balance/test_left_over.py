@@ -1,5 +1,7 @@
 """What the balance leaves over as a function of the currents: planted, and not there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -63,6 +65,7 @@ def test_noise_that_columns_share_with_the_equations_is_not_taken_for_something(
 def test_a_planted_voltage_is_found_with_its_size(run):
     rows = found(less_voltage(run, planted(run)))
     assert {row.source for row in rows} == {LEFT_OUT}
+    assert {row.remedy for row in rows} == {"Record another speed."}
     size = float(rows[0].accuracy.split(" mV")[0]) / 1e3
     true = np.sqrt(np.mean(planted(run) ** 2))
     assert true / 3 < size < true * 3
@@ -70,6 +73,16 @@ def test_a_planted_voltage_is_found_with_its_size(run):
     moved = [row.applied(run, 1.0).stack(VOLTAGES) - run.stack(VOLTAGES) for row in rows]
     deviation = np.sqrt(np.sum(np.square(moved), axis=0))
     assert 0.9 * size < np.median(deviation) <= deviation.max() < 1.05 * size
+
+
+def test_without_the_rotors_angle_it_is_asked_for(run):
+    loud = less_voltage(run, planted(run))
+    kept = {name: one for name, one in loud.channels.items() if name != "theta_el"}
+    bare = replace(loud, channels=kept)
+    machine = weak_start([bare], "coenergy").machine
+    rows = left_over([bare], Predictor(bare.time_step), (), machine)
+    assert rows
+    assert all(row.remedy.startswith("Record theta_el: ") for row in rows)
 
 
 def test_what_a_known_imperfection_explains_is_its_own(run):

@@ -93,7 +93,7 @@ def test_stamps_that_jitter_are_those_of_a_clock_whose_step_is_given(file, named
     channels = {n: origin(n) for n in names} if named else {}
     if named:
         channels["t"] = DriveOrigin(Origin("stamp", "s"))
-    with pytest.raises(InputError, match="give its time_step in s, above"):
+    with pytest.raises(InputError, match="give its step in s as time_step"):
         DriveMapping(channels).load(file)
     run = DriveMapping(channels, constants={"time_step": 1e-3}).load(file)
     assert run.time_step == pytest.approx(1e-3, rel=1e-9)

@@ -71,7 +71,7 @@ def structure_of(
     ----------
     experiments : sequence of Experiment
         Recordings with i_d, i_q (A), u_d, u_q (V) and omega_el (rad/s); without theta_el (rad)
-        neither dead time nor harmonics can be judged.
+        dead time is judged by its mean along the current, and harmonics cannot be.
     kind : str
         A key of `penode.pmsm.machine.flux_maps.FLUX_MAPS`.
     terms : sequence of Term

@@ -84,8 +84,8 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
         )
     if guess.uneven:
         parts.append(
-            "# t jitters or repeats: where a steady clock sampled, the time from one sample to the "
-            f"next in s:\n# {TIME_STEP} = 1e-4\n"
+            f"# {TIME} jitters or repeats. Where a steady clock sampled, the time from one sample "
+            f'to the next in s; else resample = "linear".\n# {TIME_STEP} = 1e-4\n'
         )
     parts.append("\n[channels]\n")
     parts += [_channel(name, channel) for name, channel in guess.channels.items()]
