@@ -8,7 +8,7 @@ import pytest
 
 from penode import Experiment, Model, identify, ladder_plan, physical
 from penode.engine import Positive, default_plan
-from penode.horizon import as_recorded, solver_check
+from penode.horizon import as_recorded, hold_check, solver_check
 from penode.horizon.as_recorded import Climbed, climbed_as_recorded, examined
 from penode.horizon.free_runs import with_free_runs
 from penode.horizon.hold_check import with_hold
@@ -195,6 +195,14 @@ def test_a_solver_is_refined_before_the_first_climb(step, finer):
     if finer:
         found = climber(start.model, run, Longest())(fine)
         assert examined(found).coarse is None
+
+
+@pytest.mark.parametrize(("near", "count"), [(np.zeros(1), 8), (None, 1)])
+def test_a_solver_that_may_have_made_an_alias_is_left_to_the_climb(near, count, monkeypatch):
+    found = Coarseness(Substeps(RungeKutta(RK4), 1), 8, "", 0.1, near)
+    monkeypatch.setattr(hold_check, "too_coarse", lambda *given: found)
+    run, start = recorded(3.0, 3.0, 0.1), Start(Follower(2.0))
+    assert with_hold(default_plan(start.model, [run]), start, [run]).solver.count == count
 
 
 def test_a_fine_solver_stays(coarse):

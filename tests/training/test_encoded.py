@@ -11,6 +11,7 @@ from tests.training.test_outputs import (
     SEEN,
     STEP,
     Hidden,
+    Oscillator,
     Position,
     Seen,
     read,
@@ -105,6 +106,16 @@ def test_windows_begin_where_the_encoder_has_its_past():
     plan = default_plan(encoded, [RUN])
     problem = LadderProblem.of(encoded, [RUN], plan, ignore_events)
     assert problem.problem(plan.stages[0], plan).windows.starts.min() >= 11
+
+
+def test_errors_that_an_encoder_begins_are_no_filtered_one_step_errors():
+    alone, encoded = (
+        Objective(Predictor(STEP), one, np.full(2, SCALE)).error
+        for one in (Oscillator(*RAW), Encoded(Oscillator(*RAW), [RUN], 4))
+    )
+    assert alone.is_filtered_one_step
+    assert not encoded.is_filtered_one_step
+    assert encoded.past == 4
 
 
 def test_training_begins_at_what_is_measured():

@@ -60,8 +60,7 @@ def default_plan(model: Model, experiments: Sequence[Experiment], seed: int = 0)
         If no state of the model is measured.
     """
     horizons = default_horizons(model, experiments)
-    held = model.states if model.encoded_samples else free_states(model)
-    starts = {name: None for name in dynamic_states(model) if name not in held}
+    starts = {name: None for name in dynamic_states(model) if name not in free_states(model)}
     plan = ladder_plan(horizons, seed=seed)
     return replace(
         plan,
