@@ -222,7 +222,7 @@ def test_finished_rungs_stay_on_a_terminal_and_are_a_line_each_in_a_pipe(termina
         assert found == ["3", "R", "=", "12.30", "±", "0.10", "mΩ", "2.000", "A", "5"]
         assert last.count("R =") == 1
     else:
-        assert said == "rung 1 of 4: H = 3, R = 12.30 ± 0.10 mΩ (std), RMSE 2.000 A\n"
+        assert said == "rung 1 of 4: H = 3, R = 12.30 ± 0.10 mΩ (std), RMSE over H steps 2.000 A\n"
 
 
 def test_the_line_says_what_goes_on_before_and_after_the_ladder():

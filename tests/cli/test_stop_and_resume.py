@@ -224,7 +224,7 @@ def test_a_second_ctrl_c_leaves_the_result_of_before_whole(runs, folder, penode,
     done = penode("identify", runs[0], "--out", folder, "--overwrite")
     assert done.returncode == 130
     assert done.stderr == (
-        "rung 1 of 4: H = 1, RMSE 1.000\n"
+        "rung 1 of 4: H = 1, RMSE over H steps 1.000\n"
         "Stopped; the finished horizons are kept: add --resume to go on.\n"
     )
     assert told(folder, "rung") == [1]

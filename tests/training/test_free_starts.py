@@ -194,6 +194,17 @@ def test_one_step_is_enough_where_squares_are_right_to_a_millionth(case, windows
     np.testing.assert_allclose(-2 * terms.descent, slopes, rtol=0, atol=1e-3 * size)
 
 
+def test_where_the_search_begins_matters_to_what_one_step_leaves_alone(case, windows):
+    there = case.objective.gauss_newton(RAW, windows)
+    assert np.abs(there.starts).max() > 0.05
+    for near in (there.starts, 0.5 * there.starts, np.full_like(there.starts, 0.1)):
+        terms = case.objective.gauss_newton(RAW, windows, near)
+        np.testing.assert_allclose(terms.starts, there.starts, rtol=0, atol=1e-4)
+        assert terms.loss == pytest.approx(there.loss, rel=1e-6)
+        size = np.abs(there.scores).sum(axis=1).max()
+        np.testing.assert_allclose(terms.descent, there.descent, rtol=0, atol=1e-3 * size)
+
+
 @pytest.mark.usefixtures("exact")
 def test_gradient_is_that_of_the_loss_with_the_starts_estimated_again(case, windows):
     loss, gradient = case.objective.loss_and_gradient(RAW, windows)

@@ -154,7 +154,7 @@ class LadderView:
     def picture(self) -> Group:
         """Return the table as it stands, with a line that says what is going on."""
         table = Table(box=None, header_style="bold", padding=(0, 2))
-        for column in ("horizon", "estimate ± std", "RMSE", "evaluations"):
+        for column in ("horizon H", "estimate ± std", "RMSE over H steps", "evaluations"):
             table.add_column(column, justify="right")
         for row in self._rows:
             table.add_row(*row)
@@ -188,7 +188,7 @@ def _line(event: Mapping[str, Any]) -> str:
     """Return a finished horizon as a line of a log."""
     horizon, values, error, _ = _row(event, "")
     values = f"{values} (std)" if "±" in values else values
-    found = ", ".join(filter(None, (f"H = {horizon}", values, f"RMSE {error}")))
+    found = ", ".join(filter(None, (f"H = {horizon}", values, f"RMSE over H steps {error}")))
     return f"rung {event['stage']} of {event['stages']}: {found}"
 
 
@@ -198,8 +198,9 @@ def _values(event: Mapping[str, Any]) -> str:
     for name, value in event["parameters"].items():
         std = event.get("std", {}).get(name)
         scale = scale_for(value, event["units"][name])
-        if std is None:
-            parts.append(f"{name} = {number(value * scale.factor, 4)} {scale.unit}")
+        if std is None or not math.isfinite(std):
+            unknown = "" if std is None else " (std unknown)"
+            parts.append(f"{name} = {number(value * scale.factor, 4)} {scale.unit}{unknown}")
             continue
         decimals = decimals_for(std * scale.factor, value * scale.factor)
         shown = f"{fixed(value * scale.factor, decimals)} ± {fixed(std * scale.factor, decimals)}"

@@ -120,7 +120,7 @@ class Assembly:
         found: Sequence[Mapping[str, FloatArray]] = [{}] * len(problem.experiments)
         if hidden_states(problem.model):
             objective = chosen.objective or problem.objective
-            found = problem.hidden_states(objective, chosen.solution.raw, chosen.windows)
+            found = problem.hidden_states(objective, chosen.solution, chosen.windows)
         return [
             with_unmeasured(replace(e, channels={**e.channels, **own}), problem.model)
             for e, own in zip(problem.experiments, found, strict=True)

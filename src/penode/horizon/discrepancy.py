@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, cho_factor, cho_solve, eigh
 
 from penode.arrays import BoolArray, FloatArray, float64, on_device
 from penode.data.windows import Windows
@@ -142,19 +142,47 @@ class _Beside:
 
     def most_likely(self, data: Information) -> Rows | None:
         """Return the belief that makes the residuals most likely; None if that is nothing."""
-        whites = {length: _white(length) for length in _LENGTHS}
 
-        def rows(length: float, amplitudes: FloatArray) -> Rows:
-            slopes = block_diag(*(whites[length] / a for a in amplitudes))
-            return Rows(slopes, np.zeros(len(slopes)))
+        def alike(length: float) -> tuple[float, float, FloatArray]:
+            white = _white(length)
+            together = block_diag(*[white.T @ white] * self.blocks)
+            likely = _evidence(data.matrix, data.slope, together)
+            return likely.max(), float(_AMPLITUDES[np.argmax(likely)]), white
 
-        alike = [(length, np.full(self.blocks, a)) for length in _LENGTHS for a in _AMPLITUDES]
-        length, found = max(alike, key=lambda pair: rows(*pair).evidence(data))
+        _, amplitude, white = max(map(alike, _LENGTHS), key=lambda one: one[0])
+        found, own = np.full(self.blocks, amplitude), white.T @ white
         for k in list(range(self.blocks)) * _ROUNDS:
-            trials = [np.where(np.arange(self.blocks) == k, a, found) for a in _AMPLITUDES]
-            found = max(trials, key=lambda one: rows(length, one).evidence(data))
-        best = rows(length, found)
+            block = np.repeat(np.arange(self.blocks) == k, len(own))
+            beside = block_diag(*(own / a**2 for a in found))[~block][:, ~block]
+            found[k] = _AMPLITUDES[np.argmax(_evidence(*_marginal(data, block, beside), own))]
+        best = Rows(slopes := block_diag(*(white / a for a in found)), np.zeros(len(slopes)))
         return best if best.evidence(data) > _DECISIVE else None
+
+
+def _evidence(matrix: FloatArray, slope: FloatArray, prior: FloatArray) -> FloatArray:
+    """Return the log evidence of each amplitude, up to a constant, of a Gaussian's parameters.
+
+    Their information is `matrix`, the slope of their log likelihood `slope`, and `prior` the
+    inverse covariance of amplitude 1.
+    """
+    known, directions = eigh(matrix, prior)
+    known, along = np.maximum(known, 0.0)[:, None], (directions.T @ slope)[:, None]
+    squares = _AMPLITUDES**2
+    fitted = along**2 * squares / (1 + known * squares) - np.log1p(known * squares)
+    return np.asarray(0.5 * fitted.sum(axis=0))
+
+
+def _marginal(
+    data: Information, block: BoolArray, beside: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return information and slope of a block, all others estimated with their prior."""
+    matrix, others = data.matrix, ~block
+    factor = cho_factor(matrix[others][:, others] + beside, lower=True)
+    follow = cho_solve(factor, matrix[others][:, block]).T
+    return (
+        matrix[block][:, block] - follow @ matrix[others][:, block],
+        data.slope[block] - follow @ data.slope[others],
+    )
 
 
 def _many_windows(rung: HorizonFit) -> bool:

@@ -285,7 +285,7 @@ class LadderProblem:
                 break  # so that longer horizons show nothing
             raw = solution.raw
             if hidden_states(self.model) and number + 1 < len(plan.stages):
-                guesses = self.hidden_states(problem.objective, raw, problem.windows)
+                guesses = self.hidden_states(problem.objective, solution, problem.windows)
                 self.guesses[plan.stages[number + 1].horizon] = guesses
             done.append(solution)
             yield problem, solution
@@ -324,13 +324,13 @@ class LadderProblem:
         return replace(self, objective=objective, objectives={}).problem(stage, plan)
 
     def hidden_states(
-        self, objective: Objective, raw: FloatArray, windows: Windows
+        self, objective: Objective, solution: Solution, windows: Windows
     ) -> list[dict[str, FloatArray]]:
-        """Return the hidden states of each recording as windows at raw (parameter,) have them.
+        """Return the hidden states of each recording as windows have them where training ended.
 
         Long windows of a nonlinear model have several minima; the shorter ones lead to the right.
         """
-        mean = mean_states(objective.error, raw, windows)
+        mean = mean_states(objective.error, solution.raw, windows, solution.terms.starts)
         parts = np.split(mean, np.cumsum([len(e) for e in self.experiments])[:-1])
         own = [n for n in hidden_states(self.model) if n not in self.model.covariances]
         rows = {name: self.model.states.index(name) for name in own}
@@ -414,8 +414,9 @@ class LadderProblem:
         series = ScoreSeries.of_windows(problem.windows)
         if series.ample:
             return solution, series
-        scores = problem.objective.sample_scores(solution.raw, problem.windows)[problem.moving]
-        terms = replace(solution.terms, scores=scores)
+        terms, given = solution.terms, (solution.raw, problem.windows, solution.terms.starts)
+        scores = problem.objective.sample_scores(*given)[problem.moving]
+        terms = replace(terms, scores=scores)
         series = ScoreSeries.of_samples(influence(terms, jacobian))
         return replace(solution, terms=terms), series
 

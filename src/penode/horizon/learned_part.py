@@ -199,7 +199,7 @@ def _left_out(climbed: Climbed, index: int) -> FloatArray:
     objective, raw = trained.objective, rung.solution.raw
     longest = default_horizons(ladder.model, ladder.experiments)[-1]
     horizon = min(_part_left_out(ladder.experiments), longest)
-    guesses: Guesses = ladder.hidden_states(objective, raw, trained.windows)
+    guesses: Guesses = ladder.hidden_states(objective, rung.solution, trained.windows)
     placed = replace(plan, placement=Contiguous())
     beside = replace(ladder, guesses={horizon: guesses})
     seen = beside.problem(Stage(horizon, _AGAIN), placed).windows

@@ -102,7 +102,8 @@ class LearnedPrior:
             return None
         series = ScoreSeries.of_windows(problem.windows)
         if not series.long_enough:
-            scores = alone.objective.sample_scores(raw, problem.windows)[problem.moving]
+            given = raw, problem.windows, terms.starts
+            scores = alone.objective.sample_scores(*given)[problem.moving]
             terms, series = replace(terms, scores=scores), ScoreSeries.of_samples(scores)
         data = Information.of(terms, _members(layout)[problem.moving], series)
         rows = belief.rows(*belief.most_likely(data))

@@ -22,7 +22,8 @@ from penode.training.prediction_error import Batch, PredictionError, compiled_wi
 Result = TypeVar("Result")
 
 #: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
-CHUNK, _NEAR = 64, 131_072
+#: Of the few long windows of a short recording two chunks go side by side, hardly padded.
+CHUNK, _NEAR = 32, 131_072
 #: Windows that go through together where each has results of its own: of few, and of many.
 _FEW, _BLOCK = 32, 128
 #: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
@@ -33,16 +34,22 @@ _PARTS = 10
 
 
 def summed(
-    error: PredictionError, raw: FloatArray, windows: Windows, normal: bool = True
+    error: PredictionError,
+    raw: FloatArray,
+    windows: Windows,
+    normal: bool = True,
+    near: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return sums over windows: r'r, S'S (value, value), and S'r of each window, (value, window).
 
-    Behind them are the corrections of the windows' starts (free, window), SI units. One program
-    serves every horizon and number of windows cut from the same recordings of one time step. Where
-    `normal` is not wanted, what is returned in its place means nothing.
+    Behind them are the corrections of the windows' starts (free, window), SI units; `near` is where
+    the search for them begins, zero if left out. One program serves every horizon and number of
+    windows cut from the same recordings of one time step. Where `normal` is not wanted, what is
+    returned in its place means nothing.
     """
+    near = np.zeros((len(error.free), len(windows))) if near is None else near
     parts = [
-        (places, _summed(own, raw, alike, normal))
+        (places, _summed(own, raw, alike, normal, near[:, places]))
         for places, own, alike in error.by_time_step(windows)
     ]
     if len(parts) == 1:
@@ -56,12 +63,13 @@ def summed(
 
 
 def _summed(
-    error: PredictionError, raw: FloatArray, windows: Windows, normal: bool
+    error: PredictionError, raw: FloatArray, windows: Windows, normal: bool, near: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the sums over windows of one time step."""
     order, batch, length = _laid_out(error, error.predictor, windows)
+    near = np.pad(near[:, order], ((0, 0), (0, len(batch.starts) - len(order))))
     with float64():
-        shared = on_device(raw), on_device(error.scale), batch
+        shared = on_device(raw), on_device(error.scale), (batch, on_device(near))
 
     def add_up(first: int, count: int) -> Sequence[FloatArray]:
         with float64():
@@ -115,7 +123,7 @@ def _neighbours(windows: Windows) -> IntArray:
 
 def _width(error: PredictionError) -> int:
     each = 8 * len(error.model.states) * error.layout.size
-    return next((n for n in (CHUNK, CHUNK // 2) if n * each <= _NEAR), CHUNK // 4)
+    return CHUNK if CHUNK * each <= _NEAR else CHUNK // 2
 
 
 class Block(NamedTuple):
@@ -167,21 +175,25 @@ def _sum_over_chunks(
     error: PredictionError,
     raw: JaxArray,
     scale: JaxArray,
-    windows: Batch,
+    begun: tuple[Batch, JaxArray],
     span: tuple[JaxArray, JaxArray, JaxArray],
     horizon: JaxArray,
 ) -> tuple[JaxArray, ...]:
-    """Sum over a span of windows: the first, how many, and whether the normal matrix is wanted."""
-    first, count, wanted = span
+    """Sum over a span of windows: the first, how many, and whether the normal matrix is wanted.
+
+    Beside the windows is where the search for their starts begins, (free, window).
+    """
+    (windows, near), (first, count, wanted) = begun, span
     error = replace(error, scale=scale)
     values = error.layout.values(raw)
     size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS
     width = _width(error)
 
     def chunk(number: JaxArray, sums: _Totals) -> _Totals:
-        batch = windows.part(first + number * width, width)
+        at = first + number * width
+        batch, own = windows.part(at, width), jax.lax.dynamic_slice_in_dim(near, at, width, axis=1)
         squares, scores, normal, corrections = sums_without_starts(
-            error, values[:, None], horizon, batch, sums[1]
+            error, values[:, None], horizon, (batch, own), sums[1]
         )
         here = (jnp.zeros_like(number), number * width)
         scores = jax.lax.dynamic_update_slice(sums[2], scores, here)

@@ -36,6 +36,8 @@ class GaussNewtonTerms:
         S'r summed over the steps of each window.
     prior : ndarray, shape (parameter, parameter), or 0
         Variance of Gaussian priors, to add to the covariance of the summed scores.
+    starts : ndarray, shape (free state, window), or None
+        What is added to the windows' starts, SI units; None where none is estimated.
     """
 
     loss: float
@@ -44,6 +46,7 @@ class GaussNewtonTerms:
     descent: FloatArray
     scores: FloatArray
     prior: FloatArray | float = 0.0
+    starts: FloatArray | None = None
 
     @property
     def finite(self) -> bool:

@@ -55,9 +55,9 @@ class Problem:
         """Return the terms of the moving parameters at raw (parameter,)."""
         key = raw.tobytes()
         if key not in self._known:
-            while len(self._known) > 1:
-                self._known.pop(next(iter(self._known)))
             self._known[key] = self._gauss_newton(raw)
+            while len(self._known) > 2:
+                self._known.pop(next(iter(self._known)))
         return self._known[key]
 
     @cached_property
@@ -66,14 +66,16 @@ class Problem:
         return {}
 
     def _gauss_newton(self, raw: FloatArray) -> GaussNewtonTerms:
-        terms = self.objective.gauss_newton(raw, self.windows)
+        near = [terms.starts for terms in self._known.values() if terms.finite]
+        terms = self.objective.gauss_newton(raw, self.windows, near[-1] if near else None)
         normal = (terms.normal + self._ridge(terms.normal))[np.ix_(self.moving, self.moving)]
         scores = terms.scores[self.moving]
         prior = terms.prior
         if isinstance(prior, np.ndarray):
             prior = prior[np.ix_(self.moving, self.moving)]
         descent = terms.descent[self.moving]
-        return GaussNewtonTerms(terms.loss, terms.count, normal, descent, scores, prior)
+        moved = (terms.loss, terms.count, normal, descent, scores, prior, terms.starts)
+        return GaussNewtonTerms(*moved)
 
     def penalties(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the penalties' residuals at raw (parameter,) and slopes (residual, moving)."""

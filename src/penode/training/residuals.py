@@ -112,7 +112,9 @@ class Objective:
                 gradient += share * np.asarray(own[1])
         return loss, gradient
 
-    def gauss_newton(self, raw: FloatArray, windows: Windows) -> GaussNewtonTerms:
+    def gauss_newton(
+        self, raw: FloatArray, windows: Windows, near: FloatArray | None = None
+    ) -> GaussNewtonTerms:
         """Return the loss and the Gauss-Newton terms by forward sensitivities, J never stored.
 
         Parameters
@@ -121,12 +123,15 @@ class Objective:
             Raw parameters.
         windows : Windows
             One program serves every horizon and number of windows cut from the same recordings.
+        near : ndarray, shape (free state, window), optional
+            Where the search for the windows' starts begins, zero by default: `starts` of terms at
+            parameters nearby.
         """
         residuals = int(windows.steps.sum()) * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
         with float64():
             prior = self._prior(on_device(raw), residuals)
-        squares, normal, scores = self._sums(raw, windows)
+        squares, normal, scores, starts = self._sums(raw, windows, near=near)
         return GaussNewtonTerms(
             loss=float(squares) / residuals + float(penalties @ penalties),
             count=residuals,
@@ -134,6 +139,7 @@ class Objective:
             descent=_summed(scores) - residuals * slopes.T @ penalties,
             scores=scores,
             prior=prior,
+            starts=starts,
         )
 
     def descent(self, raw: FloatArray, windows: Windows) -> FloatArray:
@@ -151,7 +157,9 @@ class Objective:
         scores = self._sums(raw, windows, normal=False)[2]
         return np.asarray(_summed(scores) - residuals * slopes.T @ penalties)
 
-    def sample_scores(self, raw: FloatArray, windows: Windows) -> FloatArray:
+    def sample_scores(
+        self, raw: FloatArray, windows: Windows, starts: FloatArray | None = None
+    ) -> FloatArray:
         """Return the scores of `gauss_newton` by sample instead, shape (parameter, sample).
 
         Parameters
@@ -160,8 +168,10 @@ class Objective:
             Raw parameters.
         windows : Windows
             A few of them: all go through at once.
+        starts : ndarray, shape (free state, window), optional
+            Those of the terms at `raw`; estimated if left out.
         """
-        scores = sample_scores(self.error, raw, windows)
+        scores = sample_scores(self.error, raw, windows, starts)
         return np.asarray(self._unit * (self._transposed(raw) @ scores))
 
     def penalties(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -198,15 +208,22 @@ class Objective:
         return np.asarray(residuals**2 * sum(parts))
 
     def _sums(
-        self, raw: FloatArray, windows: Windows, normal: bool = True
+        self,
+        raw: FloatArray,
+        windows: Windows,
+        normal: bool = True,
+        near: FloatArray | None = None,
     ) -> tuple[FloatArray, ...]:
-        """Return summed squares, normal matrix (if wanted) and the windows' scores, of raw."""
-        squares, products, scores, corrections = summed(self.error, raw, windows, normal)
+        """Return summed squares, normal matrix (if wanted), the windows' scores, and their starts.
+
+        Normal matrix and scores are of raw parameters.
+        """
+        squares, products, scores, corrections = summed(self.error, raw, windows, normal, near)
         transposed, unit, bent = self._transposed(raw), self._unit, self._unit
         if normal and self.loss.noise is not None:
             bent *= self._bend(raw, windows, corrections)
         products = transposed @ (transposed @ products).T
-        return unit * squares, bent * products, unit * (transposed @ scores)
+        return unit * squares, bent * products, unit * (transposed @ scores), corrections
 
     def _bend(self, raw: FloatArray, windows: Windows, corrections: FloatArray) -> float:
         """Return the mean curvature of noise with outliers over that of its weighted squares.

@@ -20,12 +20,15 @@ from penode.training.prediction_error import Batch, PredictionError
 from penode.training.sensitivities import Columns, Recursion, along
 
 
-def sample_scores(error: PredictionError, raw: FloatArray, windows: Windows) -> FloatArray:
+def sample_scores(
+    error: PredictionError, raw: FloatArray, windows: Windows, starts: FloatArray | None = None
+) -> FloatArray:
     """Return S'r by the sample predicted, (value, sample), the windows' starts eliminated.
 
-    Their sum over samples is that of the windows' scores.
+    Their sum over samples is that of the windows' scores. Corrections of the starts (free, window)
+    are estimated if left out.
     """
-    corrections = summed(error, raw, windows, normal=False)[3]
+    corrections = summed(error, raw, windows, normal=False)[3] if starts is None else starts
 
     def of_block(one: Block) -> FloatArray:
         given = on_device(raw), on_device(error.scale), one.corrections, one.batch

@@ -21,18 +21,24 @@ _Sums: TypeAlias = tuple[JaxArray, JaxArray]
 def start_states(error: PredictionError, raw: FloatArray, windows: Windows) -> FloatArray:
     """Return the states (window, state) at the windows' starts, those that are free estimated."""
     found = np.empty((len(windows), len(error.model.states)))
-    for places, starts, _, _ in _blocks(error, raw, windows):
+    for places, starts, _, _ in _blocks(error, raw, windows, None):
         found[places] = starts[:, : len(places)].T
     return found
 
 
-def mean_states(error: PredictionError, raw: FloatArray, windows: Windows) -> FloatArray:
+def mean_states(
+    error: PredictionError,
+    raw: FloatArray,
+    windows: Windows,
+    corrections: FloatArray | None = None,
+) -> FloatArray:
     """Return the mean over windows of each sample's predicted states, (time, state).
 
-    Samples that no window passes are nan.
+    Corrections (free, window) of the starts are estimated if left out. Samples that no window
+    passes are nan.
     """
     total, count = np.zeros(()), np.zeros(())
-    for _, _, own, often in _blocks(error, raw, windows):
+    for _, _, own, often in _blocks(error, raw, windows, corrections):
         total, count = total + own, count + often
     samples = len(windows.states)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -40,10 +46,10 @@ def mean_states(error: PredictionError, raw: FloatArray, windows: Windows) -> Fl
 
 
 def _blocks(
-    error: PredictionError, raw: FloatArray, windows: Windows
+    error: PredictionError, raw: FloatArray, windows: Windows, known: FloatArray | None
 ) -> Iterator[tuple[IntArray, FloatArray, FloatArray, FloatArray]]:
     """Yield places, starts, summed states and how many were summed, of blocks of windows."""
-    corrections = summed(error, raw, windows, normal=False)[3]
+    corrections = summed(error, raw, windows, normal=False)[3] if known is None else known
 
     def of_block(one: Block) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
         own = one.corrections, one.batch, on_device(one.horizon)
