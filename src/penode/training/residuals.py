@@ -142,7 +142,9 @@ class Objective:
             starts=starts,
         )
 
-    def descent(self, raw: FloatArray, windows: Windows) -> FloatArray:
+    def descent(
+        self, raw: FloatArray, windows: Windows, near: FloatArray | None = None
+    ) -> FloatArray:
         """Return the descent (parameter,) of the Gauss-Newton terms alone, which costs less.
 
         Parameters
@@ -151,10 +153,12 @@ class Objective:
             Raw parameters.
         windows : Windows
             Served by the same program as those of `gauss_newton`.
+        near : ndarray, shape (free state, window), optional
+            Where the search for the windows' starts begins, zero by default.
         """
         residuals = int(windows.steps.sum()) * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
-        scores = self._sums(raw, windows, normal=False)[2]
+        scores = self._sums(raw, windows, normal=False, near=near)[2]
         return np.asarray(_summed(scores) - residuals * slopes.T @ penalties)
 
     def sample_scores(

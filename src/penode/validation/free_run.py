@@ -315,7 +315,7 @@ def _estimated_start(
     scale = scale_of_errors(model, measured)[:, None]
     free = np.asarray(first)[freed]
     # A long run of a nonlinear model has several minima; its beginning leads to the right one.
-    lengths = [n for n in (_BEGINNING * 4**k for k in range(20)) if n < ahead]
+    lengths = [n for n in (_BEGINNING * 4**k for k in range(20)) if n < ahead / 4]
     for length in (*lengths, ahead):
         fixed = predictor, tuple(freed), model, first, (inputs, jnp.asarray(length))
         part = slice(begin, length + 1)
@@ -329,7 +329,9 @@ def _estimated_start(
             return _bounded(slopes.reshape(-1, len(freed)))
 
         with np.errstate(all="ignore"):  # of a run that diverges from every start
-            free = least_squares(residual, free, jac=slope, x_scale="jac", max_nfev=50).x
+            method = "lm" if length * len(measured) >= len(freed) else "trf"
+            options = {"jac": slope, "x_scale": "jac", "max_nfev": 50}
+            free = least_squares(residual, free, method=method, **options).x
     found = np.array(start)
     found[:, freed] = free
     return on_device(found)
