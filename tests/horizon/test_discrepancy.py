@@ -6,6 +6,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from penode import Experiment, Model, identify, ladder_plan, physical
 from penode.arrays import Leaf
@@ -17,6 +18,7 @@ from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.models.discrepancy import spline_basis
 from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.holds import FirstOrderHold
+from penode.training.evidence import Information, Rows
 
 MASS, DAMPING, STEP, SAMPLES, NOISE = 1.3, 0.4, 0.05, 1500, 0.01
 
@@ -164,3 +166,30 @@ def test_a_hold_that_prepares_inputs_between_samples_changes_little():
         fits = problem.climb(plan, problem.objective.layout.raw(Mass(1.0, 0.1))).fits
         added.append(deviations_left_out(problem, plan, fits))
     np.testing.assert_allclose(added[1][1], added[0][1], rtol=0.3)
+
+
+def test_evidence_by_eigenvalues_is_that_of_each_amplitude():
+    """And so is that of one block among others, up to a constant."""
+    random, size, blocks = np.random.default_rng(8), 4, 3
+    spread = random.normal(size=(40, size * blocks))
+    data = Information(spread.T @ spread, 3.0 * random.normal(size=size * blocks), 1.0)
+    white = random.normal(size=(6, size))
+
+    def direct(amplitudes):
+        slopes = block_diag(*(white / a for a in amplitudes))
+        return Rows(slopes, np.zeros(len(slopes))).evidence(data)
+
+    together = block_diag(*[white.T @ white] * blocks)
+    found = discrepancy._evidence(data.matrix, data.slope, together)
+    expected = [direct(np.full(blocks, a)) for a in discrepancy._AMPLITUDES]
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-6)
+
+    others = np.array([0.3, 1.0, 0.1])
+    block = np.repeat(np.arange(blocks) == 1, size)
+    beside = block_diag(*(white.T @ white / a**2 for a in others))[~block][:, ~block]
+    alone = discrepancy._marginal(data, block, beside)
+    found = discrepancy._evidence(*alone, white.T @ white)
+    expected = np.array(
+        [direct(np.where(np.arange(blocks) == 1, a, others)) for a in discrepancy._AMPLITUDES]
+    )
+    np.testing.assert_allclose(found - found[0], expected - expected[0], rtol=1e-9, atol=1e-6)

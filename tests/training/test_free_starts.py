@@ -14,6 +14,8 @@ from scipy.optimize import least_squares
 from penode import Experiment, InputError, Model, Predictor, identify, ladder_plan, physical
 from penode.arrays import Leaf, float64
 from penode.data.windows import Windows
+from penode.horizon.ladder import LadderProblem, ignore_events
+from penode.horizon.uncertainty_budget import Imperfection, raw_shifts
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import AB2, EULER
@@ -21,6 +23,7 @@ from penode.training import free_starts
 from penode.training.chunks import CHUNK, _sum_over_chunks
 from penode.training.free_starts import estimated_starts
 from penode.training.loss import DEFAULT_LOSS, Loss, equation
+from penode.training.plan import Problem
 from penode.training.prediction_error import Batch
 from penode.training.residuals import Objective
 
@@ -205,6 +208,27 @@ def test_where_the_search_begins_matters_to_what_one_step_leaves_alone(case, win
         np.testing.assert_allclose(terms.descent, there.descent, rtol=0, atol=1e-3 * size)
 
 
+def test_a_problem_goes_on_from_the_starts_that_its_last_finite_terms_had(
+    case, windows, monkeypatch
+):
+    begun, plainly = [], Objective.gauss_newton
+
+    def watched(self, raw, windows, near=None):
+        begun.append(near)
+        return plainly(self, raw, windows, near)
+
+    monkeypatch.setattr(Objective, "gauss_newton", watched)
+    problem = Problem(case.objective, None, windows, np.array([True, True]))
+    first = problem.gauss_newton(RAW)
+    assert not problem.gauss_newton(np.array([1e30, 0.0])).finite
+    second = problem.gauss_newton(1.01 * RAW)
+    problem.gauss_newton(1.02 * RAW)
+    assert begun[0] is None
+    assert begun[1] is first.starts
+    assert begun[2] is first.starts, "those of what diverged are no numbers"
+    assert begun[3] is second.starts
+
+
 @pytest.mark.usefixtures("exact")
 def test_gradient_is_that_of_the_loss_with_the_starts_estimated_again(case, windows):
     loss, gradient = case.objective.loss_and_gradient(RAW, windows)
@@ -257,6 +281,17 @@ def test_only_the_measured_state_is_compared(fit):
     assert comparison.states == ("x",)
     assert comparison.units == ("m",)
     assert 1.8e-3 < comparison.free_run_rmse < 4e-3  # 2 mm of noise, and the start's own
+
+
+def test_what_changes_nothing_moves_no_parameter():
+    """Descents are compared after a step of 1e-5: a start searched elsewhere would be seen."""
+    plan = ladder_plan((6, 12))
+    problem = LadderProblem.of(Oscillator(1.0, 0.0), [positions()], plan, ignore_events)
+    rung = problem.climb(plan, problem.objective.layout.raw(problem.model)).fits[-1]
+    assert np.abs(rung.solution.terms.starts).max() > 0.0
+    nothing = Imperfection("nothing", "", "", lambda experiment, deviations: experiment)
+    moved = raw_shifts(problem, plan, plan.stages[-1], rung, [nothing])
+    np.testing.assert_array_equal(moved, np.zeros((1, 2)))
 
 
 # --- refusals ---------------------------------------------------------------------------------

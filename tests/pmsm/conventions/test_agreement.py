@@ -44,7 +44,7 @@ def test_a_warmer_recording_is_named_with_both_temperatures(rpm):
     evidence = found.evidence
     assert number_before("K warmer and of magnets", evidence) == pytest.approx(60, abs=15)
     assert number_before("K warmer", evidence.split("magnets")[-1]) == pytest.approx(66, abs=3)
-    assert "mohm in cold.csv" in evidence
+    assert "mΩ in cold.csv" in evidence
     assert "identify them one by one" in found.sentence
     if rpm == 600.0:
         assert float(evidence.split()[2]) == pytest.approx(10 * (1 + 0.0039 * 60), rel=0.01)

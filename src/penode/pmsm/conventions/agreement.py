@@ -142,8 +142,8 @@ def _disagreement(
     names = [one.place.recording for one in (first, other)]
     of_r, of_magnet, _ = differences
     evidence = (
-        f"R is {1e3 * (of_r.size + of_r.value):.4g} ± {1e3 * of_r.deviation:.2g} mohm here and "
-        f"{1e3 * of_r.size:.4g} mohm in {names[0]}, the magnets' flux linkage "
+        f"R is {1e3 * (of_r.size + of_r.value):.4g} ± {1e3 * of_r.deviation:.2g} mΩ here and "
+        f"{1e3 * of_r.size:.4g} mΩ in {names[0]}, the magnets' flux linkage "
         f"{1e3 * (of_magnet.size + of_magnet.value):.4g} ± {1e3 * of_magnet.deviation:.2g} mVs "
         f"and {1e3 * of_magnet.size:.4g} mVs, {_cause(differences)}"
     )

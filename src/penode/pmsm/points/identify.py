@@ -269,7 +269,7 @@ def _choice(
     about += " with their torque" if balance.torque else " without torque"
     if high < 0 or not _definite(machine, balance.points):
         what = (
-            f"R of {value:.3g} ± {half:.2g} mohm is below zero"
+            f"R of {value:.3g} ± {half:.2g} mΩ is below zero"
             if high < 0
             else "the differential inductance is not positive"
         )
@@ -286,7 +286,7 @@ def _choice(
         more = "points at a tenth of the speed"
         more += "" if balance.torque else ", and the torque"
         reason = (
-            f"From {about} R is {value:.3g} ± {half:.2g} mohm, which may be zero: measure {more}."
+            f"From {about} R is {value:.3g} ± {half:.2g} mΩ, which may be zero: measure {more}."
         )
         return HorizonChoice(0, "not identifiable", reason, ())
     spread = np.ptp(np.abs(speeds)) / np.abs(speeds).max()

@@ -105,7 +105,7 @@ def _alarm(recordings: Sequence[Experiment], solved: BalanceSolution) -> str:
         return ""
     return (
         f"Gauge alarm: this map takes on a skew part of {1e6 * skew:.3g} uH, which no machine has, "
-        f"and R of {1e3 * solved.resistance:.4g} mohm is false by about {1e3 * false:.3g} mohm."
+        f"and R of {1e3 * solved.resistance:.4g} mΩ is false by about {1e3 * false:.3g} mΩ."
     )
 
 
