@@ -78,5 +78,6 @@ def _open_questions(guess: StudyGuess) -> str:
             if SPEED.name in guess.missing
             else ""
         )
-        return f"Fill in before you use it: {', '.join(missing)}.{still}"
+        rest = "The rest is guessed: look at it before you trust a result."
+        return f"Fill in before you use it: {', '.join(missing)}.{still} {rest}"
     return "All of this is guessed; the file says from what. Look at it before you trust a result."

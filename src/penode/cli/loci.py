@@ -119,7 +119,7 @@ def _limits(backed: float | None, volts: float | None, recorded: bool) -> list[R
     if volts is None:
         found.append(("voltage limit", "not known: torque over speed needs --u-max"))
     elif recorded:
-        limit = f"{number(volts)} V, the recorded u_dc / sqrt(3); --u-max gives another"
+        limit = f"{number(volts)} V, u_dc / sqrt(3); --u-max gives another"
         found.append(("voltage limit", limit))
     return found
 
@@ -184,7 +184,7 @@ def _figures(loci: ControlLoci) -> list[Row]:
         ("MTPV", f"up to {_end_of(mtpv)}" if mtpv.torque.size else "not within the current limit"),
     ]
     if loci.base_speed is not None and loci.over_speed is not None:
-        rows.append(("base speed", f"{number(loci.base_speed * 30 / np.pi, 4)} rpm"))
+        rows.append(("base speed", f"{number(loci.base_speed * 30 / np.pi, 4)} rpm of the shaft"))
     every = [loci.mtpa, loci.mtpv, *([loci.over_speed] if loci.over_speed else [])]
     supported = np.concatenate([one.supported for one in every])
     if not supported.all():

@@ -199,8 +199,8 @@ def _values(event: Mapping[str, Any]) -> str:
         std = event.get("std", {}).get(name)
         scale = scale_for(value, event["units"][name])
         if std is None or not math.isfinite(std):
-            unknown = "" if std is None else " (std unknown)"
-            parts.append(f"{name} = {number(value * scale.factor, 4)} {scale.unit}{unknown}")
+            unknown = "" if std is None else " ± unknown"
+            parts.append(f"{name} = {number(value * scale.factor, 4)}{unknown} {scale.unit}")
             continue
         decimals = decimals_for(std * scale.factor, value * scale.factor)
         shown = f"{fixed(value * scale.factor, decimals)} ± {fixed(std * scale.factor, decimals)}"

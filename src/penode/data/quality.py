@@ -64,7 +64,8 @@ def find_constant(experiment: Experiment, channel: str) -> Finding | None:
         "error",
         channel,
         f"{experiment.name}: channel {channel} is constant at {values[0]:.6g} in all "
-        f"{len(values)} samples, so nothing can be learned from it; record with moving {channel}.",
+        f"{len(values)} samples, so nothing can be learned from it; map the right column, "
+        f"or record with moving {channel}.",
     )
 
 

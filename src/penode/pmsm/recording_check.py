@@ -66,7 +66,7 @@ class RecordingCheck:
             names = ", ".join(dict.fromkeys(finding.name for finding in self.broken))
             return (
                 f"These recordings cannot be used as they are ({names}). Fix that and check again; "
-                "what is to be given comes on top of what the study file has."
+                "a sign or order to be given is in addition to what the study file already has."
             )
         if any(finding.severity == "error" for finding in self.quality):
             return "A channel cannot serve; record again."

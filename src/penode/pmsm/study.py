@@ -277,7 +277,9 @@ class _Beginning:
     def start_of(self, corrected: _Drives, read: _Read, plan: Plan) -> Start:
         """Return the start with what is left of every imperfection, and what is examined after."""
         recordings, used = corrected.recordings, read.used.sentence
-        checks = machine_checks(self.found.broken, corrected.unseen, self.study.terms)
+        checks = machine_checks(
+            self.found.broken, corrected.unseen, self.study.terms, self.study.name_plate
+        )
         predictor = Predictor(recordings[0].time_step, plan.solver, plan.hold)
         if used:
             checks += (unused_samples(read.usable, self.calibration, predictor),)

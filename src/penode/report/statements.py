@@ -15,6 +15,8 @@ from penode.validation.residual_lines import Line, find_lines
 from penode.validation.residual_tests import Spectrum
 
 _SPACE = "\N{NO-BREAK SPACE}"
+#: Ends of an interval so many times as large as its value do not choose the unit.
+_FAR = 1e3
 #: Frequencies below which there is no floor of noise to stand out of.
 _FEWEST = 16
 #: Width of a line over its frequency: where the speed varies a line is spread.
@@ -46,7 +48,9 @@ _UNTESTED = {
 
 def estimate_text(estimate: Estimate) -> tuple[str, str]:
     """Put an estimate into words, value and interval: ``"10.02 mΩ"``, ``"9.85 to 10.19 mΩ"``."""
-    scale = scale_for([estimate.value], estimate.unit)
+    ends = np.abs(estimate.interval_95)
+    near = ends[ends < _FAR * abs(estimate.value)]
+    scale = scale_for([estimate.value, *near], estimate.unit)
     decimals = decimals_for(estimate.std * scale.factor, estimate.value * scale.factor)
     value = f"{fixed(estimate.value * scale.factor, decimals)}{_SPACE}{scale.unit}".rstrip()
     return value, _span(estimate.interval_95, scale, decimals)

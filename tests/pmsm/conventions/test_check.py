@@ -215,8 +215,13 @@ def test_rms_shows_against_a_name_plate_or_phases_and_not_without(drawn):
         alone = check_conventions(rms)
         assert alone.broken == ()
         assert "Rms values cannot be distinguished" in alone.undetermined[-1]
+        (given,) = check_conventions(scaled(run, 1 / root, *names), None, plate).broken
+        assert given.name == f"peak for rms ({word})"
+        assert given.fix == f"remove rms = true from {' and '.join(names)}"
     both = scaled(run, root, "u_d", "u_q", "i_d", "i_q")
     assert names_of(both, None, plate) == ["rms for peak (voltages)", "rms for peak (currents)"]
+    both = scaled(scaled(run, root, "u_d", "u_q"), 1 / root, "i_d", "i_q")
+    assert names_of(both, None, plate) == ["rms for peak (voltages)", "peak for rms (currents)"]
 
 
 @pytest.mark.parametrize("samples", [1, -1])

@@ -18,6 +18,7 @@ from penode.pmsm.precheck.objections import (
     uncertain_resistance,
     voltage_limit,
 )
+from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.recording_check import check_recordings
 from penode.validation.comparison import Comparison
 
@@ -177,6 +178,22 @@ def test_a_convention_that_the_recording_breaks(fit, slow_run):
     assert names(fit, slow_run, machine_checks(check_conventions(slow_run).broken)[:1]) == []
     (found,) = objections(fit, [late], machine_checks(check_conventions(late).broken)[:1])
     assert found.name == "delay of 3 samples"
+
+
+@pytest.mark.parametrize(("share", "objected"), [(0.7, True), (0.9, False), (1.4, True)])
+def test_a_name_plate_is_contradicted_where_the_whole_interval_lies_elsewhere(
+    fit, slow_run, share, objected
+):
+    resistance = fit.parameters["R"]
+    plate = NamePlate(resistance=resistance.value / share)
+    (*_, check, _), (*_, other, _) = (
+        machine_checks(plate=plate),
+        machine_checks(plate=NamePlate(0.1)),
+    )
+    assert (names(fit, slow_run, [check]) == ["name plate"]) is objected
+    unsure = replace(resistance, interval_95=(0.0, 9.0 * resistance.value))
+    assert names(replace(fit, parameters={"R": unsure}), slow_run, [check]) == []
+    assert names(fit, slow_run, [other]) == []
 
 
 def test_a_recording_that_is_not_predicted_is_compared_with_those_trained_on(fit, slow_run):

@@ -50,7 +50,10 @@ _VISIBLE = 0.01
 _RATIOS = 10.0 ** np.arange(-4.0, 8.1, 0.25)
 
 #: What drives want whose angle is not known.
-_RECORD_ANGLE = "Record theta_el: it shows dead time phase by phase, and harmonics of the angle."
+_RECORD_ANGLE = (
+    "Record theta_el: it shows dead time phase by phase, harmonics of the angle, and whether "
+    "pole_pairs and the scales of both axes are right; check these in the study file."
+)
 
 
 @dataclass(frozen=True, eq=False)

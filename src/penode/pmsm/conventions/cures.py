@@ -216,9 +216,9 @@ def _found(
         fix += f" (as good: {', '.join(names)})"
     against = "the angle turns against the speed, and " if angle < 0 else ""
     evidence = (
-        f"{against}the voltage balance leaves {100 * standing.residual:.2g} % of the voltages and "
-        f"an inductance that is positive at {100 * standing.definite:.0f} % of the currents; with "
-        f"this set right {100 * best.residual:.2g} % and {100 * best.definite:.0f} %"
+        f"{against}the voltage balance leaves {100 * standing.residual:.2g} % of the voltages "
+        f"unexplained and an inductance that is positive at {100 * standing.definite:.0f} % of the "
+        f"currents; with this set right {100 * best.residual:.2g} % and {100 * best.definite:.0f} %"
     )
     return BrokenConvention(cure.name, experiment.name, cure.channels, evidence, fix), cure.applied(
         experiment

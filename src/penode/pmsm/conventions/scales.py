@@ -20,8 +20,10 @@ _SMALL_CURRENT, _LARGE_MACHINE = 2.0, 6e-3
 _LARGEST_SHARE, _SMALL_DROP = 1.16, 0.1
 #: Ratios this close to sqrt(2), or to 1, are taken as that; their geometric mean separates them.
 _TOLERANCE, _TOLERANCE_OF_R = 0.13, 0.115
+#: The same of a flux linkage that is sqrt(2) times that of the plate: heat only makes it less.
+_TOLERANCE_ABOVE = 0.05
 #: Ratio to the name plate, or its inverse, from which something is wrong with one of the two.
-_PLATE = 1.2
+PLATE = 1.2
 #: Deviation of R, as a share of it, up to which it is compared with the name plate.
 _DETERMINED = 0.1
 
@@ -82,7 +84,7 @@ def judge_rms_by_phases(experiment: Experiment) -> tuple[BrokenConvention, ...]:
 
 
 def judge_rms_by_plate(experiment: Experiment, plate: NamePlate) -> tuple[BrokenConvention, ...]:
-    """Find voltages or currents in rms against a name plate.
+    """Find voltages or currents in rms, or peak values taken for rms, against a name plate.
 
     Voltages in rms make the magnet's flux linkage and R 0.71 times as large, currents in rms
     make R 1.41 times as large, as does copper that is 104 K warmer.
@@ -92,16 +94,18 @@ def judge_rms_by_plate(experiment: Experiment, plate: NamePlate) -> tuple[Broken
     findings = []
     trial, fine = try_balance(experiment), try_balance(experiment, degree=FINE_DEGREE)
     flux = float(np.hypot(*trial.magnet)) / plate.magnet_flux_linkage
-    volts_in_rms = abs(flux * _ROOT - 1.0) < _TOLERANCE
-    if volts_in_rms:
+    volts = 1.0
+    for factor, tolerance in ((1 / _ROOT, _TOLERANCE), (_ROOT, _TOLERANCE_ABOVE)):
+        volts = factor if abs(flux / factor - 1.0) < tolerance else volts
+    if volts != 1.0:
         evidence = f"the magnet's flux linkage is {flux:.2f} times that of the name plate"
-        findings.append(_rms(experiment, "u", evidence))
+        findings.append(_rms(experiment, "u", evidence, missing=volts < 1.0))
     if plate.resistance is not None and fine.deviation < _DETERMINED * fine.resistance:
         ratio = fine.resistance / plate.resistance
-        expected = 1.0 if volts_in_rms else _ROOT
-        if abs(ratio / expected - 1.0) < _TOLERANCE_OF_R:
-            evidence = f"R is {ratio:.2f} times that of the name plate"
-            findings.append(_rms(experiment, "i", evidence))
+        for amperes in (_ROOT, 1 / _ROOT):
+            if abs(ratio / (volts * amperes) - 1.0) < _TOLERANCE_OF_R:
+                evidence = f"R is {ratio:.2f} times that of the name plate"
+                findings.append(_rms(experiment, "i", evidence, missing=amperes > 1.0))
     return tuple(findings)
 
 
@@ -118,7 +122,7 @@ def beside_plate(experiment: Experiment, plate: NamePlate) -> str:
     far = [
         f"{name} is {ratio:.2f} times"
         for name, ratio in ratios.items()
-        if not 1.0 / _PLATE < ratio < _PLATE
+        if not 1.0 / PLATE < ratio < PLATE
     ]
     if not far:
         return ""
@@ -128,7 +132,12 @@ def beside_plate(experiment: Experiment, plate: NamePlate) -> str:
     )
 
 
-def _rms(experiment: Experiment, kind: str, evidence: str) -> BrokenConvention:
+def _rms(
+    experiment: Experiment, kind: str, evidence: str, missing: bool = True
+) -> BrokenConvention:
+    """Return rms values taken for peak values; where `missing` is false the other way round."""
     names = _NAMES[kind]
-    fix = f"give {' and '.join(names)} rms = true"
-    return BrokenConvention(f"rms for peak ({_WORDS[kind]})", experiment.name, names, evidence, fix)
+    fix, taken = f"give {' and '.join(names)} rms = true", "rms for peak"
+    if not missing:
+        fix, taken = f"remove rms = true from {' and '.join(names)}", "peak for rms"
+    return BrokenConvention(f"{taken} ({_WORDS[kind]})", experiment.name, names, evidence, fix)

@@ -252,7 +252,9 @@ class MeanDeadTime(Term):
     role: ClassVar[str] = "dead time"
     title: ClassVar[str] = "The inverter's voltage along the current"
 
-    inverter_voltage: Leaf = physical("V", default=0.0, meaning="inverter voltage")
+    inverter_voltage: Leaf = physical(
+        "V", default=0.0, meaning="inverter voltage, 4/pi of that of dead time"
+    )
     knee_current: float | None = eqx.field(static=True, default=None)
 
     def drop(self, x: JaxArray, u: Inputs, flux: Flux) -> JaxArray:

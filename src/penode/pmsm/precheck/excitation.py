@@ -55,7 +55,8 @@ class Excitation:
             )
         if np.ptp(self.speed_range) < _OTHER_SPEED * np.max(np.abs(self.speed_range)):
             suggestions.append(
-                "There is one speed only; a second one, or the reverse, makes R surer."
+                "There is one speed only; a second one, or the reverse, makes R surer unless the "
+                "accuracy of the sensors is its limit."
             )
         return tuple(suggestions)
 

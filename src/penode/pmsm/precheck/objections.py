@@ -13,7 +13,9 @@ from penode.horizon.held_out_check import validation_fails
 from penode.horizon.objections import Check, recordings_trained_on
 from penode.pmsm.conventions.agreement import disagreement_of
 from penode.pmsm.conventions.broken_convention import BrokenConvention
+from penode.pmsm.conventions.scales import PLATE
 from penode.pmsm.machine.terms import Term
+from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
 from penode.pmsm.recording.stationary_frame import LINK
 from penode.report.quantities import with_unit
 from penode.validation.comparison import finite_residual
@@ -33,6 +35,7 @@ def machine_checks(
     broken: Sequence[BrokenConvention] = (),
     unseen: Sequence[Experiment] = (),
     terms: Sequence[Term] = (),
+    plate: NamePlate = NO_PLATE,
 ) -> tuple[Check, ...]:
     """Return what the fit of a machine is examined for.
 
@@ -58,7 +61,19 @@ def machine_checks(
                     f"{one.fix[0].upper()}{one.fix[1:]}.",
                 )
 
-    return broken_conventions, per_unit, voltage_limit, unseen_disagree
+    def name_plate(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
+        low, high = fit.parameters["R"].interval_95
+        said = plate.resistance
+        if said is not None and not (low < PLATE * said and high > said / PLATE):
+            ratio = fit.parameters["R"].value / said
+            yield Objection(
+                "name plate",
+                f"R is {ratio:.2f} times the {with_unit(said, 'ohm')} of the name plate.",
+                "Check the plate and the scales of the channels, such as rms = true; R of the "
+                "plate is that of one phase, as warm as recorded.",
+            )
+
+    return broken_conventions, per_unit, voltage_limit, name_plate, unseen_disagree
 
 
 def per_unit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
