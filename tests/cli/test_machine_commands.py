@@ -306,12 +306,12 @@ def test_a_fit_of_no_machine_is_refused(oscillator, penode, tmp_path):
     assert "spring" in done.stderr
 
 
-def test_a_fit_without_answer_is_exported_with_a_warning(machine_fit, penode, tmp_path):
+def test_a_fit_without_answer_is_exported_with_a_warning_and_exit_status_1(machine_fit, penode, tmp_path):
     lost = replace(machine_fit, horizon=replace(machine_fit.horizon, verdict="no plateau"))
     lost.save(tmp_path / "lost")
     out = tmp_path / "map.h"
     done = penode("export", tmp_path / "lost", "--to", "c", "--out", out)
-    assert done.returncode == 0
+    assert done.returncode == 1
     assert "no plateau" in done.stderr
     assert "RESISTANCE" not in out.read_text()
 

@@ -7,7 +7,7 @@ import typer
 
 from penode.arrays import FloatArray
 from penode.cli.console import Row, print_rows
-from penode.cli.fits import load_machine, require_same_pole_pairs, warn_if_unanswered
+from penode.cli.fits import end_unless_answered, load_machine, require_same_pole_pairs
 from penode.cli.options import SavedFit, TrustClasses
 from penode.pmsm.exports.control_tables import torque_per_ampere
 from penode.pmsm.exports.formats import FORMATS, export
@@ -60,7 +60,7 @@ def export_command(
     if to == "motorcad" and reference_resistance(grid) is None:
         rows.append(("note", "R is left out: this form has it at 20 degC, which is not known"))
     print_rows(rows)
-    warn_if_unanswered(fit)
+    end_unless_answered(fit)
 
 
 def _range(currents: FloatArray) -> str:

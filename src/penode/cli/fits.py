@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import typer
 from rich.console import Console
 from rich.text import Text
 
@@ -53,13 +54,14 @@ def require_same_pole_pairs(fit: Fit, pole_pairs: int | None) -> None:
         )
 
 
-def warn_if_unanswered(fit: Fit) -> None:
-    """Print a warning where the recordings could not answer."""
+def end_unless_answered(fit: Fit) -> None:
+    """End with a warning and exit status 1 where the recordings could not answer."""
     if not fit.horizon.answered:
         say(
             f"warning: the verdict of this fit is {fit.horizon.verdict!r}; R is left out, and the "
             "map is as doubtful as R."
         )
+        raise typer.Exit(1)
 
 
 def signed(fit: Fit, began: float, entries: Mapping[str, Any] | None = None) -> Fit:

@@ -9,7 +9,7 @@ import typer
 
 from penode.arrays import FloatArray
 from penode.cli.console import Row, print_rows
-from penode.cli.fits import load_machine, require_same_pole_pairs, warn_if_unanswered
+from penode.cli.fits import end_unless_answered, load_machine, require_same_pole_pairs
 from penode.cli.options import Json, SavedFit, TrustClasses, require_png, require_suffix
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
@@ -107,7 +107,7 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
         limits = _limits(backed if i_max is None else None, volts, u_max is None)
         nothing = [("note", "nothing is drawn or written without --out, --csv or --table")]
         print_rows([*limits, *_figures(loci), *(files or nothing)])
-    warn_if_unanswered(fit)
+    end_unless_answered(fit)
 
 
 def _limits(backed: float | None, volts: float | None, recorded: bool) -> list[Row]:
