@@ -306,7 +306,7 @@ def test_a_fit_of_no_machine_is_refused(oscillator, penode, tmp_path):
     assert "spring" in done.stderr
 
 
-def test_a_fit_without_answer_is_exported_with_a_warning_and_exit_status_1(machine_fit, penode, tmp_path):
+def test_a_fit_without_answer_is_exported_with_exit_status_1(machine_fit, penode, tmp_path):
     lost = replace(machine_fit, horizon=replace(machine_fit.horizon, verdict="no plateau"))
     lost.save(tmp_path / "lost")
     out = tmp_path / "map.h"

@@ -1,5 +1,6 @@
 """Selectors on ladders made by hand, and the paired deviation against Monte Carlo."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from penode.horizon.selection import (
     Choice,
     Longest,
     Plateau,
+    _expected_errors,
     believable,
     choose,
     paired_deviation,
@@ -247,6 +249,15 @@ def test_a_map_whose_deviation_is_no_number_leaves_a_choice():
     choice = Plateau().select(rungs)
     assert isinstance(choice, Choice)
     assert 0 <= choice.index < 3
+
+
+def test_a_parameter_that_ran_away_at_one_horizon_is_expected_to_err_there_without_a_warning():
+    rungs = ladder((1, 4, 16), [2.0, 2.0, 1e200], [0.1, 0.1, np.inf])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        errors = _expected_errors(rungs)
+    assert 0.09 < errors[0] == errors[1] < 0.2
+    assert errors[2] > 1e100
 
 
 def test_a_collapsed_deviation_is_not_believed():

@@ -180,7 +180,8 @@ def _expected_errors(rungs: Sequence[HorizonFit]) -> FloatArray:
     variance = np.clip(np.stack([rung.working for rung in rungs]) ** 2, 1e-300, 1e300)
     weights = 1 / variance
     consensus = np.sum(values * weights, axis=0) / np.sum(weights, axis=0)
-    squares = np.nan_to_num(variance + (values - consensus) ** 2, nan=1e300, posinf=1e300)
+    apart = np.clip(values - consensus, -1e150, 1e150)  # a parameter may have run away
+    squares = np.nan_to_num(variance + apart**2, nan=1e300, posinf=1e300)
     logs = [np.log(squares[:, :physical]).mean(axis=1)] if physical else []
     if squares.shape[1] > physical:
         logs.append(np.log(squares[:, physical:].mean(axis=1)))
