@@ -22,8 +22,9 @@ from penode.training.prediction_error import Batch, PredictionError, compiled_wi
 Result = TypeVar("Result")
 
 #: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
-#: Of the few long windows of a short recording two chunks go side by side, hardly padded.
-CHUNK, _NEAR = 32, 131_072
+#: Of the few long windows of a short recording two chunks go side by side, hardly padded; from so
+#: many samples on most windows are short and many, for which chunks twice as wide are faster.
+CHUNK, _NEAR, _LONG = 32, 131_072, 100_000
 #: Windows that go through together where each has results of its own: of few, and of many.
 _FEW, _BLOCK = 32, 128
 #: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
@@ -99,7 +100,8 @@ def _laid_out(
     An optimiser asks for sums of the same windows many times. Errors are equal whatever the
     sub-steps, which are those of the predictor.
     """
-    width, order = _width(error), _neighbours(windows)
+    samples, order = shared_length(len(windows.states)), _neighbours(windows)
+    width = _width(error, samples)
     least = STRANDS * width
     capacity = least * math.ceil(shared_length(len(windows.states)) / least)
     with float64():
@@ -121,9 +123,11 @@ def _neighbours(windows: Windows) -> IntArray:
     return np.lexsort((start[:, -1], part))
 
 
-def _width(error: PredictionError) -> int:
+def _width(error: PredictionError, samples: int) -> int:
+    """Return how many windows a chunk has, of recordings padded to so many samples."""
     each = 8 * len(error.model.states) * error.layout.size
-    return CHUNK if CHUNK * each <= _NEAR else CHUNK // 2
+    widest = 2 * CHUNK if samples > _LONG else CHUNK
+    return next((n for n in (widest, CHUNK) if n * each <= _NEAR), CHUNK // 2)
 
 
 class Block(NamedTuple):
@@ -187,7 +191,7 @@ def _sum_over_chunks(
     error = replace(error, scale=scale)
     values = error.layout.values(raw)
     size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS
-    width = _width(error)
+    width = _width(error, windows.states.shape[1])
 
     def chunk(number: JaxArray, sums: _Totals) -> _Totals:
         at = first + number * width
