@@ -23,7 +23,6 @@ from penode.training import free_starts
 from penode.training.chunks import CHUNK, _sum_over_chunks
 from penode.training.free_starts import estimated_starts
 from penode.training.loss import DEFAULT_LOSS, Loss, equation
-from penode.training.plan import Problem
 from penode.training.prediction_error import Batch
 from penode.training.residuals import Objective
 
@@ -195,38 +194,6 @@ def test_one_step_is_enough_where_squares_are_right_to_a_millionth(case, windows
     assert terms.loss * terms.count == pytest.approx(squares, rel=1e-6)
     slopes, size = terms.count * gradient, np.abs(terms.scores).sum(axis=1).max()
     np.testing.assert_allclose(-2 * terms.descent, slopes, rtol=0, atol=1e-3 * size)
-
-
-def test_where_the_search_begins_matters_to_what_one_step_leaves_alone(case, windows):
-    there = case.objective.gauss_newton(RAW, windows)
-    assert np.abs(there.starts).max() > 0.05
-    for near in (there.starts, 0.5 * there.starts, np.full_like(there.starts, 0.1)):
-        terms = case.objective.gauss_newton(RAW, windows, near)
-        np.testing.assert_allclose(terms.starts, there.starts, rtol=0, atol=1e-4)
-        assert terms.loss == pytest.approx(there.loss, rel=1e-6)
-        size = np.abs(there.scores).sum(axis=1).max()
-        np.testing.assert_allclose(terms.descent, there.descent, rtol=0, atol=1e-3 * size)
-
-
-def test_a_problem_goes_on_from_the_starts_that_its_last_finite_terms_had(
-    case, windows, monkeypatch
-):
-    begun, plainly = [], Objective.gauss_newton
-
-    def watched(self, raw, windows, near=None):
-        begun.append(near)
-        return plainly(self, raw, windows, near)
-
-    monkeypatch.setattr(Objective, "gauss_newton", watched)
-    problem = Problem(case.objective, None, windows, np.array([True, True]))
-    first = problem.gauss_newton(RAW)
-    assert not problem.gauss_newton(np.array([1e30, 0.0])).finite
-    second = problem.gauss_newton(1.01 * RAW)
-    problem.gauss_newton(1.02 * RAW)
-    assert begun[0] is None
-    assert begun[1] is first.starts
-    assert begun[2] is first.starts, "those of what diverged are no numbers"
-    assert begun[3] is second.starts
 
 
 @pytest.mark.usefixtures("exact")

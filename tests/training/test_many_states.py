@@ -101,8 +101,7 @@ def test_one_step_finds_the_starts_of_a_linear_model():
     with float64():
         values, horizon, one = on_device(RAW)[:, None], jnp.asarray(HORIZON), jnp.asarray(1)
         batch = compiled_windows(error, windows, COUNT)
-        begun = batch, jnp.zeros((len(error.free), COUNT))
-        found, _ = free_starts._searched(error, values, horizon, begun, one)
+        found, _ = free_starts._searched(error, values, horizon, batch, one)
         nothing = NormalMatrix.zero(0, values)
         left = window_sums(error, values, found, horizon, batch, nothing).squares
         assert float(jnp.sum(left)) == pytest.approx(squares(RAW, windows), rel=1e-9)

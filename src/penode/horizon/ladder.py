@@ -328,7 +328,7 @@ class LadderProblem:
     ) -> list[dict[str, FloatArray]]:
         """Return the hidden states of each recording as windows have them where training ended.
 
-        Long windows of a nonlinear model have several minima; the shorter ones lead to the right.
+        Long windows of a nonlinear model have several minima; shorter ones lead to the right.
         """
         mean = mean_states(objective.error, solution.raw, windows, solution.terms.starts)
         parts = np.split(mean, np.cumsum([len(e) for e in self.experiments])[:-1])
@@ -414,11 +414,10 @@ class LadderProblem:
         series = ScoreSeries.of_windows(problem.windows)
         if series.ample:
             return solution, series
-        terms, given = solution.terms, (solution.raw, problem.windows, solution.terms.starts)
+        given = solution.raw, problem.windows, solution.terms.starts
         scores = problem.objective.sample_scores(*given)[problem.moving]
-        terms = replace(terms, scores=scores)
-        series = ScoreSeries.of_samples(influence(terms, jacobian))
-        return replace(solution, terms=terms), series
+        terms = replace(solution.terms, scores=scores)
+        return replace(solution, terms=terms), ScoreSeries.of_samples(influence(terms, jacobian))
 
     def _report(self, rung: HorizonFit, place: tuple[int, int]) -> None:
         names = self.objective.layout.physical

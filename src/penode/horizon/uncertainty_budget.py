@@ -77,21 +77,16 @@ def raw_shifts(
 ) -> FloatArray:
     """Return what each imperfection moves the estimate by, shape (imperfection, parameter), raw.
 
-    To first order the minimum moves by A^-1 times the change of S'r, the descent. It is so small a
-    change that both descents look for the windows' starts from the same.
+    To first order the minimum moves by A^-1 times the change of S'r, the descent.
     """
     raw, terms = rung.solution.raw, rung.solution.terms
     shifts = np.zeros((len(imperfections), len(raw)))
     moving = problem.objective.layout.members(stage.groups)
-
-    def descent(experiments: Sequence[Experiment]) -> FloatArray:
-        own = replace(problem, experiments=experiments).problem(stage, plan)
-        return own.objective.descent(raw, own.windows, terms.starts)[moving]
-
-    before = descent(problem.experiments) if imperfections else np.zeros(0)
     for shift, one in zip(shifts, imperfections, strict=True):
-        after = descent([one.applied(e, _SMALL) for e in problem.experiments])
-        shift[moving] = terms.inverse @ (after - before) / _SMALL
+        imperfect = [one.applied(e, _SMALL) for e in problem.experiments]
+        changed = replace(problem, experiments=imperfect).problem(stage, plan)
+        descent = changed.objective.descent(raw, changed.windows)[moving]
+        shift[moving] = terms.inverse @ (descent - terms.descent) / _SMALL
     return shifts
 
 

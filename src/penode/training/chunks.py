@@ -35,22 +35,16 @@ _PARTS = 10
 
 
 def summed(
-    error: PredictionError,
-    raw: FloatArray,
-    windows: Windows,
-    normal: bool = True,
-    near: FloatArray | None = None,
+    error: PredictionError, raw: FloatArray, windows: Windows, normal: bool = True
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return sums over windows: r'r, S'S (value, value), and S'r of each window, (value, window).
 
-    Behind them are the corrections of the windows' starts (free, window), SI units; `near` is where
-    the search for them begins, zero if left out. One program serves every horizon and number of
-    windows cut from the same recordings of one time step. Where `normal` is not wanted, what is
-    returned in its place means nothing.
+    Behind them are the corrections of the windows' starts (free, window), SI units. One program
+    serves every horizon and number of windows cut from the same recordings of one time step. Where
+    `normal` is not wanted, what is returned in its place means nothing.
     """
-    near = np.zeros((len(error.free), len(windows))) if near is None else near
     parts = [
-        (places, _summed(own, raw, alike, normal, near[:, places]))
+        (places, _summed(own, raw, alike, normal))
         for places, own, alike in error.by_time_step(windows)
     ]
     if len(parts) == 1:
@@ -64,13 +58,12 @@ def summed(
 
 
 def _summed(
-    error: PredictionError, raw: FloatArray, windows: Windows, normal: bool, near: FloatArray
+    error: PredictionError, raw: FloatArray, windows: Windows, normal: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the sums over windows of one time step."""
     order, batch, length = _laid_out(error, error.predictor, windows)
-    near = np.pad(near[:, order], ((0, 0), (0, len(batch.starts) - len(order))))
     with float64():
-        shared = on_device(raw), on_device(error.scale), (batch, on_device(near))
+        shared = on_device(raw), on_device(error.scale), batch
 
     def add_up(first: int, count: int) -> Sequence[FloatArray]:
         with float64():
@@ -82,7 +75,8 @@ def _summed(
     counts = [min(length, len(order) - first) for first in firsts]
     add_up(0, 0)  # compiles, where that is still to be done, once
     strands = list(_workers().map(add_up, firsts, counts))
-    squares, products = (np.sum([part[k] for part in strands], axis=0) for k in (0, 1))
+    with np.errstate(invalid="ignore"):  # of rollouts that diverge
+        squares, products = (np.sum([part[k] for part in strands], axis=0) for k in (0, 1))
     parts = [[part[k][:, :n] for part, n in zip(strands, counts, strict=True)] for k in (2, 3)]
     scores, corrections = (np.concatenate(part, axis=1) for part in parts)
     if windows.horizon > 1:
@@ -179,25 +173,21 @@ def _sum_over_chunks(
     error: PredictionError,
     raw: JaxArray,
     scale: JaxArray,
-    begun: tuple[Batch, JaxArray],
+    windows: Batch,
     span: tuple[JaxArray, JaxArray, JaxArray],
     horizon: JaxArray,
 ) -> tuple[JaxArray, ...]:
-    """Sum over a span of windows: the first, how many, and whether the normal matrix is wanted.
-
-    Beside the windows is where the search for their starts begins, (free, window).
-    """
-    (windows, near), (first, count, wanted) = begun, span
+    """Sum over a span of windows: the first, how many, and whether the normal matrix is wanted."""
+    first, count, wanted = span
     error = replace(error, scale=scale)
     values = error.layout.values(raw)
     size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS
     width = _width(error, windows.states.shape[1])
 
     def chunk(number: JaxArray, sums: _Totals) -> _Totals:
-        at = first + number * width
-        batch, own = windows.part(at, width), jax.lax.dynamic_slice_in_dim(near, at, width, axis=1)
+        batch = windows.part(first + number * width, width)
         squares, scores, normal, corrections = sums_without_starts(
-            error, values[:, None], horizon, (batch, own), sums[1]
+            error, values[:, None], horizon, batch, sums[1]
         )
         here = (jnp.zeros_like(number), number * width)
         scores = jax.lax.dynamic_update_slice(sums[2], scores, here)

@@ -55,17 +55,16 @@ def sums_without_starts(
     error: PredictionError,
     values: JaxArray,
     horizon: JaxArray,
-    begun: tuple[Batch, JaxArray],
+    batch: Batch,
     normal: NormalMatrix,
 ) -> tuple[JaxArray, JaxArray, NormalMatrix, JaxArray]:
     """Return squares (batch,), scores (value, batch) and normal matrix, the starts eliminated.
 
-    Behind them are the starts' corrections (free, batch), SI units, and beside the batch is where
-    the search for them begins. The pass that sums shows as well what is left of each start's way to
-    its minimum, and takes it off. Mostly one step before it is enough; where it is not, the starts
-    are looked for first. Values are (value, 1); S'S is added to `normal`.
+    Behind them are the starts' corrections (free, batch), SI units. The pass that sums them shows
+    as well what is left of each start's way to its minimum, and takes it off. Mostly one step
+    before it is enough; where it is not, the starts are looked for first. Values are (value, 1);
+    S'S is added to `normal`.
     """
-    batch, near = begun
     width = len(batch.starts)
     each = jnp.broadcast_to(values, (len(values), width))
     free = len(error.free)
@@ -76,7 +75,7 @@ def sums_without_starts(
 
     def attempt(before: _Terms) -> _Terms:
         most = jnp.where(before.attempts == 0, 1, _most_passes(error))
-        correction, gain = _searched(error, values, horizon, begun, most)
+        correction, gain = _searched(error, values, horizon, batch, most)
         sums = window_sums(error, each, correction, horizon, batch, normal)
         squares, slope, curvature = _with_stiffness(error, sums, correction, batch.used)
         factor = _Factor.of(curvature, 0.0 * gain)
@@ -95,7 +94,8 @@ def sums_without_starts(
         return (at.attempts == 0) | ((at.attempts == 1) & ~at.settled)
 
     zero = jnp.zeros(width, values.dtype)
-    start = _Terms(jnp.zeros((), int), jnp.zeros((), bool), zero, 0.0 * each, normal, near)
+    nowhere = jnp.zeros((free, width), values.dtype)
+    start = _Terms(jnp.zeros((), int), jnp.zeros((), bool), zero, 0.0 * each, normal, nowhere)
     found = jax.lax.while_loop(unsettled, attempt, start)
     return found.squares, found.scores, found.normal, found.correction
 
@@ -110,8 +110,7 @@ def estimated_starts(
     """
     if not len(error.free):
         return jnp.zeros((0, len(batch.starts)), values.dtype)
-    near = jnp.zeros((len(error.free), len(batch.starts)), values.dtype)
-    return _searched(error, values, horizon, (batch, near), jnp.asarray(_most_passes(error)))[0]
+    return _searched(error, values, horizon, batch, jnp.asarray(_most_passes(error)))[0]
 
 
 def followed_by(
@@ -141,15 +140,11 @@ def _most_passes(error: PredictionError) -> int:
 
 
 def _searched(
-    error: PredictionError,
-    values: JaxArray,
-    horizon: JaxArray,
-    begun: tuple[Batch, JaxArray],
-    most: JaxArray,
+    error: PredictionError, values: JaxArray, horizon: JaxArray, batch: Batch, most: JaxArray
 ) -> tuple[JaxArray, JaxArray]:
     """Return corrections after so many passes at most, and what the last step promised."""
-    batch, near = begun
-    free, width = near.shape
+    free, width = len(error.free), len(batch.starts)
+    zero = jnp.zeros((free, width), values.dtype)
 
     def body(at: _Search) -> _Search:
         nothing = NormalMatrix.zero(0, values)
@@ -178,12 +173,12 @@ def _searched(
     blank = jnp.ones((free, free, width), values.dtype)
     never = jnp.full(width, jnp.inf, values.dtype)
     start = _Search(
-        near,
+        zero,
         never,
-        jnp.zeros_like(near),
+        zero,
         blank,
         jnp.zeros(width, values.dtype),
-        near,
+        zero,
         jnp.zeros(width, values.dtype),
         jnp.zeros((), int),
         never < 0,

@@ -55,9 +55,9 @@ class Problem:
         """Return the terms of the moving parameters at raw (parameter,)."""
         key = raw.tobytes()
         if key not in self._known:
-            self._known[key] = self._gauss_newton(raw)
-            while len(self._known) > 2:
+            while len(self._known) > 1:
                 self._known.pop(next(iter(self._known)))
+            self._known[key] = self._gauss_newton(raw)
         return self._known[key]
 
     @cached_property
@@ -66,8 +66,7 @@ class Problem:
         return {}
 
     def _gauss_newton(self, raw: FloatArray) -> GaussNewtonTerms:
-        near = [terms.starts for terms in self._known.values() if terms.finite]
-        terms = self.objective.gauss_newton(raw, self.windows, near[-1] if near else None)
+        terms = self.objective.gauss_newton(raw, self.windows)
         normal = (terms.normal + self._ridge(terms.normal))[np.ix_(self.moving, self.moving)]
         scores = terms.scores[self.moving]
         prior = terms.prior

@@ -112,9 +112,7 @@ class Objective:
                 gradient += share * np.asarray(own[1])
         return loss, gradient
 
-    def gauss_newton(
-        self, raw: FloatArray, windows: Windows, near: FloatArray | None = None
-    ) -> GaussNewtonTerms:
+    def gauss_newton(self, raw: FloatArray, windows: Windows) -> GaussNewtonTerms:
         """Return the loss and the Gauss-Newton terms by forward sensitivities, J never stored.
 
         Parameters
@@ -123,15 +121,12 @@ class Objective:
             Raw parameters.
         windows : Windows
             One program serves every horizon and number of windows cut from the same recordings.
-        near : ndarray, shape (free state, window), optional
-            Where the search for the windows' starts begins, zero by default: `starts` of terms at
-            parameters nearby.
         """
         residuals = int(windows.steps.sum()) * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
         with float64():
             prior = self._prior(on_device(raw), residuals)
-        squares, normal, scores, starts = self._sums(raw, windows, near=near)
+        squares, normal, scores, starts = self._sums(raw, windows)
         return GaussNewtonTerms(
             loss=float(squares) / residuals + float(penalties @ penalties),
             count=residuals,
@@ -142,9 +137,7 @@ class Objective:
             starts=starts,
         )
 
-    def descent(
-        self, raw: FloatArray, windows: Windows, near: FloatArray | None = None
-    ) -> FloatArray:
+    def descent(self, raw: FloatArray, windows: Windows) -> FloatArray:
         """Return the descent (parameter,) of the Gauss-Newton terms alone, which costs less.
 
         Parameters
@@ -153,12 +146,10 @@ class Objective:
             Raw parameters.
         windows : Windows
             Served by the same program as those of `gauss_newton`.
-        near : ndarray, shape (free state, window), optional
-            Where the search for the windows' starts begins, zero by default.
         """
         residuals = int(windows.steps.sum()) * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
-        scores = self._sums(raw, windows, normal=False, near=near)[2]
+        scores = self._sums(raw, windows, normal=False)[2]
         return np.asarray(_summed(scores) - residuals * slopes.T @ penalties)
 
     def sample_scores(
@@ -212,17 +203,10 @@ class Objective:
         return np.asarray(residuals**2 * sum(parts))
 
     def _sums(
-        self,
-        raw: FloatArray,
-        windows: Windows,
-        normal: bool = True,
-        near: FloatArray | None = None,
+        self, raw: FloatArray, windows: Windows, normal: bool = True
     ) -> tuple[FloatArray, ...]:
-        """Return summed squares, normal matrix (if wanted), the windows' scores, and their starts.
-
-        Normal matrix and scores are of raw parameters.
-        """
-        squares, products, scores, corrections = summed(self.error, raw, windows, normal, near)
+        """Return summed squares, normal matrix (if wanted), windows' scores of raw, and starts."""
+        squares, products, scores, corrections = summed(self.error, raw, windows, normal)
         transposed, unit, bent = self._transposed(raw), self._unit, self._unit
         if normal and self.loss.noise is not None:
             bent *= self._bend(raw, windows, corrections)
