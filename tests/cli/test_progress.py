@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 
 import pytest
 from rich.console import Console
@@ -223,6 +224,14 @@ def test_finished_rungs_stay_on_a_terminal_and_are_a_line_each_in_a_pipe(termina
         assert last.count("R =") == 1
     else:
         assert said == "rung 1 of 4: H = 3, R = 12.30 ± 0.10 mΩ (std), RMSE over H steps 2.000 A\n"
+
+
+def test_a_deviation_that_is_not_known_is_said():
+    console = Console(file=io.StringIO(), width=100)
+    with LadderView(console) as view:
+        view({**rung(1), "std": {"R": math.inf}})
+    said = "rung 1 of 4: H = 3, R = 12.30 ± unknown mΩ (std), RMSE over H steps 2.000 A\n"
+    assert console.file.getvalue() == said
 
 
 def test_the_line_says_what_goes_on_before_and_after_the_ladder():

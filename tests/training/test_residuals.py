@@ -8,6 +8,7 @@ import pytest
 from penode import Predictor
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
+from penode.training import chunks
 from penode.training.chunks import CHUNK
 from penode.training.gauss_newton_terms import GaussNewtonTerms
 from penode.training.residuals import Objective
@@ -74,6 +75,30 @@ def test_whole_chunks_and_a_single_window(systems, objective_of):
         part = replace(many, starts=many.starts[:count], recording=many.recording[:count])
         found = objective_of(system).gauss_newton(system.raw, part)
         assert_terms_equal(found, expected_terms(system, "rk4", part), accuracy=1e-10)
+
+
+@pytest.fixture
+def other_chunks():
+    """Return a function after which programs are laid out and compiled anew; it acts at the end."""
+
+    def forget():
+        chunks._laid_out.cache_clear()
+        chunks._sum_over_chunks.clear_cache()
+
+    yield forget
+    forget()
+
+
+def test_chunks_of_long_recordings_are_wider(systems, objective_of, other_chunks, monkeypatch):
+    system = systems["linear machine"]
+    many, count, objective = system.windows(2), 2 * CHUNK + 1, objective_of(system)
+    windows = replace(many, starts=many.starts[:count], recording=many.recording[:count])
+    for longest, width in ((10**9, CHUNK), (0, 2 * CHUNK)):
+        monkeypatch.setattr(chunks, "_LONG", longest)
+        other_chunks()
+        assert chunks._width(objective.error, 1000) == width
+        found = objective.gauss_newton(system.raw, windows)
+        assert_terms_equal(found, expected_terms(system, "rk4", windows), accuracy=1e-10)
 
 
 def test_scale_divides_the_residuals(systems):

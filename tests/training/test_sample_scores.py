@@ -34,6 +34,10 @@ def test_the_sum_over_samples_is_that_over_windows(systems, loss):
     raw = objective.layout.raw(system.model) * 1.02
     by_window = objective.gauss_newton(raw, windows).scores
     by_sample = objective.sample_scores(raw, windows)
+    starts = objective.gauss_newton(raw, windows).starts
+    np.testing.assert_array_equal(objective.sample_scores(raw, windows, starts), by_sample)
+    if len(starts):
+        assert np.any(objective.sample_scores(raw, windows, starts + 1.0) != by_sample)
     assert by_sample.shape == (len(raw), len(windows.states))
     size = np.abs(by_window).sum(axis=1)
     assert np.abs(by_sample.sum(axis=1) - by_window.sum(axis=1)).max() < 1e-6 * size.max()

@@ -155,7 +155,8 @@ class _Beside:
             block = np.repeat(np.arange(self.blocks) == k, len(own))
             beside = block_diag(*(own / a**2 for a in found))[~block][:, ~block]
             found[k] = _AMPLITUDES[np.argmax(_evidence(*_marginal(data, block, beside), own))]
-        best = Rows(slopes := block_diag(*(white / a for a in found)), np.zeros(len(slopes)))
+        slopes = block_diag(*(white / a for a in found))
+        best = Rows(slopes, np.zeros(len(slopes)))
         return best if best.evidence(data) > _DECISIVE else None
 
 

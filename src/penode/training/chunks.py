@@ -97,7 +97,7 @@ def _laid_out(
     samples, order = shared_length(len(windows.states)), _neighbours(windows)
     width = _width(error, samples)
     least = STRANDS * width
-    capacity = least * math.ceil(shared_length(len(windows.states)) / least)
+    capacity = least * math.ceil(samples / least)
     with float64():
         batch = compiled_windows(replace(error, predictor=predictor), windows, capacity, order)
     return order, batch, width * -(-len(order) // least)

@@ -217,7 +217,8 @@ def test_rms_shows_against_a_name_plate_or_phases_and_not_without(drawn):
         assert "Rms values cannot be distinguished" in alone.undetermined[-1]
         (given,) = check_conventions(scaled(run, 1 / root, *names), None, plate).broken
         assert given.name == f"peak for rms ({word})"
-        assert given.fix == f"remove rms = true from {' and '.join(names)}"
+        assert given.fix.startswith(f"remove rms = true from {' and '.join(names)} where")
+        assert "correct the name plate" in given.fix
     both = scaled(run, root, "u_d", "u_q", "i_d", "i_q")
     assert names_of(both, None, plate) == ["rms for peak (voltages)", "rms for peak (currents)"]
     both = scaled(scaled(run, root, "u_d", "u_q"), 1 / root, "i_d", "i_q")

@@ -186,10 +186,7 @@ def test_a_name_plate_is_contradicted_where_the_whole_interval_lies_elsewhere(
 ):
     resistance = fit.parameters["R"]
     plate = NamePlate(resistance=resistance.value / share)
-    (*_, check, _), (*_, other, _) = (
-        machine_checks(plate=plate),
-        machine_checks(plate=NamePlate(0.1)),
-    )
+    check, other = (machine_checks(plate=one)[-2] for one in (plate, NamePlate(0.1)))
     assert (names(fit, slow_run, [check]) == ["name plate"]) is objected
     unsure = replace(resistance, interval_95=(0.0, 9.0 * resistance.value))
     assert names(replace(fit, parameters={"R": unsure}), slow_run, [check]) == []

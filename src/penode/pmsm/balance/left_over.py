@@ -52,7 +52,7 @@ _RATIOS = 10.0 ** np.arange(-4.0, 8.1, 0.25)
 #: What drives want whose angle is not known.
 _RECORD_ANGLE = (
     "Record theta_el: it shows dead time phase by phase, harmonics of the angle, and whether "
-    "pole_pairs and the scales of both axes are right; check these in the study file."
+    "pole_pairs is right; check that and the scales of both axes in the study file."
 )
 
 

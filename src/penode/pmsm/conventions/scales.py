@@ -94,9 +94,8 @@ def judge_rms_by_plate(experiment: Experiment, plate: NamePlate) -> tuple[Broken
     findings = []
     trial, fine = try_balance(experiment), try_balance(experiment, degree=FINE_DEGREE)
     flux = float(np.hypot(*trial.magnet)) / plate.magnet_flux_linkage
-    volts = 1.0
-    for factor, tolerance in ((1 / _ROOT, _TOLERANCE), (_ROOT, _TOLERANCE_ABOVE)):
-        volts = factor if abs(flux / factor - 1.0) < tolerance else volts
+    wrong = ((1 / _ROOT, _TOLERANCE), (_ROOT, _TOLERANCE_ABOVE))
+    volts = next((f for f, tolerance in wrong if abs(flux / f - 1.0) < tolerance), 1.0)
     if volts != 1.0:
         evidence = f"the magnet's flux linkage is {flux:.2f} times that of the name plate"
         findings.append(_rms(experiment, "u", evidence, missing=volts < 1.0))
@@ -139,5 +138,9 @@ def _rms(
     names = _NAMES[kind]
     fix, taken = f"give {' and '.join(names)} rms = true", "rms for peak"
     if not missing:
-        fix, taken = f"remove rms = true from {' and '.join(names)}", "peak for rms"
+        fix = (
+            f"remove rms = true from {' and '.join(names)} where the study file has it; else "
+            "correct the name plate, whose flux linkage is a peak value and R that of one phase"
+        )
+        taken = "peak for rms"
     return BrokenConvention(f"{taken} ({_WORDS[kind]})", experiment.name, names, evidence, fix)
