@@ -75,6 +75,21 @@ def test_unusable_configuration_gets_one_sentence(config, penode, tmp_path, old,
     assert not (tmp_path / "run.csv").exists()
 
 
+def test_only_what_a_simulation_wrote_is_replaced(config, penode, tmp_path):
+    out = tmp_path / "run.csv"
+    out.write_text("measured on the bench\n")
+    done = penode("simulate", config, "--out", out)
+    assert done.returncode == 2
+    assert done.stderr.strip().count("\n") == 0, done.stderr
+    assert "was not written by a simulation" in done.stderr
+    assert out.read_text() == "measured on the bench\n"
+    out.unlink()
+    assert "replaced" not in penode("simulate", config, "--out", out).stdout
+    again = penode("simulate", config, "--out", out)
+    assert again.returncode == 0, again.stderr
+    assert "(replaced)" in again.stdout
+
+
 def test_unknown_name_and_suffix_are_refused(config, penode, tmp_path):
     done = penode("simulate", "paper_toaster", "--out", tmp_path / "run.csv")
     assert done.returncode == 2

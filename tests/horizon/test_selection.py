@@ -108,13 +108,8 @@ def test_consistent_rungs_give_the_shortest_of_the_surest():
 def test_equally_sure_rungs_give_one_step():
     choice = Plateau().select(ladder([1, 2, 4, 8], [0.2] * 4, [0.01] * 4))
     assert (choice.index, choice.verdict) == (0, "H = 1 suffices")
-    assert "H = 1 to 8, and their weighted mean is the answer; of these" in choice.reason
-    assert "expected error, of parameters together, is within 1.25" in choice.reason
-
-
-def test_what_is_compared_is_named_with_the_map_where_there_is_one():
-    rungs = [rung(h, [0.2, 1.0], [0.01, 0.1]) for h in (1, 2, 4, 8)]
-    assert "of parameters and map together" in Plateau().select(rungs).reason
+    assert "H = 1 to 8, and their weighted mean is the answer; " in choice.reason
+    assert "; budget and residuals are those of H = 1, the shortest" in choice.reason
 
 
 def test_a_tie_is_a_factor():

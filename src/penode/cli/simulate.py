@@ -16,7 +16,7 @@ from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.simulation.simulated_drive import Deviation, deviation, share_beyond, torque_of
-from penode.pmsm.simulation.simulated_files import write_recording
+from penode.pmsm.simulation.simulated_files import truth_file, write_recording
 from penode.pmsm.study_file import load_study
 from penode.report.quantities import number
 
@@ -59,6 +59,7 @@ def simulate_command(
     """
     require_table_suffix(out)
     require_png(picture, over_time)
+    replaced = _replaced(out)
     recorded = _recorded(against, study)
     began = time.monotonic()
     simulation = load_config(config)
@@ -83,7 +84,7 @@ def simulate_command(
         write_atomically(over_time, drive_picture(recording, recorded))
         rows.append(("picture", str(over_time)))
     run, took = recording.experiment, time.monotonic() - began
-    told = f"{out}: {len(run) * run.time_step:.3g} s of {run.name}, in {took:.1f} s"
+    told = f"{out}{replaced}: {len(run) * run.time_step:.3g} s of {run.name}, in {took:.1f} s"
     print_rows([("recording", told), ("truth", str(story)), ("true map", str(table)), *rows])
     share = 0.0 if simulation.result is None else share_beyond(recording, simulation.result)
     if share > 0:
@@ -91,6 +92,17 @@ def simulate_command(
             f"warning: in {number(100 * share, 2)} % of the run the currents are where no "
             "recording has been, and the map is an extrapolation."
         )
+
+
+def _replaced(out: Path) -> str:
+    """Return what is said where an earlier simulation is replaced; nothing else ever is."""
+    if not out.exists():
+        return ""
+    if not truth_file(out).exists():
+        raise InputError(
+            f"{out} was not written by a simulation, which would replace it: give another --out."
+        )
+    return " (replaced)"
 
 
 def _recorded(against: Path | None, study: Path | None) -> Experiment | None:

@@ -148,13 +148,12 @@ class Plateau:
                 "is known."
             )
             return Choice(index, "no plateau", reason, tuple(range(len(rungs))))
-        learned = " and map" if len(rungs[0].values) > len(rungs[0].influence) else ""
         others = [str(rung.horizon) for k, rung in enumerate(rungs) if k not in run]
         reason = (
             f"Estimates agree from H = {low} to {high}, and their weighted mean is the answer"
             + f" (those at {', '.join(others)} differ by more than chance)" * bool(others)
-            + f"; of these H = {chosen} is the shortest whose expected error, of "
-            f"parameters{learned} together, is within {self.tie:g} times the least."
+            + f"; budget and residuals are those of H = {chosen}, the shortest whose expected "
+            f"error is within {self.tie:g} times the least."
         )
         return Choice(index, "H = 1 suffices" if chosen == 1 else "plateau", reason, run)
 

@@ -259,19 +259,42 @@ def test_phases_exchanged_before_dq_was_made(drawn, kinds):
     assert "phases a and b of the" in found.fix
 
 
-@pytest.mark.parametrize("known", [False, True])
-def test_wrong_pole_pairs_without_an_angle(drawn, known):
-    """One pole pair too few, whether the number is given or not; a delay is not claimed beside."""
+@pytest.mark.parametrize("of_shaft", [False, True])
+def test_wrong_pole_pairs_without_an_angle(drawn, of_shaft):
+    """One pole pair too few, of a speed of the shaft or not; a delay is not claimed beside."""
     machine, run = drawn
     taken = machine.pole_pairs - 1
     wrong = without(scaled(run, taken / machine.pole_pairs, "omega_el"), "theta_el")
-    found = check_conventions(wrong, taken if known else None)
+    found = check_conventions(wrong, taken, of_shaft=("omega_el",) if of_shaft else ())
     if machine.name == "traction_300A":  # too slow: dead time and delay explain as much
         assert found.broken == () or found.broken[0].name == "wrong pole pairs"
         return
     assert [b.name for b in found.broken][:1] == ["wrong pole pairs"]
-    number = f"pole_pairs = {machine.pole_pairs}" if known else f"with {machine.pole_pairs} pole"
+    number = f"pole_pairs = {machine.pole_pairs}" if of_shaft else f"with {machine.pole_pairs} pole"
     assert number in found.broken[0].fix
+
+
+@pytest.mark.parametrize("speed_rpm", [700.0, 1500.0])
+def test_poles_for_pole_pairs_without_an_angle(speed_rpm):
+    """The harmonics of the right speed, which is lower, stay out of the trial."""
+    machine, shaft = COMSOL_300A, ("omega_el",)
+    slow = Lissajous(150.0, 9.0, 10.0)
+    run = without(simulate(machine, slow, speed_rpm=speed_rpm, duration=1.0, seed=4), "theta_el")
+    pairs = machine.pole_pairs
+    assert check_conventions(run, pairs, of_shaft=shaft).broken == ()
+    (found,) = check_conventions(scaled(run, 2.0, "omega_el"), 2 * pairs, of_shaft=shaft).broken
+    assert found.fix == f"give pole_pairs = {pairs} in place of {2 * pairs}"
+
+
+def test_a_speed_at_the_end_of_the_range_is_not_determined():
+    """Harmonics that are sampled rarely are smaller, the larger the speed is taken for."""
+    run = simulate(
+        TRACTION_300A, Lissajous(150.0, 9.0, 10.0), speed_rpm=3000.0, duration=1.0, seed=4
+    )
+    doubled = without(scaled(run, 2.0, "omega_el"), "theta_el")
+    found = check_conventions(doubled, 2 * TRACTION_300A.pole_pairs, of_shaft=("omega_el",))
+    assert found.broken == ()
+    assert "without theta_el neither the pole pairs" in found.undetermined[0]
 
 
 def test_pole_pairs_that_slow_currents_do_not_show_are_said_to_be_undetermined():

@@ -141,11 +141,11 @@ def _orders(
     if kept:
         named, times = (
             " and ".join(each)
-            for each in (map(str, kept), (_rounded(power[n] / floor[n]) for n in kept))
+            for each in (map(str, kept), (_rounded((power[n] / floor[n]) ** 0.5) for n in kept))
         )
         reasons.append(
-            f"Angle harmonics were included: without them orders {named} of the electrical "
-            f"frequency have {times} times the power of the orders beside them in the residual."
+            f"Angle harmonics were included: without them the residual's amplitudes at orders "
+            f"{named} of the electrical frequency are {times} times those beside them."
         )
     missed = [n for n in shown if n not in kept]
     if missed:

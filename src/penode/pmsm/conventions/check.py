@@ -206,7 +206,7 @@ def _as_recorded(experiment: Experiment, said: OfShaft) -> _Recorded:
         if not broken:
             raise
         return _Recorded(Conventions(broken), fixed, kinds, ended=True)
-    (finding, drive), undetermined = judge_cures(drive, said.pole_pairs)
+    (finding, drive), undetermined = judge_cures(drive, said)
     broken += (_of_phases(finding, kinds),) if finding else ()
     return _Recorded(
         Conventions(broken, (undetermined,) if undetermined else ()), drive, kinds, not undetermined

@@ -5,6 +5,7 @@ other cure; cures that are as good are named beside it. The best is applied befo
 looked for.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -15,7 +16,7 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.trial_balance import Trial, trial_window
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judged, with_channels
-from penode.pmsm.conventions.motion import MOST_POLE_PAIRS, angle_over_speed
+from penode.pmsm.conventions.motion import MOST_POLE_PAIRS, OfShaft, angle_over_speed
 from penode.pmsm.conventions.speed_balance import SpeedBalance
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.standstill import stands_still
@@ -25,8 +26,9 @@ from penode.pmsm.recording.stationary_frame import LINK
 _CLEARER = 0.7
 #: Misfit with another cure over that with the best, up to which it is as good.
 _AS_GOOD = 1.1
-#: Misfit at the next pole pairs over that as recorded from which the pole pairs are determined.
-_DETERMINED = 1.05
+#: Misfit at the next pole pairs, up to twice as many or half, over that as recorded, from which the
+#: pole pairs are determined.
+_NEXT, _DETERMINED = 1.25, 1.05
 #: Fraction of the voltages that no cure explains in a recording that is of no such machine: of
 #: right ones at most 0.05 is left, at 60 rpm behind a dead time.
 _UNEXPLAINED = 0.12
@@ -41,6 +43,8 @@ _NOWHERE = 0.1
 _MUCH_CLEARER = 0.35
 #: Fewest windows in a recording.
 _FEWEST = 16
+#: Longest windows over those that null the sixth harmonic of the speed as recorded.
+_LONGEST = 3
 #: Factors of the speed beside the whole ones: pole pairs taken for others, up to so many.
 _RATIO_OF = 8
 _SPEED = "omega_el"
@@ -136,36 +140,35 @@ def _exchanges() -> tuple[Cure, ...]:
 _PHASES = _exchanges()
 
 
-def judge_cures(experiment: Experiment, pole_pairs: int | None) -> tuple[Judged, str]:
+def judge_cures(experiment: Experiment, said: OfShaft) -> tuple[Judged, str]:
     """Find channels that count the other way or are exchanged, and a speed that is not electrical.
 
     The recording comes with the finding set right. The text says why pole pairs cannot be
     determined, empty where they can or an angle shows them.
     """
-    cures = (*_SIGNS, *_factors(pole_pairs))
-    trials = _trials(experiment, (AS_RECORDED, *cures))
-    standing = trials[0]
+    cures = (*_SIGNS, *_factors(said))
+    tried = _tried(experiment, cures)
+    standing = tried[0].standing
     if standing.residual > _SPINS and "theta_el" in experiment.channels:
-        cures, trials = (*cures, *_PHASES), [*trials, *_trials(experiment, _PHASES)]
-    others = trials[1:]
+        tried += _tried(experiment, _PHASES)
     # Of cures that differ by the direction of the d axis the magnet shows which is right.
     best = min(
-        range(len(cures)),
-        key=lambda k: (float(f"{others[k].misfit:.3g}"), -float(f"{others[k].magnet[0]:.3g}")),
+        tried, key=lambda one: (float(f"{one.misfit:.3g}"), -float(f"{one.trial.magnet[0]:.3g}"))
     )
-    angle, cure = _angle_sign(experiment), cures[best]
-    clear = _MUCH_CLEARER if angle and abs(cure.factor) != 1.0 else _CLEARER
-    if others[best].misfit > clear * standing.misfit:
-        return _as_recorded(experiment, standing, angle), _undetermined(experiment, cures, trials)
-    if _is_no_machine(experiment, others[best]):
-        return _as_recorded(experiment, others[best], angle), ""
+    angle = _angle_sign(experiment)
+    clear = _MUCH_CLEARER if angle and abs(best.cure.factor) != 1.0 else _CLEARER
+    fastest = max(one.cure.factor for one in tried)
+    if best.misfit > clear or best.cure.factor == fastest:  # that is no minimum
+        return _as_recorded(experiment, standing, angle), _undetermined(experiment, tried)
+    if _is_no_machine(experiment, best.trial):
+        return _as_recorded(experiment, best.trial, angle), ""
     like = [
-        other
-        for other, trial in zip(cures, others, strict=True)
-        if trial.misfit < _AS_GOOD * others[best].misfit
-        and trial.magnet[0] > others[best].magnet[0] / _AS_GOOD
+        one.cure.name
+        for one in tried
+        if one.misfit < _AS_GOOD * best.misfit
+        and one.trial.magnet[0] > best.trial.magnet[0] / _AS_GOOD
     ]
-    return _found(experiment, cure, like, standing, others[best]), ""
+    return _found(experiment, best, like), ""
 
 
 def _as_recorded(experiment: Experiment, standing: Trial, angle: int) -> Judged:
@@ -201,40 +204,36 @@ def _is_no_machine(experiment: Experiment, trial: Trial) -> bool:
     return trial.residual > most or trial.definite < _NOWHERE
 
 
-def _found(
-    experiment: Experiment, cure: Cure, like: Sequence[Cure], standing: Trial, best: Trial
-) -> Judged:
-    """Return the finding of a cure, and the recording with it."""
-    angle = _angle_sign(experiment)
-    fix = cure.fix
+def _found(experiment: Experiment, best: "_Tried", like: Sequence[str]) -> Judged:
+    """Return the finding of a cure, beside others like it, and the recording with it."""
+    angle, cure = _angle_sign(experiment), best.cure
+    before, after, fix = best.standing, best.trial, cure.fix
     if cure.factor == -1.0 and angle > 0:
         fix = "give omega_el and theta_el sign = -1, or i_q and u_q if it is the q axis"
     elif cure.factor == -1.0 and angle == 0:
         fix += ", or i_q and u_q if it is the q axis that points backwards"
-    names = list(dict.fromkeys(other.name for other in like if other.name != cure.name))
+    names = list(dict.fromkeys(name for name in like if name != cure.name))
     if names:
         fix += f" (as good: {', '.join(names)})"
     against = "the angle turns against the speed, and " if angle < 0 else ""
     evidence = (
-        f"{against}the voltage balance leaves {100 * standing.residual:.2g} % of the voltages "
-        f"unexplained and an inductance that is positive at {100 * standing.definite:.0f} % of the "
-        f"currents; with this set right {100 * best.residual:.2g} % and {100 * best.definite:.0f} %"
+        f"{against}the voltage balance leaves {100 * before.residual:.2g} % of the voltages "
+        f"unexplained and an inductance that is positive at {100 * before.definite:.0f} % of the "
+        f"currents; with this set right {100 * after.residual:.2g} % and {100 * after.definite:.0f}"
+        " %"
     )
     return BrokenConvention(cure.name, experiment.name, cure.channels, evidence, fix), cure.applied(
         experiment
     )
 
 
-def _undetermined(experiment: Experiment, cures: Sequence[Cure], trials: Sequence[Trial]) -> str:
+def _undetermined(experiment: Experiment, tried: Sequence["_Tried"]) -> str:
     """Return why pole pairs cannot be determined: others leave as little, and there is no angle."""
     if "theta_el" in experiment.channels or stands_still([experiment]):
         return ""
-    near = [
-        trial.misfit
-        for cure, trial in zip(cures, trials[1:], strict=True)
-        if cure.factor in (0.8, 1.25)
-    ]
-    if min(near) > _DETERMINED * trials[0].misfit:
+    speeds = [(one.cure.factor, one.misfit) for one in tried if one.cure.factor > 0]
+    near = [misfit for f, misfit in speeds if _NEXT <= max(f, 1.0 / f) <= 2.0]
+    if min(near) > _DETERMINED:
         return ""
     return (
         f"{experiment.place.recording}: without theta_el neither the pole pairs that omega_el "
@@ -243,18 +242,31 @@ def _undetermined(experiment: Experiment, cures: Sequence[Cure], trials: Sequenc
     )
 
 
-def _factors(pole_pairs: int | None) -> list[Cure]:
+def _factors(said: OfShaft) -> list[Cure]:
     """Return cures of a speed of the shaft, or with other pole pairs."""
+    pairs = said.pole_pairs
+    given = {Fraction(n, pairs) for n in range(1, MOST_POLE_PAIRS + 1)} if pairs else set()
+    if _SPEED in said.channels and pairs:
+        return [_of_pole_pairs(f, pairs) for f in sorted(given - {Fraction(1)})]
     whole = {Fraction(n) for n in range(2, MOST_POLE_PAIRS + 1)}
     ratios = {Fraction(p, q) for p in range(1, _RATIO_OF + 1) for q in range(1, _RATIO_OF + 1)}
-    given = {Fraction(n, pole_pairs) for n in range(1, 2 * pole_pairs)} if pole_pairs else set()
-    factors = whole | {f for f in ratios if f > Fraction(1, 3)} | given - {Fraction(1)}
-    if pole_pairs:
-        factors |= {Fraction(pole_pairs), Fraction(1, pole_pairs)}
-    return [_of_factor(f, pole_pairs) for f in sorted(factors) if f != 1]
+    factors = whole | {f for f in ratios if f > Fraction(1, 3)}
+    if pairs:
+        factors |= {f for f in given if f < 2} | {Fraction(pairs)}
+    return [_of_factor(f, pairs) for f in sorted(factors - {Fraction(1)})]
+
+
+def _of_pole_pairs(factor: Fraction, pole_pairs: int) -> Cure:
+    """Return the cure of a speed of the shaft that was multiplied by the wrong number."""
+    name, right = "wrong pole pairs", factor * pole_pairs
+    fix = f"give pole_pairs = {right} in place of {pole_pairs}"
+    if right == 1:
+        name, fix = "pole pairs counted twice", f"leave out mechanical = true of {_SPEED}"
+    return Cure(name, (_SPEED,), fix, factor=float(factor))
 
 
 def _of_factor(factor: Fraction, pole_pairs: int | None) -> Cure:
+    """Return the cure of a speed that was said to be electrical."""
     name, fix = (
         "wrong pole pairs",
         (f"count omega_el with {factor.numerator} pole pairs for {factor.denominator}"),
@@ -263,28 +275,44 @@ def _of_factor(factor: Fraction, pole_pairs: int | None) -> Cure:
         name = "mechanical speed for electrical"
         fix = "give omega_el mechanical = true"
         fix += "" if pole_pairs else f", and pole_pairs (about {factor.numerator})"
-    elif pole_pairs and factor == Fraction(1, pole_pairs):
-        name, fix = "pole pairs counted twice", "leave out mechanical = true of omega_el"
-    elif pole_pairs and (factor * pole_pairs).denominator == 1:
-        fix = f"give pole_pairs = {factor * pole_pairs} in place of {pole_pairs}"
     return Cure(name, (_SPEED,), fix, factor=float(factor))
 
 
-def _trials(experiment: Experiment, cures: Sequence[Cure]) -> list[Trial]:
-    """Return the balance with each cure, all in the same windows.
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A cure, its balance, and that of the recording as it is in the same windows."""
 
-    Windows null the sixth harmonic of the speed as recorded. Those of one that is larger are
-    shorter, and longer ones of it leave less of anything.
+    cure: Cure
+    trial: Trial
+    standing: Trial
+
+    @property
+    def misfit(self) -> float:
+        """Misfit over that of the recording as it is."""
+        return self.trial.misfit / max(self.standing.misfit, 1e-300)
+
+
+def _tried(experiment: Experiment, cures: Sequence[Cure]) -> list[_Tried]:
+    """Return the balance with each cure.
+
+    Windows null the sixth harmonic of the speed as recorded. Those of a speed that is lower are
+    longer, up to three times: the shorter ones would leave its harmonics.
     """
-    length = min(trial_window(experiment), max(len(experiment) // _FEWEST, 1))
-    balances: dict[Cure, SpeedBalance] = {}
-    trials = []
-    for cure in cures:
-        key = replace(cure, name="", channels=(), fix="", factor=1.0)
+    own, most = trial_window(experiment), max(len(experiment) // _FEWEST, 1)
+    balances: dict[tuple[Cure, int], SpeedBalance] = {}
+
+    def at(cure: Cure, length: int) -> Trial:
+        key = replace(cure, name="", channels=(), fix="", factor=1.0), length
         if key not in balances:
-            balances[key] = SpeedBalance(key.applied(experiment), length)
-        trials.append(balances[key].at(cure.factor))
-    return trials
+            balances[key] = SpeedBalance(key[0].applied(experiment), length)
+        return balances[key].at(cure.factor)
+
+    tried = []
+    for cure in cures:
+        times = min(math.ceil(1.0 / abs(cure.factor)), _LONGEST)
+        length = min(times * own, most)
+        tried.append(_Tried(cure, at(cure, length), at(AS_RECORDED, length)))
+    return tried
 
 
 def _angle_sign(experiment: Experiment) -> int:

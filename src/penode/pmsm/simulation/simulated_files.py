@@ -20,10 +20,15 @@ def write_recording(recording: Recording, path: Path) -> tuple[Path, Path]:
     the map averaged over the angle, on a grid over the disc of visited currents.
     """
     save(recording.experiment, path)
-    story, table = path.with_suffix(".truth.json"), path.with_suffix(".truth.csv")
+    story, table = truth_file(path), path.with_suffix(".truth.csv")
     write_atomically(story, to_json(truth_of(recording.truth)))
     write_atomically(table, _true_map(recording))
     return story, table
+
+
+def truth_file(path: Path) -> Path:
+    """Return where the truth of a simulated recording is."""
+    return path.with_suffix(".truth.json")
 
 
 def _true_map(recording: Recording) -> str:
