@@ -53,6 +53,13 @@ os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 if folder := use_compilation_cache():
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
 
+# The tests' own programs and large ones of penode are compiled as its small ones are, in two thirds
+# of the time. Processes that tests start do so as users have them.
+with pytest.MonkeyPatch.context() as quick:
+    flags = os.environ.get("XLA_FLAGS", "")
+    quick.setenv("XLA_FLAGS", f"{flags} --xla_cpu_use_fusion_emitters=false")
+    jax.devices()
+
 SEED = 20_250_301
 
 #: Files that take longest: begun first, so that both processes end at about one time.

@@ -23,6 +23,7 @@ from penode.pmsm.recording.drive_mapping import TORQUE
 from penode.pmsm.recording_check import RecordingCheck, check_recordings
 from penode.pmsm.study_file import load_study
 from penode.report.quantities import number
+from penode.report.uncertainty_budget import budget_sentence
 
 
 def check_command(
@@ -146,11 +147,20 @@ def _identifiability(check: RecordingCheck) -> list[Row]:
     rhos = ", ".join(f"{name} {rho:.2g}" for name, rho in judged.independence.items())
     summary = (
         f"With the {judged.flux_map} map: {rhos} "
-        "(1: nothing in the map looks like it; below 0.01: not identifiable; how sure it is "
-        "depends on the sensors too)."
+        "(1: nothing in the map looks like it; below 0.01: not identifiable)."
     )
     told = filter(None, (summary, judged.alarm, judged.repair and f"Repair: {judged.repair}"))
     return [
         *(("identifiability", sentence) for sentence in told),
+        *_expected(check),
         *(("model", reason) for reason in check.structure),
     ]
+
+
+def _expected(check: RecordingCheck) -> list[Row]:
+    """Return how sure R will be, where it can be distinguished at all."""
+    if check.expected is None or not check.good:
+        return []
+    half = number(100 * check.half_width, 2)
+    parts = budget_sentence(check.expected) or f"half width {half} %, of the data alone"
+    return [("expected", f"R: {parts}; what the model leaves out adds to it")]

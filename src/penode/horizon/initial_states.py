@@ -15,6 +15,7 @@ from penode.fit.outcome import Estimate
 from penode.horizon.ladder import LadderProblem
 from penode.models.explicit_time import driving_channels
 from penode.models.measured import free_states
+from penode.programs import Program
 from penode.training.gauss_newton_terms import flat_directions, inverse_normal
 from penode.training.loss import Loss
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
@@ -119,7 +120,7 @@ def _slopes(
     return residual[:, : len(experiment)], own[..., : len(experiment)], mixed
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(Program, static_argnums=0)
 def _by_sample(
     error: PredictionError,
     raw: JaxArray,

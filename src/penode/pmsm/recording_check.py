@@ -4,16 +4,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
 from penode.data.quality import Finding
 from penode.data.stretches import STRETCH, excerpt, reasons_of
+from penode.fit.outcome import Estimate
 from penode.pmsm.balance.term_selection import structure_of
 from penode.pmsm.balance.usable import left_out, require_samples, usable_stretches
 from penode.pmsm.conventions.broken_convention import BrokenConvention
 from penode.pmsm.conventions.check import judge
 from penode.pmsm.machine.terms import Term
 from penode.pmsm.precheck.excitation import Excitation, excitation_of
+from penode.pmsm.precheck.expected import expected_resistance
 from penode.pmsm.precheck.identifiability import Identifiability, identifiability_of
 from penode.pmsm.recording.channels import drive_recording, electrical, require_channels
 from penode.pmsm.recording.quality import quality_of
@@ -42,6 +46,8 @@ class RecordingCheck:
     identifiability : Identifiability or None
     structure : tuple of str
         How the voltage acts where that is not as recorded, terms that the model would get, and why.
+    expected : Estimate or None
+        R as the weak form has it, ohm, and the budget of its uncertainty before training.
     sentences : tuple of str
         What was used beyond the quality of the channels; empty where all was.
     left_out : str
@@ -56,6 +62,7 @@ class RecordingCheck:
     excitation: Excitation | None = None
     identifiability: Identifiability | None = None
     structure: tuple[str, ...] = ()
+    expected: Estimate | None = None
     sentences: tuple[str, ...] = ()
     left_out: str = ""
 
@@ -88,6 +95,14 @@ class RecordingCheck:
         serve = all(finding.severity != "error" for finding in self.quality)
         determined = self.identifiability is not None and not self.identifiability.indistinguishable
         return serve and determined and not self.broken
+
+    @property
+    def half_width(self) -> float:
+        """Half width of R's 95 % interval to be expected, over R."""
+        if self.expected is None:
+            return np.inf
+        half = 0.5 * float(np.ptp(self.expected.interval_95))
+        return half / max(abs(self.expected.value), 1e-300)
 
     def as_json(self) -> dict[str, Any]:
         """Return the findings as what JSON knows, in SI units."""
@@ -132,6 +147,8 @@ class RecordingCheck:
                 "repair": self.identifiability.repair,
             }
             document["structure"] = list(self.structure)
+        if self.expected is not None:
+            document["expected"] = {"R_half_width": self.half_width}
         return document
 
 
@@ -163,9 +180,8 @@ def check_recordings(
     broken, undetermined = found.broken, found.undetermined
     if broken:
         return RecordingCheck(tuple(recordings), quality, broken, undetermined, sentences=sentences)
-    drives = tuple(
-        calibration.acting(calibration.applied(e)) for e in _drives(used.experiments, study.terms)
-    )
+    corrected = [calibration.applied(e) for e in _drives(used.experiments, study.terms)]
+    drives = tuple(calibration.acting(e) for e in corrected)
     structure = structure_of(drives, study.flux_map, study.terms, study.candidates)
     return RecordingCheck(
         tuple(recordings),
@@ -176,6 +192,9 @@ def check_recordings(
         excitation_of(drives),
         identifiability_of(drives, study.flux_map, structure.terms),
         (*calibration.reasons, *structure.term_reasons, *structure.angle_reasons),
+        expected_resistance(
+            corrected, calibration, study.accuracy, study.flux_map, structure.terms
+        ),
         sentences,
         left_out(recordings, usable),
     )

@@ -17,6 +17,7 @@ from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
+from penode.programs import Program
 from penode.training.chunks import summed
 from penode.training.free_starts import estimated_starts
 from penode.training.gauss_newton_terms import GaussNewtonTerms, squared
@@ -237,7 +238,7 @@ class Objective:
             if predictor is not self.predictor:
                 count = self.layout.experiments
                 one = Objective(predictor, error.model, self.scale, self.loss, count)
-            return jax.jit(one.loss_and_gradient_of, static_argnums=2)
+            return Program(one.loss_and_gradient_of, static_argnums=2)
 
         return compiled
 
@@ -340,7 +341,7 @@ def _penalties_at(
     return residuals(raw), jax.jacfwd(residuals)(raw)
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(Program, static_argnums=0)
 def _transform(layout: Layout[Model], raw: JaxArray) -> JaxArray:
     """Return d(values)/d(raw)."""
     slopes: JaxArray = jax.jacfwd(layout.values)(raw)

@@ -61,12 +61,22 @@ class WeakRegression:
             recording), correlated over rows^0.6 of them (Newey and West 1987,
             doi:10.2307/1913610).
         """
-        size = np.linalg.norm(self.matrix, axis=0)
-        size = np.where(size > 0, size, 1.0)
-        gain = np.linalg.pinv(self.matrix / size, rcond=_RANK_TOLERANCE)[column] / size[column]
-        influence = gain * (self.target - self.matrix @ self.solve())
+        influence = self.gain(column) * (self.target - self.matrix @ self.solve())
         lags = max(2 * int((len(influence) / 2) ** 0.6), _OVERLAPPING)
         return float(np.sqrt(bartlett_variance(influence[None], lags)[0]))
+
+    def gain(self, column: int) -> FloatArray:
+        """Return what each equation's target adds to a least-squares coefficient, (equation,).
+
+        Parameters
+        ----------
+        column : int
+            Index of the coefficient.
+        """
+        size = np.linalg.norm(self.matrix, axis=0)
+        size = np.where(size > 0, size, 1.0)
+        inverse = np.linalg.pinv(self.matrix / size, rcond=_RANK_TOLERANCE)
+        return np.asarray(inverse[column] / size[column])
 
     def independence(self, column: int) -> float:
         """Return the fraction of a column's energy that no other column explains.
