@@ -41,7 +41,7 @@ def test_harmonics_and_no_dead_time_on_an_ideal_drive(slow_run):
     assert found.terms == ()
     assert found.angle_orders == (6, 12)
     assert "left out" in found.term_reasons[0]
-    assert "without them orders 6 and 12" in found.angle_reasons[0]
+    assert "amplitudes at orders 6 and 12" in found.angle_reasons[0]
 
 
 def test_dead_time_is_seen_and_sized(dead_time_run):
