@@ -445,3 +445,30 @@ def test_angles_of_few_values_that_do_not_jump_are_left_alone(drawn):
         np.round(2 * np.pi * (np.arange(count) % 20) / 20, 6),
     ):
         assert find_stepped_angle(changed(run, theta_el=theta)) is None
+
+
+@pytest.mark.parametrize("name", ["u_d", "u_q", "i_d", "i_q"])
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_one_axis_in_another_unit(drawn, name, factor):
+    found, *larger = check_conventions(scaled(drawn[1], factor, name)).broken
+    kind = "currents" if name[0] == "i" else "voltages"
+    assert found.name == f"different units ({kind})"
+    assert {one.name for one in larger} <= {f"{kind} beyond any drive"}
+    small = name if factor < 1 else name[:2] + ("q" if name[2] == "d" else "d")
+    assert f"{small} is 1000 times too small" in found.fix
+
+
+@pytest.mark.parametrize("name", ["u_d", "u_q", "i_d", "i_q"])
+def test_one_axis_in_rms(name):
+    run = simulate(
+        TRACTION_300A, Lissajous(180.0, 12.0, 15.0), speed_rpm=900.0, duration=1.0, seed=4
+    )
+    (found,) = check_conventions(scaled(run, 0.5**0.5, name)).broken
+    assert found.name.startswith("rms beside peak")
+    assert found.fix.startswith(f"give {name} rms = true")
+
+
+def test_values_beyond_any_drive(drawn):
+    found = check_conventions(scaled(drawn[1], 1e3, "i_d", "i_q")).broken
+    assert [one.name for one in found] == ["currents beyond any drive"]
+    assert '"A" where the study file has "kA"' in found[0].fix

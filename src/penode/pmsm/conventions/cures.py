@@ -24,6 +24,9 @@ from penode.pmsm.recording.stationary_frame import LINK
 
 #: Misfit with a cure over that of the recording as it is.
 _CLEARER = 0.7
+#: The same with another scale of one axis: of units that differ the right ones leave 0.05 to 0.42,
+#: and of recordings that are right any other leaves 1.1 and more.
+_MUCH_SMALLER = 0.5
 #: Misfit with another cure over that with the best, up to which it is as good.
 _AS_GOOD = 1.1
 #: Misfit at the next pole pairs, up to twice as many or half, over that as recorded, from which the
@@ -117,6 +120,29 @@ _SIGNS = (
 )
 
 
+def _scales() -> tuple[Cure, ...]:
+    """Return cures of one axis in another unit than the other, or in rms; of both none shows."""
+    found = []
+    for kind, (d, q) in (("currents", CURRENTS), ("voltages", VOLTAGES)):
+        for small, large in ((d, q), (q, d)):
+            units = (
+                f"give {small} and {large} the units of their columns: {small} is 1000 times too "
+                f"small, or {large} too large"
+            )
+            rms = f"give {small} rms = true, or remove it from {large} where the study file has it"
+            named = ("different units", 1000.0, units), ("rms beside peak", 2.0**0.5, rms)
+            for name, factor, fix in named:
+                scale = (factor, 1.0) if small == d else (1.0, factor)
+                matrix: Matrix = ((scale[0], 0.0), (0.0, scale[1]))
+                cure = Cure(f"{name} ({kind})", (d, q), fix)
+                found.append(
+                    replace(cure, currents=matrix)
+                    if kind == "currents"
+                    else replace(cure, voltages=matrix)
+                )
+    return tuple(found)
+
+
 def _exchanges() -> tuple[Cure, ...]:
     """Return cures of two phases exchanged; of all quantities only the magnet shows which two."""
     kinds = (
@@ -137,7 +163,7 @@ def _exchanges() -> tuple[Cure, ...]:
     )
 
 
-_PHASES = _exchanges()
+_PHASES, _SCALES = _exchanges(), _scales()
 
 
 def judge_cures(experiment: Experiment, said: OfShaft) -> tuple[Judged, str]:
@@ -149,6 +175,7 @@ def judge_cures(experiment: Experiment, said: OfShaft) -> tuple[Judged, str]:
     cures = (*_SIGNS, *_factors(said))
     tried = _tried(experiment, cures)
     standing = tried[0].standing
+    tried += [one for one in _tried(experiment, _SCALES) if one.misfit < _MUCH_SMALLER]
     if standing.residual > _SPINS and "theta_el" in experiment.channels:
         tried += _tried(experiment, _PHASES)
     # Of cures that differ by the direction of the d axis the magnet shows which is right.

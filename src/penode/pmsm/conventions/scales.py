@@ -15,6 +15,8 @@ from penode.pmsm.recording.name_plate import NamePlate
 
 #: Currents in A below which they may be kA, in a machine of this L/R in s or more.
 _SMALL_CURRENT, _LARGE_MACHINE = 2.0, 6e-3
+#: Currents and voltages, A and V, that no drive has.
+_MOST_CURRENT, _MOST_VOLTAGE = 2e4, 2e4
 #: Voltages below which they may be shares of the link (up to 2 / sqrt(3) of half of it), where the
 #: largest current drops less than this in R, both in V.
 _LARGEST_SHARE, _SMALL_DROP = 1.16, 0.1
@@ -48,7 +50,7 @@ def judge_units(experiment: Experiment, trial: TrialBalance) -> tuple[BrokenConv
                 f"no voltage is above {voltage:.3g} V, and {current:.4g} A drop {drop:.2g} V in R, "
                 "as if the voltages were shares of the dc link",
                 'name its column as times = "..." of the voltages, or give u_base, what 1 is in V '
-                '(unit = "kV" if they are kV)',
+                '(unit = "kV" if they are kV, or "V" where the study file has "mV")',
             )
         )
     elif current < _SMALL_CURRENT and constant > _LARGE_MACHINE:
@@ -60,10 +62,27 @@ def judge_units(experiment: Experiment, trial: TrialBalance) -> tuple[BrokenConv
                 f"no current is above {current:.3g} A in a machine whose L/R of "
                 f"{1e3 * constant:.3g} ms and R of {abs(trial.resistance):.3g} ohm are those of "
                 f"{1e3 * current:.4g} A",
-                'give i_d and i_q (or the phases) unit = "kA"',
+                'give i_d and i_q (or the phases) the unit of their columns: "kA" for none or "A", '
+                '"A" where the study file has "mA"',
             )
         )
+    for kind, largest, most in (("i", current, _MOST_CURRENT), ("u", voltage, _MOST_VOLTAGE)):
+        if largest > most:
+            findings.append(_beyond(experiment, kind, largest))
     return tuple(findings)
+
+
+def _beyond(experiment: Experiment, kind: str, largest: float) -> BrokenConvention:
+    """Return values that are larger than those of any drive."""
+    names, unit = _NAMES[kind], {"i": "A", "u": "V"}[kind]
+    return BrokenConvention(
+        f"{_WORDS[kind]} beyond any drive",
+        experiment.name,
+        names,
+        f"{_WORDS[kind]} reach {largest:.4g} {unit}",
+        f"give {' and '.join(names)} (or the phases) the unit of their columns, such as "
+        f'"{unit}" where the study file has "k{unit}"',
+    )
 
 
 def judge_rms_by_phases(experiment: Experiment) -> tuple[BrokenConvention, ...]:
@@ -104,6 +123,8 @@ def judge_rms_by_plate(experiment: Experiment, plate: NamePlate) -> tuple[Broken
         for amperes in (_ROOT, 1 / _ROOT):
             if abs(ratio / (volts * amperes) - 1.0) < _TOLERANCE_OF_R:
                 evidence = f"R is {ratio:.2f} times that of the name plate"
+                if volts != 1.0:
+                    evidence += f", and {volts:.2f} times where the voltages alone are wrong"
                 findings.append(_rms(experiment, "i", evidence, missing=amperes > 1.0))
     return tuple(findings)
 
