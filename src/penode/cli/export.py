@@ -55,8 +55,12 @@ def export_command(
                 f"there, linear interpolation is within {error} mVs of the fit",
             ),
         ]
-    if to in ("c", "c_fixed", "mat", "m", "xlsx") and (best := torque_per_ampere(fit, grid)):
-        rows.append(("mtpa", f"up to ± {number(best.torque[-1])} Nm, supported of either sign"))
+    if to in ("c", "c_fixed", "mat", "m", "xlsx"):
+        best = torque_per_ampere(fit, grid)
+        said = f"up to ± {number(best.torque[-1])} Nm, supported of either sign" if best else ""
+        if grid.pole_pairs is None:
+            said = "left out, as is the torque: the pole pairs are not known; add --pole-pairs"
+        rows += [("mtpa", said)] if said else []
     if to == "motorcad" and reference_resistance(grid) is None:
         rows.append(("note", "R is left out: this form has it at 20 degC, which is not known"))
     print_rows(rows)

@@ -1,5 +1,6 @@
 """Fits that commands read, sign, print and report."""
 
+import math
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -22,7 +23,12 @@ from penode.pmsm.machine.model import Machine
 from penode.pmsm.report.no_current import no_current, of_winding
 from penode.pmsm.result_files import write_report
 from penode.report.quantities import number
-from penode.report.statements import estimate_text, free_run_text, one_step_text
+from penode.report.statements import (
+    estimate_text,
+    free_run_text,
+    one_step_text,
+    relative_error,
+)
 from penode.report.uncertainty_budget import budget_sentence
 
 #: Width of an interval over the value from which its ends are no numbers to be read.
@@ -95,6 +101,8 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
     for comparison in fit.recordings:
         one_step, free_run = one_step_text(comparison), free_run_text(comparison)
         errors = f"{comparison.name}: RMSE one step from a sample {one_step}; free run {free_run}"
+        if math.isfinite(share := 100 * relative_error(comparison)):
+            errors += f", {number(share, 2)} % of the largest value"
         rows.append((comparison.role, errors.replace("\N{NO-BREAK SPACE}", " ")))
     rows += [("points", line) for line in _stationary(fit)]
     rows += [("warning", warning) for warning in fit.warnings]

@@ -152,8 +152,7 @@ class Plateau:
         reason = (
             f"Estimates agree from H = {low} to {high}, and their weighted mean is the answer"
             + f" (those at {', '.join(others)} differ by more than chance)" * bool(others)
-            + f"; budget and residuals are those of H = {chosen}, the shortest whose expected "
-            f"error is within {self.tie:g} times the least."
+            + f". Where one has to stand for them, as in the residuals, that is H = {chosen}."
         )
         return Choice(index, "H = 1 suffices" if chosen == 1 else "plateau", reason, run)
 

@@ -10,7 +10,7 @@ from penode.arrays import one_blas_thread
 from penode.data.experiment import Experiment
 from penode.data.quality import Finding
 from penode.data.stretches import STRETCH, excerpt, reasons_of
-from penode.fit.outcome import Estimate
+from penode.fit.outcome import NORMAL_95, Estimate
 from penode.pmsm.balance.term_selection import structure_of
 from penode.pmsm.balance.usable import left_out, require_samples, usable_stretches
 from penode.pmsm.conventions.broken_convention import BrokenConvention
@@ -97,12 +97,14 @@ class RecordingCheck:
         return serve and determined and not self.broken
 
     @property
-    def half_width(self) -> float:
-        """Half width of R's 95 % interval to be expected, over R."""
+    def half_widths(self) -> tuple[float, float]:
+        """Half widths of R's 95 % interval over R: by the sensors, and by the balance alone."""
         if self.expected is None:
-            return np.inf
-        half = 0.5 * float(np.ptp(self.expected.interval_95))
-        return half / max(abs(self.expected.value), 1e-300)
+            return np.inf, np.inf
+        scale = NORMAL_95 / max(abs(self.expected.value), 1e-300)
+        sensors = [row.std for row in self.expected.budget if row.accuracy]
+        own = self.expected.statistical_std
+        return scale * float(np.linalg.norm(sensors)), scale * own
 
     def as_json(self) -> dict[str, Any]:
         """Return the findings as what JSON knows, in SI units."""
@@ -148,7 +150,11 @@ class RecordingCheck:
             }
             document["structure"] = list(self.structure)
         if self.expected is not None:
-            document["expected"] = {"R_half_width": self.half_width}
+            sensors, balance = self.half_widths
+            document["expected"] = {
+                "R_half_width_of_sensors": sensors,
+                "R_half_width_of_balance": balance,
+            }
         return document
 
 

@@ -38,12 +38,21 @@ def test_gains_move_r_in_proportion(run):
     assert "gain of the voltages" in budget_sentence(found)
 
 
+def test_what_the_sensors_do_and_what_the_balance_shows_are_apart(run):
+    check = check_recordings([run])
+    sensors, balance = check.half_widths
+    assert sensors == pytest.approx(NORMAL_95 * np.hypot(0.005, 0.005), rel=0.02)
+    assert np.hypot(sensors, balance) == pytest.approx(
+        NORMAL_95 * check.expected.std / check.expected.value
+    )
+
+
 def test_with_exact_sensors_what_the_data_show_is_left(run):
     check = check_recordings([run], replace(Study(), accuracy=Accuracy.exact()))
     found = check.expected
     assert {row.origin for row in found.budget} <= {"", "estimated"}
     assert 0 < found.std < 0.003 * found.value
-    assert check.half_width == pytest.approx(NORMAL_95 * found.std / found.value)
+    assert check.half_widths[1] <= NORMAL_95 * found.std / found.value
     assert found.interval_95[0] < found.value < found.interval_95[1]
 
 
@@ -51,4 +60,4 @@ def test_a_broken_convention_has_none(run):
     turned = replace(run, channels={**run.channels, "i_q": -run.channels["i_q"]})
     found = check_recordings([turned])
     assert found.expected is None
-    assert np.isinf(found.half_width)
+    assert np.isinf(found.half_widths).all()

@@ -111,7 +111,10 @@ def left_over(
     for one in known:
         moved = _left([one.applied(e, _SMALL) for e in expected], weights, machine, predictor)
         explained.append((moved - still)[:, None] / _SMALL)
-    basis = _orthonormal(np.concatenate(explained, axis=1))
+    columns = np.concatenate(explained, axis=1)
+    if not (np.isfinite(columns).all() and np.isfinite(left).all()):  # of a model that ran away
+        return ()
+    basis = _orthonormal(columns)
     currents = np.concatenate([e.stack(CURRENTS) for e in expected])
     functions = _functions(currents)
     at = [functions(e.stack(CURRENTS)) for e in expected]

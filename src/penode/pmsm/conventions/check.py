@@ -155,7 +155,18 @@ def judge(
     placed = [_placed(some, plate, timed) for some in corrected]
     apart = disagreement_of([r.drive for some in corrected for r in some], terms)
     short = [_few(some) for some in recordings]
-    return _sum([*first, *placed, Conventions(apart), *short]), calibration
+    return _sum([*first, *placed, Conventions(apart), *short, _unshown(said)]), calibration
+
+
+def _unshown(said: OfShaft) -> Conventions:
+    """Return what is to be said of pole pairs that no recorded channel depends on."""
+    if said.pole_pairs is None or said.channels:
+        return Conventions()
+    reason = (
+        f"pole_pairs = {said.pole_pairs} is taken as given: speed and angle are electrical, and "
+        "only the torque depends on it."
+    )
+    return Conventions((), (reason,))
 
 
 def _long_enough(stretches: Sequence[Experiment]) -> list[Experiment]:
