@@ -110,3 +110,32 @@ def test_unusable_input(recording, penode, tmp_path):
     done = penode("check", recording, "--picture", "cover.pdf")
     assert done.returncode == 2
     assert "use .png" in done.stderr
+
+
+def renamed(run, names, pole_pairs, folder, stem):
+    """Save a recording under other names, and a study file that maps them."""
+    channels = {names[name]: values for name, values in run.channels.items()}
+    save(replace(run, channels=channels), folder / f"{stem}.csv")
+    lines = [f'{n} = "{column}"' for n, column in names.items()]
+    study = "\n".join([f"pole_pairs = {pole_pairs}", "[channels]", 't = "t"', *lines])
+    (folder / f"{stem}.toml").write_text(study)
+    return folder / f"{stem}.csv", folder / f"{stem}.toml"
+
+
+def test_each_recording_is_read_by_the_first_study_file_that_fits_it(run, penode, tmp_path):
+    names = dict.fromkeys(run.channels)
+    first = {name: f"{name}_of_bench" for name in names}
+    second = {name: f"{name}_of_logger" for name in names}
+    a, of_a = renamed(run, first, 5, tmp_path, "a")
+    b, of_b = renamed(run, second, 5, tmp_path, "b")
+    done = penode("check", b, a, "--config", of_a, "--config", of_b)
+    assert done.returncode == 0, done.stderr
+    assert "pole_pairs = 5 is taken as given" in " ".join(done.stdout.split())
+    alone = penode("check", b, a, "--config", of_a)
+    assert alone.returncode == 2
+    assert alone.stderr.strip().count("\n") == 0
+    assert "b.csv" in alone.stderr
+    _, other = renamed(run, second, 4, tmp_path, "c")
+    apart = penode("check", b, a, "--config", of_a, "--config", other)
+    assert apart.returncode == 2
+    assert "pole_pairs must be those of" in apart.stderr

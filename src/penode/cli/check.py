@@ -10,7 +10,7 @@ import typer
 from rich.text import Text
 
 from penode.cli.console import Row, print_rows
-from penode.cli.options import Config, Json, Recordings, require_png
+from penode.cli.options import Configs, Json, Recordings, asked_of, require_png
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.errors import InputError
@@ -21,13 +21,12 @@ from penode.pmsm.points.operating_points import load_runs
 from penode.pmsm.precheck.excitation import QUARTERS
 from penode.pmsm.recording.drive_mapping import TORQUE
 from penode.pmsm.recording_check import RecordingCheck, check_recordings
-from penode.pmsm.study_file import load_study
 from penode.report.quantities import number
 
 
 def check_command(
     runs: Recordings,
-    config: Config = None,
+    config: Configs = None,
     picture: Annotated[Path | None, typer.Option(help="PNG of what is covered.")] = None,
     pole_pairs: Annotated[int | None, typer.Option(help="Of the machine.", min=1)] = None,
     as_json: Json = False,
@@ -43,7 +42,7 @@ def check_command(
     Example: penode check run.csv --picture cover.png
     """
     require_png(picture)
-    asked = load_study(config, {} if pole_pairs is None else {"pole_pairs": pole_pairs})
+    asked = asked_of(config, {} if pole_pairs is None else {"pole_pairs": pole_pairs})
     recordings, alone = load_runs(runs, asked.mapping)
     if alone is not None:
         _print_points(check_points(alone, asked.study), picture, as_json)

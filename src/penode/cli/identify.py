@@ -41,7 +41,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
             help="Study file of that table: columns and units.", show_default="that of --config"
         ),
     ] = None,
-    config: options.Config = None,
+    config: options.Configs = None,
     horizon: Annotated[
         str | None, typer.Option(help="auto, or the number of steps.", show_default="auto")
     ] = None,
@@ -114,7 +114,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         purpose=purpose,
         train_anyway=train_anyway or None,
     )
-    asked = load_study(
+    asked = options.asked_of(
         config, settings if horizon is None else {**settings, "horizon": _steps(horizon)}
     )
     of_points = asked

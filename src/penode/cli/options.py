@@ -1,5 +1,7 @@
 """Arguments and options that several commands have, and how their texts are read."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,6 +11,7 @@ from penode.errors import InputError, require_extra
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.holds import HOLDS
 from penode.pmsm.machine.term_registry import TERMS
+from penode.pmsm.study_file import StudyFile, load_study
 
 _BY_DATA = "decided from the data"
 Recordings = Annotated[
@@ -21,6 +24,14 @@ Json = Annotated[bool, typer.Option("--json", help="One JSON document instead.")
 Config = Annotated[
     Path | None,
     typer.Option(help="Study file: columns, units, options. penode init writes one."),
+]
+Configs = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--config",
+        help="Study file: columns, units, options. penode init writes one. Again for recordings "
+        "with other columns: each is read by the first that fits it; all else is the first's.",
+    ),
 ]
 FluxMapOption = Annotated[
     str | None,
@@ -68,6 +79,26 @@ TrustClasses = Annotated[
         help="Import the modules of the fit's own classes, which runs them.",
     ),
 ]
+
+
+def asked_of(configs: list[Path] | None, changes: Mapping[str, Any]) -> StudyFile:
+    """Return what the first study file says, with the columns of all; options override it."""
+    first, others = configs[0] if configs else None, (configs or [])[1:]
+    asked = load_study(first, changes)
+    pairs = {name: changes[name] for name in ("pole_pairs",) if name in changes}
+    read = [load_study(path, pairs) for path in others]
+    for path, one in zip(others, read, strict=True):
+        both = asked.study.pole_pairs, one.study.pole_pairs
+        if both[1] not in (None, both[0]):
+            raise InputError(
+                f"{path}: pole_pairs must be those of {first}, got {both[1]} and {both[0]}; "
+                "correct one, or give --pole-pairs."
+            )
+    if not read:
+        return asked
+    mapping = replace(asked.mapping, others=tuple(one.mapping for one in read))
+    entries = {**asked.entries, "others": [dict(one.entries) for one in read]}
+    return replace(asked, mapping=mapping, entries=entries)
 
 
 def given(**options: Any) -> dict[str, Any]:

@@ -147,7 +147,10 @@ def experiments_of(
             "one, penode.pmsm.load_study reads it)"
         )
         if TIME in origins:
-            how = f"the study file maps {TIME} to it: name the column of this recording there"
+            how = (
+                f"the study file maps {TIME} to it: name the column of this recording there, or in "
+                "a study file of its own beside it (--config twice)"
+            )
         raise InputError(
             f"{file}: no column {time} (time in s); the columns are {list_names(table.columns)}; "
             f"{how}."

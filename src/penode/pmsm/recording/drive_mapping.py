@@ -89,6 +89,8 @@ class DriveMapping:
         ``u_dc`` in V where no channel holds it, ``omega_el`` of 0 for a rotor that stood still,
         what 1 is in V, A and rad/s of channels that were recorded per unit: values of `BASES`, and
         ``time_step`` in s of a steady clock, where no column holds the time or its stamps jitter.
+    others : tuple of DriveMapping
+        Of recordings with other columns: each recording is read by the first that has its own.
 
     Raises
     ------
@@ -101,6 +103,7 @@ class DriveMapping:
     pole_pairs: int | None = None
     resample: bool = False
     constants: Mapping[str, float] = field(default_factory=dict)
+    others: tuple["DriveMapping", ...] = ()
 
     def __post_init__(self) -> None:
         for name, channel in self.channels.items():
@@ -172,6 +175,8 @@ class DriveMapping:
 
     def is_table_of_points(self, table: Table) -> bool:
         """Return whether a file has what operating points have, and no time."""
+        if (own := self._suited(table)) is not self:
+            return own.is_table_of_points(table)
         named = {name: one.origin.column for name, one in self.channels.items()}
         timed = TIME in named or TIME in table.columns or bool(table.clocks)
         timed |= TIME_STEP in self.constants
@@ -181,6 +186,8 @@ class DriveMapping:
         self, path: str | Path, table: Table, source: Source
     ) -> tuple[Experiment, ...]:
         """Make recordings of the columns of a file; see `load_stretches`."""
+        if (own := self._suited(table)) is not self:
+            return own.stretches_of(path, table, source)
         table = self._timed(table)
         origins = {n: channel.origin for n, channel in self.channels.items() if n != TORQUE}
         if not self.channels:
@@ -198,6 +205,15 @@ class DriveMapping:
         if SPEED.name in self.constants:
             _require_standstill(path, runs)
         return runs
+
+    def _suited(self, table: Table) -> "DriveMapping":
+        """Return the first mapping whose columns a file has, this one if none is."""
+        return next((one for one in (self, *self.others) if one._is_of(table)), self)
+
+    def _is_of(self, table: Table) -> bool:
+        if not self.channels:
+            return not missing_channels([name for name in RECORDED if name in table.columns])
+        return all(one.origin.column in table.columns for one in self.channels.values())
 
     def _timed(self, table: Table) -> Table:
         """Return a table with times by the study file's step where it has none of its own."""

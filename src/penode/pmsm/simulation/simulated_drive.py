@@ -67,9 +67,10 @@ def deviation(recording: Recording, recorded: Experiment) -> Deviation:
         )
     speeds = [float(np.mean(e.channels["omega_el"][:rows])) for e in (simulated, recorded)]
     if abs(speeds[0] - speeds[1]) > _SAME_SPEED * abs(speeds[1]):
+        own, other = (speed / recording.truth.machine.pole_pairs * 30 / np.pi for speed in speeds)
         raise InputError(
-            f"{recorded.name}: turns at {speeds[1]:.6g} rad/s, electrical, and the simulation at "
-            f"{speeds[0]:.6g}; simulate at the speed of the recording."
+            f"{recorded.name}: turns at {other:.6g} rpm, and the simulation at {own:.6g} rpm; "
+            "simulate at the speed of the recording."
         )
     rms = {}
     for name in COMPARED:
