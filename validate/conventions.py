@@ -1,4 +1,4 @@
-"""Ten wrong conventions over drawn recordings: ``python -m validate.conventions [FIRST COUNT]``.
+"""Wrong conventions over drawn recordings: ``python -m validate.conventions [FIRST COUNT]``.
 
 Each recording is a built-in machine on a trajectory, at a speed and behind a drive drawn at random:
 dead time, current sensors, resolver and speed sensor are imperfect in four of five. Each is checked
@@ -164,6 +164,11 @@ WRONG = {
     ),
     "offset angle, 10 to 180 deg": Wrong("offset angle", lambda e, p, r: _aside(e, r)),
     "kA": Wrong("kA for A", lambda e, p, r: _scaled(e, 1e-3, *_I)),
+    "u_q in mV": Wrong("different units (voltages)", lambda e, p, r: _scaled(e, 1e-3, "u_q")),
+    "i_d in mA": Wrong(
+        "different units (currents)", lambda e, p, r: _scaled(_blind(e), 1e-3, "i_d")
+    ),
+    "i_q in rms": Wrong("rms beside peak (currents)", lambda e, p, r: _scaled(e, 0.5**0.5, "i_q")),
     "duty": Wrong("duty for volts", lambda e, p, r: _scaled(e, 1 / 400, *_U)),
 }
 

@@ -77,7 +77,9 @@ def test_the_shorter_of_both_decides_how_much_is_compared(recording):
 def test_recordings_at_another_speed_or_step_are_not_held_against_it(recording, speed):
     nothing = (0.0, 0.0, 0.0, 0.0)
     other = recorded(recording, nothing, omega_el=np.full(ROWS, speed))
-    with pytest.raises(InputError, match=rf"turns at {speed / 5 * 30 / np.pi:.6g} rpm, and .* at 954.93"):
+    with pytest.raises(
+        InputError, match=rf"turns at {speed / 5 * 30 / np.pi:.6g} rpm, and .* at 954.93"
+    ):
         deviation(recording, other)
     near = recorded(recording, nothing, omega_el=np.full(ROWS, 504.0))
     assert max(deviation(recording, near).rms.values()) == 0.0
