@@ -60,11 +60,15 @@ def test_a_fit_is_told_in_labelled_lines(fit):
         ("budget", "R: half width 2.0 %: gain 1.6 % (std 0.8 %), the data alone 1.2 %"),
         ("horizon", "8 steps: plateau. Three agree."),
         ("model", "The voltage acts late."),
-        ("train", "a.csv: RMSE one step from a sample 0.125 A; free run 0.250 A"),
+        (
+            "train",
+            "a.csv: RMSE one step from a sample 0.125 A; free run 0.250 A (25 % of the largest "
+            "value)",
+        ),
         (
             "validation",
             "b.csv: RMSE one step from a sample i_d 0.125 A, n 0.125 rad/s; "
-            "free run i_d 0.250 A, n 0.250 rad/s",
+            "free run i_d 0.250 A, n 0.250 rad/s (25 % of the largest value)",
         ),
         ("warning", "First [sic]."),
         ("warning", "Second."),

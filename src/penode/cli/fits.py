@@ -102,7 +102,7 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
         one_step, free_run = one_step_text(comparison), free_run_text(comparison)
         errors = f"{comparison.name}: RMSE one step from a sample {one_step}; free run {free_run}"
         if math.isfinite(share := 100 * relative_error(comparison)):
-            errors += f", {number(share, 2)} % of the largest value"
+            errors += f" ({number(share, 2)} % of the largest value)"
         rows.append((comparison.role, errors.replace("\N{NO-BREAK SPACE}", " ")))
     rows += [("points", line) for line in _stationary(fit)]
     rows += [("warning", warning) for warning in fit.warnings]
