@@ -213,7 +213,10 @@ class DriveMapping:
     def _is_of(self, table: Table) -> bool:
         if not self.channels:
             return not missing_channels([name for name in RECORDED if name in table.columns])
-        return all(one.origin.column in table.columns for one in self.channels.values())
+        named = {name: one.origin.column for name, one in self.channels.items()}
+        if table.clocks:  # channel groups have their own times
+            named.pop(TIME, None)
+        return all(column in table.columns for column in named.values())
 
     def _timed(self, table: Table) -> Table:
         """Return a table with times by the study file's step where it has none of its own."""
