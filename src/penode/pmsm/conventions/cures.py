@@ -24,9 +24,6 @@ from penode.pmsm.recording.stationary_frame import LINK
 
 #: Misfit with a cure over that of the recording as it is.
 _CLEARER = 0.7
-#: The same with another scale of one axis: of units that differ the right ones leave 0.05 to 0.42,
-#: and of recordings that are right any other leaves 1.1 and more.
-_MUCH_SMALLER = 0.5
 #: Misfit with another cure over that with the best, up to which it is as good.
 _AS_GOOD = 1.1
 #: Misfit at the next pole pairs, up to twice as many or half, over that as recorded, from which the
@@ -172,10 +169,9 @@ def judge_cures(experiment: Experiment, said: OfShaft) -> tuple[Judged, str]:
     The recording comes with the finding set right. The text says why pole pairs cannot be
     determined, empty where they can or an angle shows them.
     """
-    cures = (*_SIGNS, *_factors(said))
+    cures = (*_SIGNS, *_SCALES, *_factors(said))
     tried = _tried(experiment, cures)
     standing = tried[0].standing
-    tried += [one for one in _tried(experiment, _SCALES) if one.misfit < _MUCH_SMALLER]
     if standing.residual > _SPINS and "theta_el" in experiment.channels:
         tried += _tried(experiment, _PHASES)
     # Of cures that differ by the direction of the d axis the magnet shows which is right.
