@@ -25,6 +25,14 @@ def test_few_numbers_are_compiled_quickly_and_give_the_same(size, quick):
     assert program.compiled == 0
 
 
+def test_the_options_are_those_of_few_numbers(monkeypatch):
+    monkeypatch.setattr(programs, "_quick_options", lambda: {"xla_cpu_fuse_by_hand": True})
+    program = Program(waves, static_argnums=0)
+    with pytest.raises(RuntimeError, match="xla_cpu_fuse_by_hand"):
+        program(2, np.zeros(3))
+    assert program(2, np.zeros(FEW + 1)).shape == (FEW + 1,)
+
+
 def test_an_option_that_xla_no_longer_knows_is_left_out(monkeypatch):
     programs._quick_options.cache_clear()
     monkeypatch.setattr(programs, "_QUICK", {"xla_cpu_fuse_by_hand": True})

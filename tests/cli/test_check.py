@@ -112,6 +112,9 @@ def test_unusable_input(recording, penode, tmp_path):
     assert "use .png" in done.stderr
 
 
+OF_SHAFT = '{ column = "omega_el_of_logger", mechanical = true }'
+
+
 def renamed(run, names, pole_pairs, folder, stem):
     """Save a recording under other names, and a study file that maps them."""
     channels = {names[name]: values for name, values in run.channels.items()}
@@ -131,6 +134,12 @@ def test_each_recording_is_read_by_the_first_study_file_that_fits_it(run, penode
     done = penode("check", b, a, "--config", of_a, "--config", of_b)
     assert done.returncode == 0, done.stderr
     assert "pole_pairs = 5 is taken as given" in " ".join(done.stdout.split())
+    of_b.write_text(of_b.read_text().replace(f'"{second["omega_el"]}"', OF_SHAFT))
+    shaft = {**run.channels, "omega_el": run.channels["omega_el"] / 5}
+    save(replace(run, channels={second[name]: values for name, values in shaft.items()}), b)
+    mixed = penode("check", b, a, "--config", of_a, "--config", of_b)
+    assert mixed.returncode == 0, mixed.stderr
+    assert "is taken as given" not in " ".join(mixed.stdout.split())
     alone = penode("check", b, a, "--config", of_a)
     assert alone.returncode == 2
     assert alone.stderr.strip().count("\n") == 0

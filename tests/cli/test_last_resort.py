@@ -34,7 +34,7 @@ def failing(error):
 
 def test_a_failure_of_penode_names_a_file_with_its_details(penode, run, monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("penode.cli.check.asked_of", failing(RuntimeError("no\nsense")))
+    monkeypatch.setattr("penode.cli.check.load_studies", failing(RuntimeError("no\nsense")))
     done = penode("check", run)
     assert done.returncode == 70
     assert "Traceback" not in done.stderr
@@ -46,7 +46,7 @@ def test_a_failure_of_penode_names_a_file_with_its_details(penode, run, monkeypa
 
 
 def test_details_that_cannot_be_written_are_told(penode, run, monkeypatch):
-    monkeypatch.setattr("penode.cli.check.asked_of", failing(RuntimeError("no sense")))
+    monkeypatch.setattr("penode.cli.check.load_studies", failing(RuntimeError("no sense")))
     monkeypatch.setattr("tempfile.mkstemp", failing(OSError(28, "No space left on device")))
     done = penode("check", run)
     assert done.returncode == 70
@@ -55,7 +55,7 @@ def test_details_that_cannot_be_written_are_told(penode, run, monkeypatch):
 
 def test_a_file_that_cannot_be_written_is_the_users_to_mend(penode, run, monkeypatch):
     full = OSError(28, "No space left on device", "result.json")
-    monkeypatch.setattr("penode.cli.check.asked_of", failing(full))
+    monkeypatch.setattr("penode.cli.check.load_studies", failing(full))
     done = penode("check", run)
     assert done.returncode == 2
     assert done.stderr.startswith("error: result.json: no space left on device; ")
@@ -63,7 +63,7 @@ def test_a_file_that_cannot_be_written_is_the_users_to_mend(penode, run, monkeyp
 
 def test_what_does_not_fit_into_the_memory_is_the_users_to_mend(penode, run, monkeypatch):
     big = MemoryError("Unable to allocate 7 TiB")
-    monkeypatch.setattr("penode.cli.check.asked_of", failing(big))
+    monkeypatch.setattr("penode.cli.check.load_studies", failing(big))
     done = penode("check", run)
     assert done.returncode == 2
     assert done.stderr.startswith("error: not enough memory (Unable to allocate 7 TiB); ")

@@ -40,6 +40,14 @@ def test_every_format_is_written(result, penode, tmp_path, to):
     assert ("mtpa" in done.stdout) == (to in ("c", "c_fixed", "mat", "m", "xlsx"))
 
 
+def test_an_export_without_pole_pairs_says_what_it_leaves_out(machine_fit, penode, tmp_path):
+    known = {k: v for k, v in machine_fit.provenance.items() if k != "pole_pairs"}
+    replace(machine_fit, provenance=known).save(tmp_path / "result")
+    asked = ("export", tmp_path / "result", "--to", "c", "--out", tmp_path / "machine.h")
+    assert "left out, as is the torque" in " ".join(penode(*asked).stdout.split())
+    assert "left out" not in penode(*asked, "--pole-pairs", 5).stdout
+
+
 def test_an_export_says_that_it_replaced_a_file(result, penode, tmp_path):
     out = tmp_path / "map.csv"
     out.write_text("another map")

@@ -40,6 +40,23 @@ def test_the_command_reads_a_table_and_writes_a_whole_result(tmp_path, penode):
     export(again, "c", tmp_path / "machine.h")
 
 
+def test_a_table_is_read_by_the_first_study_file_that_fits_it(tmp_path, penode):
+    text = written(tmp_path, measured()).read_text()
+    names = text.split("\n")[0].split(",")
+    own = {name: f"{name}_of_table" for name in names}
+    file = tmp_path / "table.csv"
+    file.write_text(text.replace(",".join(names), ",".join(own.values()), 1))
+    for study, columns in (("bench", dict.fromkeys(names, "absent")), ("table", own)):
+        lines = [f'{name} = "{column}"' for name, column in columns.items()]
+        (tmp_path / f"{study}.toml").write_text("\n".join(["[channels]", *lines]))
+    configs = [
+        part for one in ("bench", "table") for part in ("--config", tmp_path / f"{one}.toml")
+    ]
+    ended = penode("check", file, *configs, "--pole-pairs", PAIRS)
+    assert ended.returncode == 0, ended.stderr
+    assert "operating points" in ended.stdout
+
+
 def test_points_beside_a_recording_narrow_its_answer(tmp_path, penode, slow_run):
     """Of the machine of the recording: its flux linkage at the recording's own currents."""
     save(slow_run, tmp_path / "run.csv")

@@ -10,7 +10,7 @@ import typer
 from rich.text import Text
 
 from penode.cli.console import Row, print_rows
-from penode.cli.options import Configs, Json, Recordings, asked_of, require_png
+from penode.cli.options import Configs, Json, Recordings, load_studies, require_png
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.errors import InputError
@@ -22,6 +22,7 @@ from penode.pmsm.precheck.excitation import QUARTERS
 from penode.pmsm.recording.drive_mapping import TORQUE
 from penode.pmsm.recording_check import RecordingCheck, check_recordings
 from penode.report.quantities import number
+from penode.report.uncertainty_budget import MINOR, size_text
 
 
 def check_command(
@@ -42,7 +43,7 @@ def check_command(
     Example: penode check run.csv --picture cover.png
     """
     require_png(picture)
-    asked = asked_of(config, {} if pole_pairs is None else {"pole_pairs": pole_pairs})
+    asked = load_studies(config, {} if pole_pairs is None else {"pole_pairs": pole_pairs})
     recordings, alone = load_runs(runs, asked.mapping)
     if alone is not None:
         _print_points(check_points(alone, asked.study), picture, as_json)
@@ -160,14 +161,10 @@ def _expected(check: RecordingCheck) -> list[Row]:
     if check.expected is None or not check.good:
         return []
     best, balance = (number(100 * half, 2) for half in check.half_widths)
-    sensors = [row for row in check.expected.budget if row.accuracy]
-    least = 0.2 * max((row.std for row in sensors), default=0.0)
-    named = ", ".join(
-        f"{row.source} {row.accuracy} {row.origin}".rstrip()
-        for row in sensors
-        if row.std >= max(least, 1e-300)
-    )
-    by_sensors = f"± {best} % by the sensors (std: {named})" if named else "no error of the sensors"
+    sensors = [row for row in check.expected.budget if row.origin in ("assumed", "declared")]
+    main = [row for row in sensors if row.std >= MINOR * sensors[0].std > 0]
+    named = ", ".join(f"{row.source} {size_text(row)}" for row in main)
+    by_sensors = f"± {best} % by the sensors (std: {named})" if main else "no error of the sensors"
     said = (
         f"R: {by_sensors}; the voltage balance alone shows it to ± {balance} %, which training "
         "mostly makes much smaller; what the trained model leaves out adds to it."

@@ -114,7 +114,7 @@ def identify_command(  # noqa: PLR0913 (an argument an option)
         purpose=purpose,
         train_anyway=train_anyway or None,
     )
-    asked = options.asked_of(
+    asked = options.load_studies(
         config, settings if horizon is None else {**settings, "horizon": _steps(horizon)}
     )
     of_points = asked

@@ -81,24 +81,29 @@ TrustClasses = Annotated[
 ]
 
 
-def asked_of(configs: list[Path] | None, changes: Mapping[str, Any]) -> StudyFile:
+def load_studies(paths: list[Path] | None, changes: Mapping[str, Any]) -> StudyFile:
     """Return what the first study file says, with the columns of all; options override it."""
-    first, others = configs[0] if configs else None, (configs or [])[1:]
-    asked = load_study(first, changes)
+    if not paths:
+        return load_study(None, changes)
+    first, others = load_study(paths[0], changes), list[StudyFile]()
     pairs = {name: changes[name] for name in ("pole_pairs",) if name in changes}
-    read = [load_study(path, pairs) for path in others]
-    for path, one in zip(others, read, strict=True):
-        both = asked.study.pole_pairs, one.study.pole_pairs
-        if both[1] not in (None, both[0]):
+    for path in paths[1:]:
+        other = load_study(path, pairs)
+        if other.study.pole_pairs not in (None, first.study.pole_pairs):
             raise InputError(
-                f"{path}: pole_pairs must be those of {first}, got {both[1]} and {both[0]}; "
-                "correct one, or give --pole-pairs."
+                f"{path}: pole_pairs must be those of {paths[0]}, got {other.study.pole_pairs} and "
+                f"{first.study.pole_pairs or 'none'}; correct one, or give --pole-pairs."
             )
-    if not read:
-        return asked
-    mapping = replace(asked.mapping, others=tuple(one.mapping for one in read))
-    entries = {**asked.entries, "others": [dict(one.entries) for one in read]}
-    return replace(asked, mapping=mapping, entries=entries)
+        others.append(other)
+    if not others:
+        return first
+    of_shaft = dict.fromkeys(name for one in (first, *others) for name in one.study.of_shaft)
+    return replace(
+        first,
+        study=replace(first.study, of_shaft=tuple(of_shaft)),
+        mapping=replace(first.mapping, others=tuple(one.mapping for one in others)),
+        entries={**first.entries, "others": [dict(one.entries) for one in others]},
+    )
 
 
 def given(**options: Any) -> dict[str, Any]:

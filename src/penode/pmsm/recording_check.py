@@ -98,13 +98,12 @@ class RecordingCheck:
 
     @property
     def half_widths(self) -> tuple[float, float]:
-        """Half widths of R's 95 % interval over R: by the sensors, and by the balance alone."""
+        """Half widths of R's 95 % interval over R: by sensors, and by what the data show."""
         if self.expected is None:
             return np.inf, np.inf
+        sensors, whole = self.expected.sensor_std, self.expected.std
         scale = NORMAL_95 / max(abs(self.expected.value), 1e-300)
-        sensors = [row.std for row in self.expected.budget if row.accuracy]
-        own = self.expected.statistical_std
-        return scale * float(np.linalg.norm(sensors)), scale * own
+        return scale * sensors, scale * float(np.sqrt(max(whole**2 - sensors**2, 0.0)))
 
     def as_json(self) -> dict[str, Any]:
         """Return the findings as what JSON knows, in SI units."""

@@ -12,7 +12,7 @@ from penode.report.quantities import Scale, number, scale_for
 from penode.report.tables import Column, numeric, table
 
 #: Fraction of the largest contribution below which one is not named in a sentence.
-_MINOR = 0.2
+MINOR = 0.2
 #: Fraction of the variance below which no figure is given.
 _LEAST = 0.01
 
@@ -50,8 +50,8 @@ def budget_sentence(estimate: Estimate) -> str:
     def width(std: float) -> str:
         return f"{number(NORMAL_95 * scale.factor * std, 2)} {scale.unit}".rstrip()
 
-    main = [row for row in own if row.std >= _MINOR * estimate.budget[0].std]
-    parts = [f"{row.source} {width(row.std)} (std {_size(row)})" for row in main]
+    main = [row for row in own if row.std >= MINOR * estimate.budget[0].std]
+    parts = [f"{row.source} {width(row.std)} (std {size_text(row)})" for row in main]
     shown = f"the data alone {width(estimate.statistical_std)}"
     whole = f"half width {width(estimate.std)}"
     give = ""
@@ -60,7 +60,7 @@ def budget_sentence(estimate: Estimate) -> str:
     return f"{whole}: {', '.join([*parts, shown])}{give}"
 
 
-def _size(row: Contribution) -> str:
+def size_text(row: Contribution) -> str:
     """Return the size of a source and where it is from."""
     return f"{row.accuracy} {row.origin}".rstrip()
 
@@ -75,7 +75,7 @@ def _table(name: str, estimate: Estimate) -> Table:
     fractions = _fractions([row.std for row in shown])
     columns: list[Column] = [
         ("source", [row.source for row in shown]),
-        ("its standard deviation", [_size(row) or "from the data" for row in shown]),
+        ("its standard deviation", [size_text(row) or "from the data" for row in shown]),
         (
             f"contribution to {name} in {scale.unit}".rstrip(),
             [numeric(number(row.std * scale.factor, 2), row.std) for row in shown],

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import equinox as eqx
 import numpy as np
 import pytest
 
@@ -73,6 +74,12 @@ def test_a_planted_voltage_is_found_with_its_size(run):
     moved = [row.applied(run, 1.0).stack(VOLTAGES) - run.stack(VOLTAGES) for row in rows]
     deviation = np.sqrt(np.sum(np.square(moved), axis=0))
     assert 0.9 * size < np.median(deviation) <= deviation.max() < 1.05 * size
+
+
+def test_of_a_model_that_ran_away_nothing_is_left_over(run):
+    machine = weak_start([run], "coenergy", angle_orders=(6, 12)).machine
+    away = eqx.tree_at(lambda one: one.terms[0].R, machine, np.array(1e300))
+    assert left_over([run], Predictor(run.time_step), (), away) == ()
 
 
 def test_without_the_rotors_angle_it_is_asked_for(run):

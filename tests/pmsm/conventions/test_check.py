@@ -18,6 +18,7 @@ from penode.pmsm.balance.trial_balance import imitated_lag
 from penode.pmsm.balance.voltage_balance import harmonic_window
 from penode.pmsm.conventions.balance import judge_delay
 from penode.pmsm.conventions.check import check_conventions, judge
+from penode.pmsm.conventions.cures import _scales
 from penode.pmsm.conventions.motion import find_stepped_angle
 from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc
 from penode.pmsm.recording.name_plate import NamePlate
@@ -221,6 +222,8 @@ def test_rms_shows_against_a_name_plate_or_phases_and_not_without(drawn):
         assert "correct the name plate" in given.fix
     both = scaled(run, root, "u_d", "u_q", "i_d", "i_q")
     assert names_of(both, None, plate) == ["rms for peak (voltages)", "rms for peak (currents)"]
+    evidence = check_conventions(both, None, plate).broken[1].evidence
+    assert evidence.endswith("and 0.71 times where the voltages alone are wrong")
     both = scaled(scaled(run, root, "u_d", "u_q"), 1 / root, "i_d", "i_q")
     assert names_of(both, None, plate) == ["rms for peak (voltages)", "peak for rms (currents)"]
 
@@ -284,6 +287,13 @@ def test_poles_for_pole_pairs_without_an_angle(speed_rpm):
     assert check_conventions(run, pairs, of_shaft=shaft).broken == ()
     (found,) = check_conventions(scaled(run, 2.0, "omega_el"), 2 * pairs, of_shaft=shaft).broken
     assert found.fix == f"give pole_pairs = {pairs} in place of {2 * pairs}"
+
+
+def test_signs_are_named_beside_the_most_pole_pairs(drawn):
+    """With 24 every other factor of the speed is below one."""
+    turned = scaled(drawn[1], -1.0, "i_q")
+    found = check_conventions(turned, 24, of_shaft=("omega_el",)).broken
+    assert [one.name for one in found] == ["negative q current"]
 
 
 def test_a_speed_at_the_end_of_the_range_is_not_determined():
@@ -456,6 +466,12 @@ def test_one_axis_in_another_unit(drawn, name, factor):
     assert {one.name for one in larger} <= {f"{kind} beyond any drive"}
     small = name if factor < 1 else name[:2] + ("q" if name[2] == "d" else "d")
     assert f"{small} is 1000 times too small" in found.fix
+
+
+def test_the_unit_of_an_axis_is_asked_where_it_is_much_smaller(drawn):
+    assert not any(cure.name.startswith("different units") for cure in _scales(drawn[1]))
+    (found,) = (c for c in _scales(scaled(drawn[1], 1e-3, "u_d")) if c.name.startswith("different"))
+    assert found.fix.startswith("give u_d and u_q the units")
 
 
 @pytest.mark.parametrize("name", ["u_d", "u_q", "i_d", "i_q"])

@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cache
 from typing import TypeAlias
 
 import numpy as np
@@ -24,6 +25,11 @@ from penode.pmsm.recording.stationary_frame import LINK
 
 #: Misfit with a cure over that of the recording as it is.
 _CLEARER = 0.7
+#: The same with another scale of one axis: right units leave at most 0.42. Of 192 pieces of 0.15
+#: and 0.25 s of recordings that are right none left less than 0.79 in rms; whole ones leave 1.01.
+_MUCH_SMALLER = 0.5
+#: Largest value of one axis over that of the other below which its unit may be another.
+_OTHER_UNIT = 0.02
 #: Misfit with another cure over that with the best, up to which it is as good.
 _AS_GOOD = 1.1
 #: Misfit at the next pole pairs, up to twice as many or half, over that as recorded, from which the
@@ -117,7 +123,7 @@ _SIGNS = (
 )
 
 
-def _scales() -> tuple[Cure, ...]:
+def _scales(experiment: Experiment) -> list[Cure]:
     """Return cures of one axis in another unit than the other, or in rms; of both none shows."""
     found = []
     for kind, (d, q) in (("currents", CURRENTS), ("voltages", VOLTAGES)):
@@ -127,17 +133,16 @@ def _scales() -> tuple[Cure, ...]:
                 f"small, or {large} too large"
             )
             rms = f"give {small} rms = true, or remove it from {large} where the study file has it"
-            named = ("different units", 1000.0, units), ("rms beside peak", 2.0**0.5, rms)
+            named = [("rms beside peak", 2.0**0.5, rms)]
+            size, other = (np.abs(experiment.channels[name]).max() for name in (small, large))
+            if size < _OTHER_UNIT * other:
+                named.append(("different units", 1000.0, units))
             for name, factor, fix in named:
-                scale = (factor, 1.0) if small == d else (1.0, factor)
-                matrix: Matrix = ((scale[0], 0.0), (0.0, scale[1]))
-                cure = Cure(f"{name} ({kind})", (d, q), fix)
-                found.append(
-                    replace(cure, currents=matrix)
-                    if kind == "currents"
-                    else replace(cure, voltages=matrix)
-                )
-    return tuple(found)
+                of_d, of_q = (factor, 1.0) if small == d else (1.0, factor)
+                scaled: Matrix = ((of_d, 0.0), (0.0, of_q))
+                both = (scaled, _SAME) if kind == "currents" else (_SAME, scaled)
+                found.append(Cure(f"{name} ({kind})", (d, q), fix, *both))
+    return found
 
 
 def _exchanges() -> tuple[Cure, ...]:
@@ -160,7 +165,7 @@ def _exchanges() -> tuple[Cure, ...]:
     )
 
 
-_PHASES, _SCALES = _exchanges(), _scales()
+_PHASES = _exchanges()
 
 
 def judge_cures(experiment: Experiment, said: OfShaft) -> tuple[Judged, str]:
@@ -169,9 +174,10 @@ def judge_cures(experiment: Experiment, said: OfShaft) -> tuple[Judged, str]:
     The recording comes with the finding set right. The text says why pole pairs cannot be
     determined, empty where they can or an angle shows them.
     """
-    cures = (*_SIGNS, *_SCALES, *_factors(said))
-    tried = _tried(experiment, cures)
+    tried = _tried(experiment, (*_SIGNS, *_factors(said)))
     standing = tried[0].standing
+    scales = _tried(experiment, _scales(experiment))
+    tried += [one for one in scales if one.misfit < _MUCH_SMALLER]
     if standing.residual > _SPINS and "theta_el" in experiment.channels:
         tried += _tried(experiment, _PHASES)
     # Of cures that differ by the direction of the d axis the magnet shows which is right.
@@ -181,7 +187,7 @@ def judge_cures(experiment: Experiment, said: OfShaft) -> tuple[Judged, str]:
     angle = _angle_sign(experiment)
     clear = _MUCH_CLEARER if angle and abs(best.cure.factor) != 1.0 else _CLEARER
     fastest = max(one.cure.factor for one in tried)
-    if best.misfit > clear or best.cure.factor == fastest:  # that is no minimum
+    if best.misfit > clear or best.cure.factor == fastest > 1.0:  # that is no minimum
         return _as_recorded(experiment, standing, angle), _undetermined(experiment, tried)
     if _is_no_machine(experiment, best.trial):
         return _as_recorded(experiment, best.trial, angle), ""
@@ -322,19 +328,21 @@ def _tried(experiment: Experiment, cures: Sequence[Cure]) -> list[_Tried]:
     longer, up to three times: the shorter ones would leave its harmonics.
     """
     own, most = trial_window(experiment), max(len(experiment) // _FEWEST, 1)
-    balances: dict[tuple[Cure, int], SpeedBalance] = {}
 
-    def at(cure: Cure, length: int) -> Trial:
-        key = replace(cure, name="", channels=(), fix="", factor=1.0), length
-        if key not in balances:
-            balances[key] = SpeedBalance(key[0].applied(experiment), length)
-        return balances[key].at(cure.factor)
+    @cache
+    def balance(channels: Cure, length: int) -> SpeedBalance:
+        return SpeedBalance(channels.applied(experiment), length)
+
+    @cache
+    def standing(length: int) -> Trial:
+        return balance(AS_RECORDED, length).at()
 
     tried = []
     for cure in cures:
-        times = min(math.ceil(1.0 / abs(cure.factor)), _LONGEST)
-        length = min(times * own, most)
-        tried.append(_Tried(cure, at(cure, length), at(AS_RECORDED, length)))
+        length = min(min(math.ceil(1.0 / abs(cure.factor)), _LONGEST) * own, most)
+        channels = replace(cure, name="", channels=(), fix="", factor=1.0)
+        trial = balance(channels, length).at(cure.factor)
+        tried.append(_Tried(cure, trial, standing(length)))
     return tried
 
 

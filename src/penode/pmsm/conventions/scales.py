@@ -62,8 +62,8 @@ def judge_units(experiment: Experiment, trial: TrialBalance) -> tuple[BrokenConv
                 f"no current is above {current:.3g} A in a machine whose L/R of "
                 f"{1e3 * constant:.3g} ms and R of {abs(trial.resistance):.3g} ohm are those of "
                 f"{1e3 * current:.4g} A",
-                'give i_d and i_q (or the phases) the unit of their columns: "kA" for none or "A", '
-                '"A" where the study file has "mA"',
+                'give i_d and i_q (or the phases) the unit of their columns: "kA", or "A" where '
+                'the study file has "mA"',
             )
         )
     for kind, largest, most in (("i", current, _MOST_CURRENT), ("u", voltage, _MOST_VOLTAGE)):

@@ -47,15 +47,16 @@ def load_runs(
     recordings: list[Experiment] = []
     for path in paths:
         table, source = read(path)
-        if not mapping.is_table_of_points(table):
-            recordings += mapping.stretches_of(path, table, source)
+        own = mapping.suited(table)
+        if not own.is_table_of_points(table):
+            recordings += own.stretches_of(path, table, source)
         elif len(paths) > 1:
             raise InputError(
                 f"{path}: a table of operating points (no column {TIME}) must be the only file, "
                 f"got {len(paths)}; beside recordings give it with --points."
             )
         else:
-            return [], points_of(path, mapping, table, source)
+            return [], points_of(path, own, table, source)
     return recordings, None
 
 

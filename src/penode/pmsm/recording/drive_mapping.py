@@ -166,17 +166,16 @@ class DriveMapping:
             What lies between the gaps, in order of time.
         """
         table, source = read(path)
-        if self.is_table_of_points(table):
+        own = self.suited(table)
+        if own.is_table_of_points(table):
             raise InputError(
                 f"{path}: no column {TIME}: a table of operating points must be given to penode "
                 "identify or check, alone; give a recording with its time here."
             )
-        return self.stretches_of(path, table, source)
+        return own.stretches_of(path, table, source)
 
     def is_table_of_points(self, table: Table) -> bool:
         """Return whether a file has what operating points have, and no time."""
-        if (own := self._suited(table)) is not self:
-            return own.is_table_of_points(table)
         named = {name: one.origin.column for name, one in self.channels.items()}
         timed = TIME in named or TIME in table.columns or bool(table.clocks)
         timed |= TIME_STEP in self.constants
@@ -186,8 +185,6 @@ class DriveMapping:
         self, path: str | Path, table: Table, source: Source
     ) -> tuple[Experiment, ...]:
         """Make recordings of the columns of a file; see `load_stretches`."""
-        if (own := self._suited(table)) is not self:
-            return own.stretches_of(path, table, source)
         table = self._timed(table)
         origins = {n: channel.origin for n, channel in self.channels.items() if n != TORQUE}
         if not self.channels:
@@ -206,8 +203,11 @@ class DriveMapping:
             _require_standstill(path, runs)
         return runs
 
-    def _suited(self, table: Table) -> "DriveMapping":
-        """Return the first mapping whose columns a file has, this one if none is."""
+    def suited(self, table: Table) -> "DriveMapping":
+        """Return the first mapping, of this one and the others, whose columns a file has.
+
+        This one where there is none, which then says what is missing.
+        """
         return next((one for one in (self, *self.others) if one._is_of(table)), self)
 
     def _is_of(self, table: Table) -> bool:
