@@ -18,7 +18,7 @@ from hypothesis import settings
 from scipy.optimize import least_squares
 
 from penode import Experiment, Fit, Model, Predictor, identify, ladder_plan, parameter, physical
-from penode.arrays import Leaf, float64
+from penode.arrays import Leaf, float64, start_jax
 from penode.bench.drive import Drive
 from penode.bench.inverter import DeadTime, Inverter
 from penode.bench.machines import COMSOL_300A, TRACTION_300A
@@ -53,12 +53,8 @@ os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 if folder := use_compilation_cache():
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
 
-# The tests' own programs and large ones of penode are compiled as its small ones are, in two thirds
-# of the time. Processes that tests start do so as users have them.
-with pytest.MonkeyPatch.context() as quick:
-    flags = os.environ.get("XLA_FLAGS", "")
-    quick.setenv("XLA_FLAGS", f"{flags} --xla_cpu_use_fusion_emitters=false")
-    jax.devices()
+# Before anything else of JAX is asked for, so that the tests' own programs are compiled so too.
+start_jax()
 
 SEED = 20_250_301
 

@@ -5,9 +5,10 @@ Axis names: ``time``, ``channel``, ``state``, ``input``, ``output``, ``parameter
 ``(state, batch)``.
 """
 
+import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from functools import wraps
+from functools import cache, wraps
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import jax
@@ -30,8 +31,38 @@ CLOCK = "time in s"
 JaxArray: TypeAlias = jax.Array
 
 
+#: Options of XLA, which one that does not know them leaves alone. Loops of steps that call no other
+#: code become one function each, whatever they touch: else XLA calls each sum of a step by itself,
+#: which costs more than the sum. Of two ways to write a sum the older compiles in two thirds of the
+#: time.
+_EXTRA = "xla_backend_extra_options"
+_OPTIONS = (
+    f"--{_EXTRA}=xla_cpu_small_while_loop_byte_threshold={10**8},"
+    "xla_cpu_disable_new_fusion_emitters"
+)
+
+
+@cache
+def start_jax() -> None:
+    """Start JAX with these options, unless it runs or ``XLA_FLAGS`` has some of their kind.
+
+    Its settings and the environment stay as they are.
+    """
+    flags = os.environ.get("XLA_FLAGS")
+    if _EXTRA in (flags or ""):
+        return
+    os.environ["XLA_FLAGS"] = f"{flags or ''} {_OPTIONS}"
+    try:
+        jax.devices()
+    finally:
+        del os.environ["XLA_FLAGS"]
+        if flags is not None:
+            os.environ["XLA_FLAGS"] = flags
+
+
 def float64() -> AbstractContextManager[None]:
     """Return a context in which JAX computes in float64; its global settings stay untouched."""
+    start_jax()
     context: Callable[[bool], AbstractContextManager[None]] = jax.enable_x64
     return context(True)
 

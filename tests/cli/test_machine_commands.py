@@ -109,6 +109,10 @@ def test_a_report_against_a_second_map(result, penode, tmp_path):
     (result / "report.html").unlink()
     done = penode("report", result, "--against", tmp_path / "none.csv")
     assert done.returncode == 2
+    (tmp_path / "machine.mat").write_bytes(b"MATLAB")
+    done = penode("report", result, "--against", tmp_path / "machine.mat")
+    assert done.returncode == 2
+    assert "--against must be a CSV such as flux_map.csv or a folder" in done.stderr
     assert not (result / "report.html").exists()
 
 
@@ -348,6 +352,22 @@ def test_a_recording_where_a_result_is_wanted_is_refused_with_what_to_type(
     sentence = " ".join(done.stderr.split())
     assert f"{file}: this is a file where the folder of a result was wanted" in sentence
     assert f"`penode identify {file} --out run`, with --config where it has" in sentence
+
+
+def test_a_study_file_where_a_result_is_wanted_is_no_recording(penode, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "study.toml").write_text("pole_pairs = 5\n")
+    done = penode("loci", "study.toml")
+    assert done.returncode == 2
+    assert "wanted; give the one that `penode identify --out` wrote." in " ".join(
+        done.stderr.split()
+    )
+
+
+def test_a_flux_map_where_a_recording_is_wanted_is_named(result, penode):
+    done = penode("check", result / "flux_map.csv")
+    assert done.returncode == 2
+    assert "this is a flux map or loci, with columns psi_d and psi_q; give the" in done.stderr
 
 
 @pytest.mark.parametrize("name", ["result.json", "flux_map.csv", "fit/fit.json"])

@@ -73,6 +73,12 @@ def test_where_an_accuracy_is_from_stands_beside_it(fit, origin):
     assert named.sensor_std == (0.0 if origin == "estimated" else pytest.approx(4e-5))
 
 
+def test_the_sentence_calls_no_probability_a_deviation():
+    doubt = replace(ROWS[0], source="tail of the dead time", accuracy="left out, 3 % probable")
+    sentence = budget_sentence(replace(R, budget=(doubt, *ROWS[1:])))
+    assert "tail of the dead time 0.78 % (left out, 3 % probable)" in sentence
+
+
 def test_what_the_data_show_leaves_out_what_was_assumed():
     assert R.statistical_std == pytest.approx(3e-5)
     low, high = R.statistical_interval_95

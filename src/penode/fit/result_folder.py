@@ -106,6 +106,8 @@ def _not_a_folder(file: Path) -> InputError:
     folder = file.parent.parent if file.parent.name == "fit" else file.parent
     if (folder / RESULT).is_file():
         repair = f"give the folder, {folder}."
+    elif file.suffix.lower() in (".toml", ".png", ".html", ".json", ".h", ".onnx"):
+        repair = "give the one that `penode identify --out` wrote."
     else:
         out = file.name.split(".")[0]
         repair = (

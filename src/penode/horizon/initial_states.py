@@ -15,7 +15,6 @@ from penode.fit.outcome import Estimate
 from penode.horizon.ladder import LadderProblem
 from penode.models.explicit_time import driving_channels
 from penode.models.measured import free_states
-from penode.programs import Program
 from penode.training.gauss_newton_terms import flat_directions, inverse_normal
 from penode.training.loss import Loss
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
@@ -120,7 +119,7 @@ def _slopes(
     return residual[:, : len(experiment)], own[..., : len(experiment)], mixed
 
 
-@partial(Program, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
 def _by_sample(
     error: PredictionError,
     raw: JaxArray,

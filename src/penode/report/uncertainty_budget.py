@@ -50,8 +50,11 @@ def budget_sentence(estimate: Estimate) -> str:
     def width(std: float) -> str:
         return f"{number(NORMAL_95 * scale.factor * std, 2)} {scale.unit}".rstrip()
 
+    def size(row: Contribution) -> str:
+        return f"{'std ' if row.accuracy[:1].isdigit() else ''}{size_text(row)}"
+
     main = [row for row in own if row.std >= MINOR * estimate.budget[0].std]
-    parts = [f"{row.source} {width(row.std)} (std {size_text(row)})" for row in main]
+    parts = [f"{row.source} {width(row.std)} ({size(row)})" for row in main]
     shown = f"the data alone {width(estimate.statistical_std)}"
     whole = f"half width {width(estimate.std)}"
     give = ""

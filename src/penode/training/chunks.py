@@ -16,7 +16,6 @@ from penode.arrays import FloatArray, IntArray, JaxArray, float64, on_device, sh
 from penode.data.windows import Windows
 from penode.native.normal_matrix import NormalMatrix
 from penode.predictors.base import Predictor
-from penode.programs import Program
 from penode.training.free_starts import sums_without_starts
 from penode.training.prediction_error import Batch, PredictionError, compiled_windows
 
@@ -169,7 +168,7 @@ def over_blocks(
 _Totals: TypeAlias = tuple[JaxArray, NormalMatrix, JaxArray, JaxArray]
 
 
-@partial(Program, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
 def _sum_over_chunks(
     error: PredictionError,
     raw: JaxArray,

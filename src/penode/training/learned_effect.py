@@ -14,7 +14,6 @@ from penode.models.explicit_time import driving_channels, evaluated
 from penode.models.inputs import Inputs
 from penode.models.layout import Layout
 from penode.models.measured import dynamic_states
-from penode.programs import Program
 from penode.training.prediction_error import PredictionError
 from penode.training.window_states import start_states
 
@@ -139,7 +138,7 @@ def _rate(layout: Layout[Model], values: JaxArray, x: JaxArray, u: JaxArray) -> 
     return rate[: len(dynamic_states(model))]
 
 
-@partial(Program, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
 def _derivative(layout: Layout[Model], values: JaxArray, x: JaxArray, u: JaxArray) -> JaxArray:
     return _rate(layout, values[:, None], x, u)
 
@@ -153,7 +152,7 @@ def _slopes(layout: Layout[Model], values: JaxArray, x: JaxArray, u: JaxArray) -
     return jnp.swapaxes(jax.vmap(pull_back)(units)[0], 1, 2)
 
 
-@partial(Program, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
 def _effect(
     layout: Layout[Model], values: JaxArray, x: JaxArray, u: JaxArray
 ) -> tuple[JaxArray, JaxArray]:

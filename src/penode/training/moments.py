@@ -3,12 +3,12 @@
 from dataclasses import replace
 from functools import partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray, JaxArray, on_device
 from penode.data.windows import Windows
-from penode.programs import Program
 from penode.training.chunks import Block, over_blocks
 from penode.training.noise import StudentT
 from penode.training.prediction_error import Batch, PredictionError
@@ -30,7 +30,7 @@ def moments(
     return np.asarray(sum(over_blocks(of_block, error, windows, corrections)))
 
 
-@partial(Program, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
 def _moments(
     error: PredictionError,
     raw: JaxArray,

@@ -17,7 +17,6 @@ from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
-from penode.programs import Program
 from penode.training.chunks import summed
 from penode.training.free_starts import estimated_starts
 from penode.training.gauss_newton_terms import GaussNewtonTerms, squared
@@ -238,7 +237,7 @@ class Objective:
             if predictor is not self.predictor:
                 count = self.layout.experiments
                 one = Objective(predictor, error.model, self.scale, self.loss, count)
-            return Program(one.loss_and_gradient_of, static_argnums=2)
+            return jax.jit(one.loss_and_gradient_of, static_argnums=2)
 
         return compiled
 
@@ -341,7 +340,7 @@ def _penalties_at(
     return residuals(raw), jax.jacfwd(residuals)(raw)
 
 
-@partial(Program, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
 def _transform(layout: Layout[Model], raw: JaxArray) -> JaxArray:
     """Return d(values)/d(raw)."""
     slopes: JaxArray = jax.jacfwd(layout.values)(raw)

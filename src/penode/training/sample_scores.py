@@ -7,13 +7,13 @@ correlated. The samples within them can.
 from dataclasses import replace
 from functools import partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray, JaxArray, on_device
 from penode.data.windows import Windows
 from penode.native.normal_matrix import NormalMatrix
-from penode.programs import Program
 from penode.training.chunks import Block, over_blocks, summed
 from penode.training.free_starts import followed_by
 from penode.training.prediction_error import Batch, PredictionError
@@ -38,7 +38,7 @@ def sample_scores(
     return np.asarray(total)[:, : len(windows.states)]
 
 
-@partial(Program, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
 def _by_sample(
     error: PredictionError,
     raw: JaxArray,

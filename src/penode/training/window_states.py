@@ -4,13 +4,13 @@ from collections.abc import Iterator
 from functools import partial
 from typing import TypeAlias
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from penode.arrays import FloatArray, IntArray, JaxArray, on_device
 from penode.data.windows import Windows
 from penode.predictors.rollout import rollout
-from penode.programs import Program
 from penode.training.chunks import Block, over_blocks, summed
 from penode.training.prediction_error import Batch, PredictionError
 
@@ -59,7 +59,7 @@ def _blocks(
     return over_blocks(of_block, error, windows, corrections)
 
 
-@partial(Program, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
 def _followed(
     error: PredictionError, raw: JaxArray, correction: JaxArray, batch: Batch, horizon: JaxArray
 ) -> tuple[JaxArray, JaxArray, JaxArray]:

@@ -27,7 +27,6 @@ from penode.models.parameters import with_batch_axis
 from penode.predictors.base import Predictor
 from penode.predictors.delays import Recorded, as_acting, delayed
 from penode.predictors.rollout import rollout
-from penode.programs import Program
 from penode.validation.comparison import Comparison
 
 #: What stands for an error or a slope of a free run that diverged.
@@ -191,7 +190,7 @@ def _free_run_squares(
         return squares[:, : len(dynamic_states(models[0]))]
 
 
-@partial(Program, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
 def _squares(
     predictor: Predictor, models: Model, measured: JaxArray, inputs: JaxArray, samples: JaxArray
 ) -> JaxArray:
@@ -235,7 +234,7 @@ def look_ahead(
     return np.asarray(ahead)[:, :count]
 
 
-@partial(Program, static_argnums=(0, 5))
+@partial(jax.jit, static_argnums=(0, 5))
 def _ahead(
     predictor: Predictor,
     model: Model,
@@ -374,5 +373,5 @@ def _from_free(
 
 
 # Compiled once for all recordings of about a length, all values of parameters and all starts.
-_run_from = Program(_from_free, static_argnums=(1, 2))
-_slope_of_run = Program(jax.jacfwd(_from_free), static_argnums=(1, 2))
+_run_from = jax.jit(_from_free, static_argnums=(1, 2))
+_slope_of_run = jax.jit(jax.jacfwd(_from_free), static_argnums=(1, 2))

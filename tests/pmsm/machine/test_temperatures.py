@@ -14,6 +14,7 @@ from penode.pmsm.machine.temperatures import (
     temperatures_of,
 )
 from penode.pmsm.machine.terms import Channel, Resistance, Term
+from penode.pmsm.report.no_current import of_winding
 
 
 def recording(**channels):
@@ -23,8 +24,19 @@ def recording(**channels):
 def test_mean_and_range_are_over_all_recordings():
     cold = recording(winding_temperature=np.array([20.0, 21.0, 22.0, 23.0]))
     hot = recording(winding_temperature=np.full(4, 80.0), magnet_temperature=np.full(4, 60.0))
-    assert recorded_temperatures([cold, hot]) == {"winding_temperature": [50.75, 20.0, 80.0]}
+    both = {"winding_temperature": [50.75, 20.0, 80.0], "magnet_temperature": []}
+    assert recorded_temperatures([cold, hot]) == both
     assert recorded_temperatures([hot])["magnet_temperature"] == [60.0, 60.0, 60.0]
+
+
+def test_a_winding_of_which_not_all_recordings_tell_has_no_temperature(machine_fit):
+    partly = replace(machine_fit, provenance={RECORDED: {"winding_temperature": []}})
+    known = temperatures_of(partly)
+    assert (known.resistance, known.magnets) == (None, None)
+    assert "not known; not all recordings have that of the winding." in known.of_resistance
+    (row,) = of_winding(partly)
+    assert (row.text, row.value) == ("not known", None)
+    assert not of_winding(machine_fit)
 
 
 def test_what_cannot_be_degrees_celsius_is_left_out():

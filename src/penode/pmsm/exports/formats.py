@@ -34,9 +34,11 @@ from penode.pmsm.result_files import flux_map_csv
 class Format:
     """One way to write a flux map: ``encode(fit, grid, name)`` gives a file's content.
 
-    ``name`` is that of the file; ``points`` a side of the grid where no other number is asked for.
+    ``name`` is that of the file, ``reader`` who reads it; ``points`` a side of the grid where no
+    other number is asked for.
     """
 
+    reader: str
     suffix: str
     encode: Callable[[Fit, FluxGrid, str], str | bytes]
     points: int = 41
@@ -56,23 +58,32 @@ def _mat(fit: Fit, grid: FluxGrid, name: str) -> bytes:
 
 #: To add a format, add one entry. CSV keeps the grid of ``flux_map.csv``.
 FORMATS: dict[str, Format] = {
-    "csv": Format(".csv", lambda fit, grid, name: flux_map_csv(fit)),
-    "npz": Format(".npz", lambda fit, grid, name: npz.encode(grid)),
-    "mat": Format(".mat", _mat),
-    "m": Format(".m", lambda fit, grid, name: matlab_script.encode(_variables(fit, grid))),
+    "csv": Format("any program", ".csv", lambda fit, grid, name: flux_map_csv(fit)),
+    "npz": Format("motulator", ".npz", lambda fit, grid, name: npz.encode(grid)),
+    "mat": Format("Simulink, Simscape", ".mat", _mat),
+    "m": Format(
+        "MATLAB", ".m", lambda fit, grid, name: matlab_script.encode(_variables(fit, grid))
+    ),
     "motorcad": Format(
+        "Motor-CAD's readers",
         ".mat",
         lambda fit, grid, name: mat.encode(motorcad.variables(grid, over_angle(fit, grid))),
     ),
     "xlsx": Format(
-        ".xlsx", lambda fit, grid, name: excel.encode(grid, torque_per_ampere(fit, grid))
+        "Excel", ".xlsx", lambda fit, grid, name: excel.encode(grid, torque_per_ampere(fit, grid))
     ),
-    "syre": Format(".mat", lambda fit, grid, name: syre.encode(grid), points=256),
-    "c": Format(".h", lambda fit, grid, name: c_header.encode(grid, name, *_control(fit, grid))),
+    "syre": Format("SyR-e", ".mat", lambda fit, grid, name: syre.encode(grid), points=256),
+    "c": Format(
+        "C99, float",
+        ".h",
+        lambda fit, grid, name: c_header.encode(grid, name, *_control(fit, grid)),
+    ),
     "c_fixed": Format(
-        ".h", lambda fit, grid, name: c_header.encode(grid, name, *_control(fit, grid), fixed=True)
+        "C99, 16 bits",
+        ".h",
+        lambda fit, grid, name: c_header.encode(grid, name, *_control(fit, grid), fixed=True),
     ),
-    "onnx": Format(".onnx", lambda fit, grid, name: onnx.encode(fit, grid)),
+    "onnx": Format("ONNX Runtime", ".onnx", lambda fit, grid, name: onnx.encode(fit, grid)),
 }
 
 
@@ -116,7 +127,8 @@ def export(
     """
     path = Path(path)
     if to not in FORMATS:
-        raise InputError(f"format must be one of {', '.join(FORMATS)}, got {to!r}.")
+        known = ", ".join(f"{name} ({one.reader})" for name, one in FORMATS.items())
+        raise InputError(f"format must be one of {known}, got {to!r}.")
     target = FORMATS[to]
     if path.suffix.lower() != target.suffix:
         raise InputError(

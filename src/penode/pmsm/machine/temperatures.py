@@ -16,7 +16,8 @@ from penode.pmsm.machine.terms import (
     Term,
 )
 
-#: Entry of the provenance: of each temperature that was recorded mean, lowest and highest in degC.
+#: Entry of the provenance: of each temperature that was recorded mean, lowest and highest in degC,
+#: nothing where only some of the recordings have it.
 RECORDED = "recorded_temperatures"
 #: How the name of a channel ends that is one, and the one that the map belongs to.
 _CHANNELS, _MAGNET = "_temperature", MAGNETS.name
@@ -61,12 +62,15 @@ UNKNOWN = Temperatures()
 def recorded_temperatures(recordings: Sequence[Experiment]) -> dict[str, list[float]] | None:
     """Return mean, lowest and highest of every temperature of all recordings, degC.
 
-    Its channels end in ``_temperature``; one that is not in all recordings, or has values that
-    no machine's temperature in degC has, is left out.
+    Its channels end in ``_temperature``; of one that is not in all recordings nothing is returned,
+    and one with values that no machine's temperature in degC has is left out.
     """
-    shared = set.intersection(*(set(each.channels) for each in recordings))
+    names = {name for each in recordings for name in each.channels if name.endswith(_CHANNELS)}
     found = {}
-    for name in sorted(one for one in shared if one.endswith(_CHANNELS)):
+    for name in sorted(names):
+        if not all(name in each.channels for each in recordings):
+            found[name] = list[float]()
+            continue
         values = np.concatenate([each.channels[name] for each in recordings])
         if (TEMPERATURE.lowest <= values).all() and (values <= TEMPERATURE.highest).all():
             found[name] = [float(part) for part in (values.mean(), values.min(), values.max())]
@@ -75,13 +79,14 @@ def recorded_temperatures(recordings: Sequence[Experiment]) -> dict[str, list[fl
 
 def temperatures_of(fit: Fit) -> Temperatures:
     """Return what a machine's fit knows of the temperatures behind it."""
-    recorded = {
-        name: (float(mean), float(low), float(high))
-        for name, (mean, low, high) in (fit.provenance.get(RECORDED) or {}).items()
-    }
+    entry: dict[str, Sequence[float]] = fit.provenance.get(RECORDED) or {}
+    recorded = {name: (one[0], one[1], one[2]) for name, one in entry.items() if one}
+    partly = TEMPERATURE.name in entry and TEMPERATURE.name not in recorded
     terms: Sequence[Term] = getattr(fit.model, "terms", ())
     winding, magnets = recorded.get(TEMPERATURE.name), recorded.get(_MAGNET)
     known = _resistance(terms, winding)
+    if known[0] is None and partly:
+        known = *known[:2], f"{known[2][:-1]}; not all recordings have that of the winding."
     warm = next((t for t in terms if isinstance(t, MagnetTemperature)), None)
     if warm is not None:
         slope = f"{float(warm.magnet_coefficient):.6g} Vs/K"

@@ -245,6 +245,11 @@ class DriveMapping:
                 f"{path}: no column of numbers, where {', '.join(missing)} were wanted; export the "
                 "recording again, with a line of names above its numbers."
             )
+        if missing and {"psi_d", "psi_q"} <= set(table.columns):
+            raise InputError(
+                f"{path}: this is a flux map or loci, with columns psi_d and psi_q; give the "
+                f"recording, with {', '.join(missing)} too."
+            )
         if missing and not self.channels:
             raise InputError(
                 f"{path}: no column {', '.join(missing)}; the columns are "

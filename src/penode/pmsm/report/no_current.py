@@ -5,7 +5,7 @@ import numpy as np
 from penode.fit.fit import Fit
 from penode.fit.outcome import Estimate
 from penode.pmsm.machine.standstill import STANDSTILL, excited_axes
-from penode.pmsm.machine.temperatures import temperatures_of
+from penode.pmsm.machine.temperatures import UNKNOWN, temperatures_of
 from penode.report.document import KeyValue
 from penode.report.quantities import number, with_unit
 from penode.report.statements import estimate_text
@@ -50,10 +50,12 @@ def _in_words(name: str, estimate: Estimate) -> KeyValue:
 
 
 def of_winding(fit: Fit) -> tuple[KeyValue, ...]:
-    """Return the temperature that R belongs to; nothing where none was recorded."""
+    """Return the temperature that R belongs to; nothing where no recording has one."""
     known = temperatures_of(fit)
-    if known.resistance is None or not fit.horizon.answered:
+    if known.of_resistance == UNKNOWN.of_resistance or not fit.horizon.answered:
         return ()
     sentence = known.of_resistance.replace(" degC", "\N{NO-BREAK SPACE}°C")
+    if known.resistance is None:
+        return (KeyValue("Winding that R belongs to", "not known", sentence),)
     text = f"{number(known.resistance)}\N{NO-BREAK SPACE}°C"
     return (KeyValue("Winding that R belongs to", text, sentence, known.resistance),)
