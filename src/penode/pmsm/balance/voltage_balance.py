@@ -227,7 +227,18 @@ def balance_equations(
     prepared terms' physical parameters in their order, the map, by the flux linkages `basis`
     (time, 2, coefficient). Windows hold `length` samples.
     """
-    known_drop, by_parameter, by_psi = term_columns(experiment, terms)
+    return equations_of(experiment, term_columns(experiment, terms), basis, length, further)
+
+
+def equations_of(
+    experiment: Experiment,
+    columns: tuple[FloatArray, FloatArray, FloatArray],
+    basis: FloatArray,
+    length: int,
+    further: Sequence[Column] = (),
+) -> WeakRegression:
+    """Return `balance_equations` of terms whose `term_columns` are known."""
+    known_drop, by_parameter, by_psi = columns
     window = HannWindow(experiment.time_step, length)
     of_map = window.of_transformed(np.ascontiguousarray(basis), -by_psi)
     parts = [window.of_store(s) + window.of_supply(r) for s, r in further]

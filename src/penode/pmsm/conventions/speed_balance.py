@@ -14,7 +14,7 @@ import numpy as np
 from penode.arrays import FloatArray, IntArray
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.trial_balance import Trial, trial_form
-from penode.pmsm.balance.voltage_balance import BalanceForm
+from penode.pmsm.balance.voltage_balance import BalanceForm, equations_of, term_columns
 from penode.pmsm.conventions.broken_convention import with_channels
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.terms import SPEED
@@ -56,14 +56,13 @@ class SpeedBalance:
         solution = np.linalg.solve(gram, moment)
         left = target - scaled @ solution
         weights = (solution / np.where(size > 0, size, 1.0))[len(_BESIDE) + 2 :]
-        polynomial = self._form.polynomial
-        slopes = polynomial.slopes(self._points) @ weights
+        slopes = self._slopes @ weights
         symmetric = 0.5 * (slopes + slopes.transpose(0, 2, 1))
         moving = np.ix_(np.arange(len(symmetric)), *2 * (self._moving,))
         return Trial(
             residual=_norm(left) / max(_norm(target), 1e-300),
             definite=float(np.mean(np.linalg.eigvalsh(symmetric[moving])[:, 0] > 0.0)),
-            magnet=(polynomial.basis(np.zeros((1, 2))) @ weights)[0],
+            magnet=(self._form.polynomial.basis(np.zeros((1, 2))) @ weights)[0],
         )
 
     @cached_property
@@ -71,9 +70,10 @@ class SpeedBalance:
         return trial_form([self.experiment], _DEGREE)
 
     @cached_property
-    def _points(self) -> FloatArray:
+    def _slopes(self) -> FloatArray:
+        """Return the slopes of the map at some of the currents, by its coefficients."""
         currents = self.experiment.stack(CURRENTS)
-        return currents[:: max(len(currents) // _POINTS, 1)]
+        return self._form.polynomial.slopes(currents[:: max(len(currents) // _POINTS, 1)])
 
     @cached_property
     def _moving(self) -> IntArray:
@@ -84,17 +84,21 @@ class SpeedBalance:
     @cached_property
     def _sums(self) -> tuple[WeakRegression, WeakRegression]:
         """The equations at standstill and at the speed as recorded."""
-        standing = {SPEED.name: np.zeros(len(self.experiment))}
-        still = with_channels(self.experiment, standing)
-        return self._equations(still), self._equations(self.experiment)
+        still = with_channels(self.experiment, {SPEED.name: np.zeros(len(self.experiment))})
+        known, by_parameter, by_psi = term_columns(self.experiment, self._form.terms)
+        basis = self._form.basis(self.experiment)
 
-    def _equations(self, experiment: Experiment) -> WeakRegression:
-        beside = [
-            column
-            for name in _BESIDE
-            for column in IMPERFECTIONS[name].columns(experiment, UNKNOWN_DRIVE)
-        ]
-        return self._form.equations([experiment], self.length, [beside])
+        def equations(experiment: Experiment, slope: FloatArray) -> WeakRegression:
+            beside = [
+                column
+                for name in _BESIDE
+                for column in IMPERFECTIONS[name].columns(experiment, UNKNOWN_DRIVE)
+            ]
+            columns = known, by_parameter, slope
+            return equations_of(experiment, columns, basis, self.length, beside)
+
+        # Of the terms rotation alone has the speed in it, and the flux linkage.
+        return equations(still, np.zeros_like(by_psi)), equations(self.experiment, by_psi)
 
 
 def _norm(vector: FloatArray) -> float:
