@@ -53,7 +53,7 @@ os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 if folder := use_compilation_cache():
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
 
-# Before anything else of JAX is asked for, so that the tests' own programs are compiled so too.
+# Before anything else asks JAX, so that loops of the tests' own programs are functions too.
 start_jax()
 
 SEED = 20_250_301

@@ -46,10 +46,10 @@ _OPTIONS = (
 def start_jax() -> None:
     """Start JAX with these options, unless it runs or ``XLA_FLAGS`` has some of their kind.
 
-    Its settings and the environment stay as they are.
+    Its settings and the environment stay as they are: XLA reads its flags once, when JAX starts.
     """
     flags = os.environ.get("XLA_FLAGS")
-    if _EXTRA in (flags or ""):
+    if flags is not None and _EXTRA in flags:
         return
     os.environ["XLA_FLAGS"] = f"{flags or ''} {_OPTIONS}"
     try:

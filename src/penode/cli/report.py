@@ -85,7 +85,7 @@ def _held_against(fit: Fit, path: Path, trust: bool = False) -> "Against":
     table = path.suffix.lower() == ".csv"
     if path.is_file() and not table:
         raise InputError(
-            f"{path}: --against must be a CSV such as flux_map.csv or a folder of a result; of a "
-            "map of penode give its folder, of another write it as CSV."
+            f"{path}: --against must be a CSV such as flux_map.csv or the folder of a result; give "
+            "the folder, or export the map as CSV."
         )
     return Against.of(fit, str(path), read_grid(path) if table else load_machine(path, trust))

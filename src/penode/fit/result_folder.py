@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from penode.data.load import READERS
 from penode.errors import InputError
 from penode.fit.archive import content_of, name_file, sha256
 
@@ -106,7 +107,7 @@ def _not_a_folder(file: Path) -> InputError:
     folder = file.parent.parent if file.parent.name == "fit" else file.parent
     if (folder / RESULT).is_file():
         repair = f"give the folder, {folder}."
-    elif file.suffix.lower() in (".toml", ".png", ".html", ".json", ".h", ".onnx"):
+    elif not {suffix.lower() for suffix in file.suffixes} & set(READERS):
         repair = "give the one that `penode identify --out` wrote."
     else:
         out = file.name.split(".")[0]

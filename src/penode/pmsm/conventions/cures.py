@@ -339,7 +339,7 @@ def _tried(experiment: Experiment, cures: Sequence[Cure]) -> list[_Tried]:
 
     tried = []
     for cure in cures:
-        length = min(min(math.ceil(1.0 / abs(cure.factor)), _LONGEST) * own, most)
+        length = min(math.ceil(1.0 / abs(cure.factor)) * own, _LONGEST * own, most)
         channels = replace(cure, name="", channels=(), fix="", factor=1.0)
         trial = balance(channels, length).at(cure.factor)
         tried.append(_Tried(cure, trial, standing(length)))

@@ -81,11 +81,10 @@ def temperatures_of(fit: Fit) -> Temperatures:
     """Return what a machine's fit knows of the temperatures behind it."""
     entry: dict[str, Sequence[float]] = fit.provenance.get(RECORDED) or {}
     recorded = {name: (one[0], one[1], one[2]) for name, one in entry.items() if one}
-    partly = TEMPERATURE.name in entry and TEMPERATURE.name not in recorded
     terms: Sequence[Term] = getattr(fit.model, "terms", ())
     winding, magnets = recorded.get(TEMPERATURE.name), recorded.get(_MAGNET)
     known = _resistance(terms, winding)
-    if known[0] is None and partly:
+    if known[0] is None and entry.get(TEMPERATURE.name) == []:
         known = *known[:2], f"{known[2][:-1]}; not all recordings have that of the winding."
     warm = next((t for t in terms if isinstance(t, MagnetTemperature)), None)
     if warm is not None:
