@@ -112,7 +112,7 @@ def test_a_report_against_a_second_map(result, penode, tmp_path):
     (tmp_path / "machine.mat").write_bytes(b"MATLAB")
     done = penode("report", result, "--against", tmp_path / "machine.mat")
     assert done.returncode == 2
-    assert "--against must be a CSV such as flux_map.csv or a folder" in done.stderr
+    assert "--against must be a CSV such as flux_map.csv or the folder" in done.stderr
     assert not (result / "report.html").exists()
 
 
