@@ -18,7 +18,7 @@ from penode.data.experiment import Experiment
 from penode.engine import TanhLayers
 
 #: Kind and sizes: masses, samples, neurons in each of two layers.
-ROWS = {"chain": (3, 6, 12, 25), "lag": (10_000, 100_000, 1_000_000), "network": (6, 20)}
+ROWS = {"chain": (3, 6, 12, 25), "lag": (10_000, 100_000, 1_000_000), "network": (6, 20, 100)}
 _MEASURED, _SEED = 6, 20_261_128
 
 

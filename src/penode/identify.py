@@ -21,6 +21,7 @@ from penode.horizon.objections import checks_of, guarded, objections, with_objec
 from penode.horizon.search import Search
 from penode.horizon.selection import Selector
 from penode.horizon.steady import checks_of_points
+from penode.horizon.wide_networks import with_held_layers
 from penode.models.base import Model
 from penode.models.checked import require_sound
 from penode.training.plan import Plan
@@ -103,6 +104,7 @@ def identify(
     for unseen in validation:
         near = nearest(time_steps(experiments), unseen)
         require_predictable(problem.objective.predictor.at(near), start.model, unseen)
+    start = with_held_layers(start, problem, plan)
 
     search = Search(start, experiments, selector, observer)
     found = search.as_given(plan) if given else searched(search, plan)

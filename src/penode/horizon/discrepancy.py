@@ -16,12 +16,12 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, eigh
 
 from penode.arrays import BoolArray, FloatArray, float64, on_device
 from penode.data.windows import Windows
-from penode.horizon.ladder import MOST_PARAMETERS, HorizonFit, LadderProblem
+from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.models.discrepancy import GROUP, Discrepant, spline_basis
 from penode.models.explicit_time import driving_channels
 from penode.training.covariance import ScoreSeries
 from penode.training.evidence import Information, Rows, process_rows
-from penode.training.gauss_newton_terms import inverse_normal
+from penode.training.gauss_newton_terms import MOST_PARAMETERS, inverse_normal
 from penode.training.learned_effect import LearnedEffect, Visits
 from penode.training.plan import Plan, Problem, Stage
 from penode.training.residuals import Objective

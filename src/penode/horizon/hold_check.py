@@ -20,6 +20,7 @@ from penode.models.measured import measured_units
 from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.holds import FirstOrderHold, Hold, ZeroOrderHold
 from penode.predictors.solver import Solver
+from penode.training.local_loss import LocalLoss
 from penode.training.plan import Plan, Problem, Solution
 from penode.training.second_order import LevenbergMarquardt
 
@@ -30,6 +31,8 @@ _EXACT, _DIVERGED = 1e-24, 1e3
 #: Log likelihood below which two holds are as good before a fit, and above which one is worth
 #: another climb after it; and evaluations of training with another one.
 _TIE, _BETTER, _EVALUATIONS = 0.1, 1.0, 30
+#: Damping of a step that is as good as free.
+_NEARLY_FREE = 1e-6
 
 
 def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Plan:
@@ -102,6 +105,8 @@ def better_hold(
             continue
         changed = replace(plan, hold=hold)
         other = problem.with_predictor(changed, rung)
+        if _beyond(other, rung.solution.raw, losses[0]):
+            continue
         trained = LevenbergMarquardt(_EVALUATIONS).minimise(other, rung.solution.raw)
         if trained.terms.finite:
             losses.append(trained.terms.loss)
@@ -110,6 +115,18 @@ def better_hold(
     gain = 0.5 * _values(problem.model, problem.experiments)
     gain *= math.log((losses[0] + _EXACT) / (losses[best] + _EXACT))
     return found[best] if gain > _BETTER else None
+
+
+def _beyond(problem: Problem, raw: FloatArray, loss: float) -> bool:
+    """Whether even twice the decrease that Gauss and Newton promise at raw leaves more than a loss.
+
+    One evaluation in place of a training, for a hold by which parameters would be others.
+    """
+    here = problem.gauss_newton(raw)
+    if not here.finite:
+        return False
+    local = LocalLoss(problem, raw, here)
+    return bool(here.loss - 2 * local.promised(local.step(_NEARLY_FREE)) > loss)
 
 
 def _values(model: Model, experiments: Sequence[Experiment]) -> int:

@@ -88,9 +88,6 @@ _FEW = "one or two windows decide it; record longer, or excite more evenly"
 #: Error of a horizon over that of the first from which predictions have exploded.
 _EXPLODED = 1e6
 
-#: Most parameters of a fit, whose normal matrix is held in several copies.
-MOST_PARAMETERS = 5000
-
 #: Loss of the longest rung, over the least, from which the path may have led to another minimum.
 _STRAYED = 3.0
 
@@ -204,8 +201,7 @@ class LadderProblem:
         Raises
         ------
         InputError
-            If a channel is missing, of all states in a unit none ever moves, or the model has more
-            parameters than a normal matrix may have rows.
+            If a channel is missing, or of all states in a unit none ever moves.
         """
         alike: dict[str, list[str]] = {}
         for name, unit in measured_units(model).items():
@@ -220,13 +216,6 @@ class LadderProblem:
         predictor = Predictor(float(time_steps(experiments).min()), plan.solver, plan.hold)
         scale = residual_scale(model, measured, plan.loss)
         objective = Objective(predictor, model, scale, plan.loss, len(experiments))
-        size = objective.layout.size
-        if size > MOST_PARAMETERS:
-            raise InputError(
-                f"parameters of a fit must be <= {MOST_PARAMETERS}, got {size}: their normal "
-                f"matrix would take {8e-9 * size**2:.2g} GB several times over; use a smaller "
-                "network, or a spline over fewer cells."
-            )
         reported = Reported(objective.layout, thin(visited, most=100))
         return cls(objective, reported, model, experiments, observer)
 
@@ -277,7 +266,7 @@ class LadderProblem:
             problem, raw = with_scale(problem, raw, cold)
             if plan.learned_prior:
                 problem, raw = plan.learned_prior.joined(problem, raw, cold)
-            progress = self._progress(stage.horizon, (number + 1, len(plan.stages)))
+            progress = self.progress(stage.horizon, (number + 1, len(plan.stages)))
             solution = stage.optimiser.minimise(problem, raw, progress)
             if solution.outcome == DIVERGED:
                 break
@@ -443,9 +432,8 @@ class LadderProblem:
         units, plain = set(measured_units(self.model).values()), np.all(self.objective.scale == 1)
         return units.pop() if plain and len(units) == 1 and not self.objective.loss.noise else ""
 
-    def _progress(
-        self, horizon: int, place: tuple[int, int]
-    ) -> Callable[[FloatArray, float], None]:
+    def progress(self, horizon: int, place: tuple[int, int]) -> Callable[[FloatArray, float], None]:
+        """Return what tells the observer of an evaluation, at a stage of so many."""
         names = self.objective.layout.physical
 
         def report(raw: FloatArray, loss: float) -> None:

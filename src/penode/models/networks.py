@@ -26,7 +26,7 @@ _WIDE = 16
 def dense(weights: JaxArray, x: JaxArray) -> JaxArray:
     """Multiply weights (m, n, batch or 1) with columns x (n, batch) or matrices x (n, k, batch)."""
     if weights.shape[-1] == 1:
-        if min(weights.shape[:2]) >= _WIDE:
+        if min(weights.shape[:2]) >= _WIDE or weights.shape[1] >= 2 * _WIDE:
             return jnp.tensordot(weights[..., 0], x, axes=1)
         return _sum_of_products(weights, x)
     if x.ndim == 2:

@@ -1,7 +1,6 @@
 """Models around a model: what it says of itself is the same, and its equation is another."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
@@ -12,6 +11,7 @@ from penode.arrays import FloatArray, JaxArray
 from penode.models.base import Model
 from penode.models.explicit_time import driving_channels, evaluated, rates_of
 from penode.models.inputs import Inputs
+from penode.models.last_layer import Constant
 from penode.models.parameters import setting_at
 
 
@@ -94,16 +94,8 @@ class Wrapped(Model):
 
 
 @jax.tree_util.register_static
-@dataclass(frozen=True)
-class _Constant:
-    """Numbers that are part of a model's structure, and no parameters of it."""
-
-    shape: tuple[int, ...]
-    numbers: bytes
-
-    @property
-    def array(self) -> FloatArray:
-        return np.frombuffer(self.numbers).reshape(self.shape)
+class _Held(Constant):
+    """What else is a parameter."""
 
 
 class WithoutPart(Wrapped):
@@ -116,7 +108,7 @@ class WithoutPart(Wrapped):
         def held(path: Any, leaf: FloatArray) -> Any:
             if setting_at(model, path).group != "learned":
                 return leaf
-            return _Constant(np.shape(leaf), np.asarray(leaf, dtype=float).tobytes())
+            return _Held(np.array(leaf, dtype=float))
 
         fixed = jax.tree_util.tree_map_with_path(held, model)
         count = len(jax.tree.leaves(fixed))
@@ -129,13 +121,13 @@ class WithoutPart(Wrapped):
 
     @property
     def _batched(self) -> Model:
-        return self._with(lambda constant: constant.array[..., None])
+        return self._with(lambda constant: constant.batched)
 
-    def _with(self, number: Callable[[_Constant], FloatArray]) -> Model:
+    def _with(self, number: Callable[[_Held], FloatArray]) -> Model:
         whole: Model = jax.tree.map(
-            lambda leaf: number(leaf) if isinstance(leaf, _Constant) else leaf,
+            lambda leaf: number(leaf) if isinstance(leaf, _Held) else leaf,
             self.model,
-            is_leaf=lambda leaf: isinstance(leaf, _Constant),
+            is_leaf=lambda leaf: isinstance(leaf, _Held),
         )
         return whole
 

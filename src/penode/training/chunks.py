@@ -119,7 +119,7 @@ def _neighbours(windows: Windows) -> IntArray:
 
 def _width(error: PredictionError, samples: int) -> int:
     """Return how many windows a chunk has, of recordings padded to so many samples."""
-    each = 8 * len(error.model.states) * error.layout.size
+    each = 8 * len(error.model.states) * (error.layout.size + len(error.free))
     widest = 2 * CHUNK if samples > _LONG else CHUNK
     return next((n for n in (widest, CHUNK) if n * each <= _NEAR), CHUNK // 2)
 

@@ -14,6 +14,8 @@ from penode.training.loss import Loss, channel_deviation
 #: Directions of the normal matrix below this fraction of the largest (after scaling) are flat:
 #: their estimates are rounding noise, which may swamp those of the others.
 FLAT = 1e-10
+#: Most parameters of a fit, whose normal matrix is held in several copies.
+MOST_PARAMETERS = 5000
 
 
 @dataclass(frozen=True, eq=False)
