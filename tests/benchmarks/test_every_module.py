@@ -160,6 +160,7 @@ def test_gauss_newton_terms_are_those_of_a_stored_jacobian(small):
     assert np.abs(normal - wanted).max() < 1e-10 * np.abs(wanted).max()
 
 
+@pytest.mark.slow
 def test_terms_of_pieces_sum_to_those_of_the_whole(small):
     whole = small.objective.gauss_newton(small.raw, small.windows(4)).normal
     pieces = memory.in_pieces(small, 4, 40)
@@ -256,6 +257,7 @@ def test_machines_are_fitted_to_a_map(capsys):
     assert "psi_PM a component" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_identification_is_timed():
     """The command's own defaults take longer; these are the fewest unknowns."""
     study = Study(horizon=1, candidates=(), angle_orders=(), hold="dq")

@@ -112,9 +112,9 @@ BROKEN = {
     ("part", "verdict", "status", "stopped"),
     [
         ("a section", "fixed", 0, False),
-        ("a section", "implausible", 1, False),
+        pytest.param("a section", "implausible", 1, False, marks=pytest.mark.slow),
         ("a section", "stopped", 130, True),
-        ("a picture", "fixed", 0, False),
+        pytest.param("a picture", "fixed", 0, False, marks=pytest.mark.slow),
         ("the machine's own picture", "implausible", 1, False),
         ("the verdict's box", "implausible", 1, False),
     ],

@@ -57,6 +57,7 @@ def test_a_table_is_read_by_the_first_study_file_that_fits_it(tmp_path, penode):
     assert "operating points" in ended.stdout
 
 
+@pytest.mark.slow
 def test_points_beside_a_recording_narrow_its_answer(tmp_path, penode, slow_run):
     """Of the machine of the recording: its flux linkage at the recording's own currents."""
     save(slow_run, tmp_path / "run.csv")

@@ -51,6 +51,7 @@ def test_identify_refuses_with_the_sentence_of_check(run, penode, tmp_path, name
     assert not (out / "result.json").exists()
 
 
+@pytest.mark.slow
 def test_training_all_the_same_gives_a_verdict_that_names_it(run, penode, tmp_path):
     wrong, out = tmp_path / "wrong.csv", tmp_path / "result"
     save(replace(run, channels=_exchanged(run.channels)), wrong)

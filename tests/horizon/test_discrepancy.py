@@ -67,6 +67,7 @@ def deviations_left_out(problem, plan, fits):
     return np.sqrt(np.diag(what_is_left_out(problem, plan, fits, 0)))
 
 
+@pytest.mark.slow
 def test_friction_left_out_widens_what_it_stands_in_for():
     problem, fits = climbed(recorded(friction=0.3))
     added = deviations_left_out(problem, PLAN, fits)

@@ -107,6 +107,7 @@ def test_a_part_that_is_needed_stays():
     assert value == pytest.approx(RATE + shared, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_network_that_is_needed_is_trained_from_the_shortest_horizon_on(monkeypatch):
     heard, judged, left_out = [], [], learned_part._left_out
 

@@ -105,7 +105,10 @@ def test_a_part_that_is_not_needed_shrinks_to_nothing():
     assert with_prior.values[0] == pytest.approx(RATE, abs=3 * with_prior.deviation[0])
 
 
-@pytest.mark.parametrize("curve", [None, TanhLayers.random((1, 5, 1), seed=2)])
+@pytest.mark.parametrize(
+    "curve",
+    [None, pytest.param(TanhLayers.random((1, 5, 1), seed=2), marks=pytest.mark.slow)],
+)
 def test_a_part_that_is_needed_is_found_with_its_band_orthogonal_to_the_physics(curve):
     run = recorded(outflow, seed=4)
     x = run.channels["x"]

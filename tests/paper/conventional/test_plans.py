@@ -58,6 +58,7 @@ def dead_time_shape(current, theta, scale):
     return 2 / 3 * np.array([np.sum(signs * np.cos(angles)), -np.sum(signs * np.sin(angles))])
 
 
+@pytest.mark.slow
 def test_the_neural_ode_trains_at_its_horizon(fast_run):
     run = Experiment("run", 1e-4, {n: v[:3000] for n, v in fast_run.channels.items()})
     fit = NeuralODE(2, evaluations=12).identify([run])

@@ -87,6 +87,7 @@ def test_a_tail_that_cannot_be_excluded_is_trained_or_in_doubt():
     assert 0.01 < doubt.weight**2 < 0.1
 
 
+@pytest.mark.slow
 def test_nodes_that_the_current_recharges(tmp_path):
     """Of another plant, beside junctions of 0.84 V."""
     drawn = draw("dead time", 2)
@@ -100,6 +101,7 @@ def test_nodes_that_the_current_recharges(tmp_path):
     assert float(term.junction_voltage) == pytest.approx(drop, rel=0.1)
 
 
+@pytest.mark.slow
 def test_junctions_in_a_drive_of_20_volts(tmp_path):
     """Of 0.7 V, another plant's; a knee alone makes R a tenth too large."""
     drawn = draw("junctions at 20 V", 2)

@@ -53,6 +53,7 @@ def test_noise_is_not_taken_for_something_left_over(run):
     assert found(run) == ()
 
 
+@pytest.mark.slow
 def test_noise_that_columns_share_with_the_equations_is_not_taken_for_something(slow_run):
     # Of recorded currents, functions and columns have the noise of each equation in them: 83 mV
     # seemed left over of this recording.

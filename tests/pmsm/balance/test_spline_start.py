@@ -74,6 +74,7 @@ def test_a_skewed_machine_has_harmonics_of_both(tmp_path):
     assert network.skewed
 
 
+@pytest.mark.slow
 def test_a_map_recorded_along_a_curve_is_definite_and_leaves_resistance_alone(tmp_path):
     """Two seconds of a driving cycle: i_d follows abs(i_q), and beside that curve is nothing."""
     drawn = draw("driving cycle", 7)

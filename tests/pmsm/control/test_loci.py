@@ -152,6 +152,7 @@ def true_loci(true_map, loci_of):
     return loci_of(ControlledMachine(grid.flux_map, grid.differential_inductance, 5, 0.01))
 
 
+@pytest.mark.slow
 def test_loci_of_a_fit_are_those_of_the_machine_within_a_percent(machine_fit, true_loci, loci_of):
     loci = loci_of(ControlledMachine.of(machine_fit))
     assert COMSOL_300A.pole_pairs == 5

@@ -90,6 +90,7 @@ def test_it_is_least_squares_of_recordings_gains_and_points_together(fit):
     )
 
 
+@pytest.mark.slow
 def test_points_narrow_resistance_and_map_and_the_budget_adds_up(fit):
     points = measured(count=40, seed=7)
     both = with_points(fit, balances_of(points, STUDY))

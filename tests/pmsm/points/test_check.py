@@ -16,6 +16,7 @@ def half_width(points):
     return NORMAL_95 * estimate.std / estimate.value
 
 
+@pytest.mark.slow
 def test_what_is_measured_makes_the_answer_as_sure_as_was_said():
     points = measured(torque=False, noise=0.3)
     check = check_points(points, STUDY)
