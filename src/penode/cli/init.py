@@ -51,6 +51,8 @@ def init_command(
         signed = f"{'-' if channel.sign < 0 else ''}{channel.column} in {channel.unit}"
         rows.append((name, signed + (", mechanical" if channel.mechanical else "")))
     rows += [(name, f"{value:g}, a number") for name, value in guess.numbers.items()]
+    if guess.time_step is not None:
+        rows.append((TIME_STEP, "{}, {:.6g} s".format(*guess.time_step)))
     if guess.unused:
         rows.append(("not used", list_names(guess.unused)))
     print_rows([*rows, ("note", _open_questions(guess))])

@@ -59,6 +59,7 @@ def _answer(request: dict[str, Any]) -> Iterator[bytes | memoryview]:
             "clocks": table.clocks,
             "text": table.text,
             "left_out": table.left_out,
+            "numbers": table.numbers,
         }
     except Exception as error:  # libraries raise whatever damage leads them to
         refused = type(error).__name__ == "InputError"

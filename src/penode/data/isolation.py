@@ -144,7 +144,8 @@ class Decoder(AbstractContextManager["Decoder"]):
                 f"{file}: the file is damaged, or of a kind that penode cannot read "
                 f"({printable(header['failed'])}); copy or export it again."
             )
-        return Table(columns, *(header[part] for part in ("units", "clocks", "text", "left_out")))
+        parts = ("units", "clocks", "text", "left_out", "numbers")
+        return Table(columns, *(header[part] for part in parts))
 
     def _expire(self) -> None:
         self._expired = True
@@ -177,6 +178,7 @@ class Decoder(AbstractContextManager["Decoder"]):
                 return dict(entry)
             for name in ("units", "clocks", "left_out"):
                 entry[name] = {str(column): str(text) for column, text in entry[name].items()}
+            entry["numbers"] = {str(n): float(value) for n, value in entry["numbers"].items()}
             entry["text"] = {
                 n: (str(place), str(cell)) for n, (place, cell) in entry["text"].items()
             }

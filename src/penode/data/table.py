@@ -30,6 +30,7 @@ class Table:
     ``units`` has those columns for which the file gives one, ``clocks`` those that the file ties to
     a column of sampling times. ``text`` has columns without a number in any row, by place and
     content of the first cell, and ``left_out`` further columns that ``columns`` lacks, and why.
+    ``numbers`` has what is a single number in the file.
     """
 
     columns: Mapping[str, Column]
@@ -37,6 +38,7 @@ class Table:
     clocks: dict[str, str] = field(default_factory=dict)
     text: dict[str, tuple[str, str]] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
+    numbers: dict[str, float] = field(default_factory=dict)
 
     def require_numbers(self, file: str, column: str) -> None:
         """Refuse a column that is left out, as text whose first cell is named, or otherwise."""

@@ -13,13 +13,16 @@ AVERAGED = ("plateau", "H = 1 suffices")
 #: Verdict on a result that objections speak against.
 IMPLAUSIBLE = "implausible"
 
+#: Verdict on a result that recordings do not determine.
+NOT_IDENTIFIABLE = "not identifiable"
+
 #: Verdicts under which the data cannot answer.
-_REFUSED = ("no plateau", "not identifiable", IMPLAUSIBLE)
+_REFUSED = ("no plateau", NOT_IDENTIFIABLE, IMPLAUSIBLE)
 
 
 @dataclass(frozen=True)
 class Objection:
-    """One thing that makes a result implausible, however narrow its intervals are.
+    """One thing that speaks against a result.
 
     Attributes
     ----------
@@ -27,11 +30,15 @@ class Objection:
         Of the kind, in two or three words.
     reason, repair : str
         What was found, and the cheapest repair, a sentence each.
+    verdict : str
+        ``"implausible"`` of what makes a result wrong however narrow its intervals are, or
+        ``"not identifiable"``.
     """
 
     name: str
     reason: str
     repair: str
+    verdict: str = IMPLAUSIBLE
 
 
 @dataclass(frozen=True)

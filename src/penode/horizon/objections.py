@@ -13,7 +13,7 @@ from penode.arrays import BoolArray, FloatArray
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.fit.left_out import left_out
-from penode.fit.outcome import IMPLAUSIBLE, Objection
+from penode.fit.outcome import IMPLAUSIBLE, NOT_IDENTIFIABLE, Objection
 from penode.horizon.held_out_check import validation_fails
 from penode.models.layout import Layout
 from penode.training.plan import Plan
@@ -66,15 +66,17 @@ def guarded(check: Check, missed: list[str]) -> Check:
 def with_objections(fit: Fit, raised: Sequence[Objection]) -> Fit:
     """Return the fit with objections, which turn a verdict that it is right.
 
-    The first gives the reason, the others are warnings.
+    The first gives the reason, of what is wrong before what is not determined; the others are
+    warnings.
     """
     if not raised:
         return fit
-    choice, others = replace(fit.horizon, objections=tuple(raised)), list(raised)
+    others = sorted(raised, key=lambda one: one.verdict != IMPLAUSIBLE)
+    choice = replace(fit.horizon, objections=tuple(others))
     if choice.answered and choice.verdict != "stopped":
         first = others.pop(0)
         reason = f"{first.name.capitalize()}: {first.reason} {first.repair}"
-        choice = replace(choice, verdict=IMPLAUSIBLE, reason=reason)
+        choice = replace(choice, verdict=first.verdict, reason=reason)
     warnings = (*(f"{o.name.capitalize()}: {o.reason} {o.repair}" for o in others), *fit.warnings)
     return replace(fit, horizon=choice, warnings=warnings)
 
@@ -94,7 +96,17 @@ def impossible_values(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[O
     for name, estimate in fit.parameters.items():
         lowest = settings[name].lowest
         low, high = estimate.interval_95
-        if np.isfinite(lowest) and not (low > lowest and np.isfinite(high)):
+        if not np.isfinite(lowest) or (low > lowest and np.isfinite(high)):
+            continue
+        if low <= lowest < high < np.inf:
+            yield Objection(
+                "not determined",
+                f"{name} lies between {low:.4g} and {high:.4g} {estimate.unit}, and may be "
+                f"{lowest:g}.",
+                "Record longer, and excite it more strongly.",
+                NOT_IDENTIFIABLE,
+            )
+        else:
             yield Objection(
                 "impossible value",
                 f"{name} = {estimate.value:.4g} {estimate.unit} ({low:.4g} to {high:.4g}) is not "

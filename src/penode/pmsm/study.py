@@ -284,7 +284,7 @@ class _Beginning:
         if used:
             checks += (unused_samples(read.usable, self.calibration, predictor),)
         sentences = filter(None, (*reasons_of(read.usable), used))
-        structure = [*sentences, *self.start.facts["structure"]]
+        structure = [*sentences, *self.start.facts["structure"], *self.found.undetermined]
         left = (
             *self.calibration.rows(self.study.accuracy, recordings),
             *(doubt.imperfection for doubt in self.doubts),

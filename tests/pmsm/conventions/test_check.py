@@ -296,6 +296,17 @@ def test_signs_are_named_beside_the_most_pole_pairs(drawn):
     assert [one.name for one in found] == ["negative q current"]
 
 
+@pytest.mark.parametrize(("factor", "unit"), [(2 * np.pi / 60, "rad/s"), (60 / (2 * np.pi), "rpm")])
+def test_a_unit_of_the_speed_that_no_angle_shows_is_named(drawn, factor, unit):
+    """Alone, and beside a sign: at once, or after that is set right."""
+    wrong = without(scaled(drawn[1], factor, "omega_el"), "theta_el")
+    (found,) = check_conventions(wrong).broken
+    assert f'give omega_el unit = "{unit}"' in found.fix
+    (both,) = check_conventions(scaled(wrong, -1.0, "i_q")).broken
+    together = f'give omega_el unit = "{unit}", and give i_q sign = -1'
+    assert both.fix.startswith((together, "give i_q sign = -1"))
+
+
 def test_a_speed_at_the_end_of_the_range_is_not_determined():
     """Harmonics that are sampled rarely are smaller, the larger the speed is taken for."""
     run = simulate(

@@ -65,12 +65,31 @@ def test_nothing_speaks_against_a_good_fit(fit, run):
 
 
 @pytest.mark.parametrize(
-    "estimate", [(-0.002, -0.003, -0.001), (0.01, -0.001, 0.021), (0.01, -np.inf, np.inf)]
+    ("estimate", "name", "verdict"),
+    [
+        ((-0.002, -0.003, -0.001), "impossible value", "implausible"),
+        ((0.01, -np.inf, np.inf), "impossible value", "implausible"),
+        ((0.01, -0.001, 0.021), "not determined", "not identifiable"),
+    ],
 )
-def test_a_resistance_that_may_not_be_positive(fit, run, estimate):
+def test_a_resistance_that_may_not_be_positive(fit, run, estimate, name, verdict):
     value, low, high = estimate
     wrong = replace(fit, parameters={"R": Estimate(value, 1e-3, (low, high), "ohm")})
-    assert names(wrong, run) == ["impossible value"]
+    assert names(wrong, run) == [name]
+    judged = with_objections(wrong, list(objections(wrong, [run], CHECKS)))
+    assert judged.horizon.verdict == verdict
+    assert judged.horizon.reason.startswith(f"{name.capitalize()}: R ")
+
+
+def test_what_is_wrong_goes_before_what_is_not_determined(fit):
+    raised = [
+        Objection("wide", "A.", "B.", "not identifiable"),
+        Objection("wrong", "C.", "D."),
+    ]
+    judged = with_objections(fit, raised)
+    assert judged.horizon.verdict == "implausible"
+    assert judged.horizon.reason == "Wrong: C. D."
+    assert judged.warnings[0] == "Wide: A. B."
 
 
 def test_a_free_run_that_diverges_or_leaves_the_measured_states(fit, run):

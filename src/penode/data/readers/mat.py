@@ -38,6 +38,7 @@ def read(file: str, source: BinaryIO) -> Table:
     columns: dict[str, Column] = {}
     table = Table(columns)
     for name, variable in _variables(file, source.read()).items():
+        table.numbers.update(_numbers_within(printable(name), variable))
         before = len(columns)
         for vectors, clock in _vectors_within(printable(name), variable, None):
             clean_names(file, [*vectors, *(twice for twice in vectors if twice in columns)])
@@ -104,6 +105,17 @@ def _vectors_within(
                 yield from _vectors_within(path, held, inner, depth + 1)
     else:
         yield _tied(_vectors(name, variable), clock, None)
+
+
+def _numbers_within(name: str, variable: _Variable, depth: int = 0) -> Iterator[tuple[str, float]]:
+    """Yield the single numbers of a variable and of structs in it, by their names."""
+    if isinstance(variable, Mapping) and depth <= _DEPTH:
+        for part, held in variable.items():
+            yield from _numbers_within(f"{name}.{printable(part)}", held, depth + 1)
+    elif isinstance(variable, int | float | np.ndarray) and np.size(variable) == 1:
+        value = np.asarray(variable)
+        if value.dtype.kind in "iuf":
+            yield name, float(value.reshape(()))
 
 
 def _tied(

@@ -31,6 +31,7 @@ from penode.pmsm.conventions.scales import (
     beside_plate,
     judge_rms_by_phases,
     judge_rms_by_plate,
+    judge_temperatures,
     judge_units,
 )
 from penode.pmsm.machine.holds import DEFAULT_HOLD
@@ -253,7 +254,8 @@ def _sized(drive: Experiment, kinds: str, plate: NamePlate) -> Conventions:
     """Return where the magnet of a stretch lies, and whether its scales are right."""
     aside, why_not = judge_magnet(drive, kinds == "ui")
     broken: tuple[BrokenConvention, ...] = (aside,) if aside else ()
-    broken += judge_units(drive, try_balance(drive)) + judge_rms_by_plate(drive, plate)
+    broken += judge_units(drive, try_balance(drive)) + judge_temperatures(drive)
+    broken += judge_rms_by_plate(drive, plate)
     undetermined: tuple[str, ...] = (why_not,) if why_not else ()
     if not broken and (far := beside_plate(drive, plate)):
         undetermined += (far,)

@@ -17,7 +17,12 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.trial_balance import Trial, trial_window
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judged, with_channels
-from penode.pmsm.conventions.motion import MOST_POLE_PAIRS, OfShaft, angle_over_speed
+from penode.pmsm.conventions.motion import (
+    MOST_POLE_PAIRS,
+    SPEED_UNITS,
+    OfShaft,
+    angle_over_speed,
+)
 from penode.pmsm.conventions.speed_balance import SpeedBalance
 from penode.pmsm.machine.space_vectors import CURRENTS, VOLTAGES
 from penode.pmsm.machine.standstill import stands_still
@@ -45,6 +50,8 @@ _UNEXPLAINED_AT_REST = 0.7
 _SPINS = 0.05
 #: Fraction of the currents below which no inductance is positive in a recording of no machine.
 _NOWHERE = 0.1
+#: The same from which nothing else need be wrong.
+_EVERYWHERE = 0.8
 #: Misfit with other pole pairs over that as recorded, where an angle agrees with the speed.
 _MUCH_CLEARER = 0.35
 #: Fewest windows in a recording.
@@ -53,7 +60,7 @@ _FEWEST = 16
 _LONGEST = 3
 #: Factors of the speed beside the whole ones: pole pairs taken for others, up to so many.
 _RATIO_OF = 8
-_SPEED = "omega_el"
+_SPEED, _UNIT = "omega_el", "unit of the speed"
 #: What d and q components are multiplied by, row by row.
 Matrix: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 _SAME: Matrix = ((1.0, 0.0), (0.0, 1.0))
@@ -174,28 +181,32 @@ def judge_cures(experiment: Experiment, said: OfShaft) -> tuple[Judged, str]:
     The recording comes with the finding set right. The text says why pole pairs cannot be
     determined, empty where they can or an angle shows them.
     """
-    tried = _tried(experiment, (*_SIGNS, *_factors(said)))
+    units = [] if "theta_el" in experiment.channels else _units()
+    tried = _tried(experiment, (*_SIGNS, *_factors(said), *units))
     standing = tried[0].standing
     scales = _tried(experiment, _scales(experiment))
     tried += [one for one in scales if one.misfit < _MUCH_SMALLER]
     if standing.residual > _SPINS and "theta_el" in experiment.channels:
         tried += _tried(experiment, _PHASES)
     # Of cures that differ by the direction of the d axis the magnet shows which is right.
-    best = min(
-        tried, key=lambda one: (float(f"{one.misfit:.3g}"), -float(f"{one.trial.magnet[0]:.3g}"))
-    )
+    best = min(tried, key=lambda one: (float(f"{one.misfit:.3g}"), -float(f"{one.emf:.3g}")))
     angle = _angle_sign(experiment)
     clear = _MUCH_CLEARER if angle and abs(best.cure.factor) != 1.0 else _CLEARER
     fastest = max(one.cure.factor for one in tried)
-    if best.misfit > clear or best.cure.factor == fastest > 1.0:  # that is no minimum
+    unclear = best.misfit > clear or best.cure.factor == fastest > 1.0  # that is no minimum
+    if _is_doubtful(experiment, standing if unclear else best.trial):
+        both = _tried(experiment, [_with_unit(sign, unit) for unit in units for sign in _SIGNS])
+        two = min(both, key=lambda one: one.misfit, default=best)
+        if two.misfit < _CLEARER * min(best.misfit, 1.0) and two.trial.definite > _EVERYWHERE:
+            return _found(experiment, two, []), ""
+    if unclear:
         return _as_recorded(experiment, standing, angle), _undetermined(experiment, tried)
     if _is_no_machine(experiment, best.trial):
         return _as_recorded(experiment, best.trial, angle), ""
     like = [
-        one.cure.name
+        one.cure
         for one in tried
-        if one.misfit < _AS_GOOD * best.misfit
-        and one.trial.magnet[0] > best.trial.magnet[0] / _AS_GOOD
+        if one.misfit < _AS_GOOD * best.misfit and one.emf > best.emf / _AS_GOOD
     ]
     return _found(experiment, best, like), ""
 
@@ -233,7 +244,11 @@ def _is_no_machine(experiment: Experiment, trial: Trial) -> bool:
     return trial.residual > most or trial.definite < _NOWHERE
 
 
-def _found(experiment: Experiment, best: "_Tried", like: Sequence[str]) -> Judged:
+def _is_doubtful(experiment: Experiment, trial: Trial) -> bool:
+    return _is_no_machine(experiment, trial) or trial.definite < _EVERYWHERE
+
+
+def _found(experiment: Experiment, best: "_Tried", like: Sequence[Cure]) -> Judged:
     """Return the finding of a cure, beside others like it, and the recording with it."""
     angle, cure = _angle_sign(experiment), best.cure
     before, after, fix = best.standing, best.trial, cure.fix
@@ -241,8 +256,10 @@ def _found(experiment: Experiment, best: "_Tried", like: Sequence[str]) -> Judge
         fix = "give omega_el and theta_el sign = -1, or i_q and u_q if it is the q axis"
     elif cure.factor == -1.0 and angle == 0:
         fix += ", or i_q and u_q if it is the q axis that points backwards"
-    names = list(dict.fromkeys(name for name in like if name != cure.name))
-    if names:
+    others = {one.name: one.fix for one in like if one.name != cure.name}
+    if unit := others.pop(_UNIT, ""):
+        fix += f"; or {unit}, which is as good"
+    if names := list(others):
         fix += f" (as good: {', '.join(names)})"
     against = "the angle turns against the speed, and " if angle < 0 else ""
     evidence = (
@@ -285,6 +302,21 @@ def _factors(said: OfShaft) -> list[Cure]:
     return [_of_factor(f, pairs) for f in sorted(factors - {Fraction(1)})]
 
 
+def _units() -> list[Cure]:
+    """Return cures of a speed in another unit than was said, which an angle would have shown."""
+    return [
+        Cure(_UNIT, (_SPEED,), f'give omega_el unit = "{unit}"', factor=factor)
+        for unit, factor in SPEED_UNITS.items()
+    ]
+
+
+def _with_unit(sign: Cure, unit: Cure) -> Cure:
+    """Return the cure of a channel together with that of the speed's unit."""
+    name, channels = f"{unit.name}, and {sign.name}", (*unit.channels, *sign.channels)
+    factor, fix = sign.factor * unit.factor, f"{unit.fix}, and {sign.fix}"
+    return replace(sign, name=name, channels=channels, fix=fix, factor=factor)
+
+
 def _of_pole_pairs(factor: Fraction, pole_pairs: int) -> Cure:
     """Return the cure of a speed of the shaft that was multiplied by the wrong number."""
     name, right = "wrong pole pairs", factor * pole_pairs
@@ -319,6 +351,11 @@ class _Tried:
     def misfit(self) -> float:
         """Misfit over that of the recording as it is."""
         return self.trial.misfit / max(self.standing.misfit, 1e-300)
+
+    @property
+    def emf(self) -> float:
+        """What the magnet of the balance induces, over the speed as it was recorded."""
+        return float(self.trial.magnet[0]) * abs(self.cure.factor)
 
 
 def _tried(experiment: Experiment, cures: Sequence[Cure]) -> list[_Tried]:

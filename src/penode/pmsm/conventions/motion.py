@@ -18,7 +18,7 @@ _RATIO_TOLERANCE = 0.02
 MOST_POLE_PAIRS = 24
 #: Unit that a speed may be in where another was said -> what corrects it: rpm read as rad/s, and
 #: rad/s read as rpm.
-_SPEEDS = {"rpm": 2 * np.pi / 60, "rad/s": 60 / (2 * np.pi)}
+SPEED_UNITS = {"rpm": 2 * np.pi / 60, "rad/s": 60 / (2 * np.pi)}
 #: Most values a turn of an angle that jumps.
 _STEPS = 24
 
@@ -130,7 +130,7 @@ def _explained(ratio: float) -> tuple[OfShaft | None, str]:
             return OfShaft(pairs, ("omega_el",)) if pairs > 1 else OfShaft(), ""
         if abs(ratio * pairs - 1.0) < _RATIO_TOLERANCE:
             return OfShaft(pairs, ("theta_el",)), ""
-    for unit, factor in _SPEEDS.items():
+    for unit, factor in SPEED_UNITS.items():
         for pairs in range(1, MOST_POLE_PAIRS + 1):
             if abs(ratio / (pairs * factor) - 1.0) < _RATIO_TOLERANCE:
                 return OfShaft(pairs, ("omega_el",)) if pairs > 1 else OfShaft(), unit
@@ -167,7 +167,7 @@ def _corrected(experiment: Experiment, said: OfShaft, right: OfShaft, unit: str)
     changed = {}
     for name in ("omega_el", "theta_el"):
         factor = right.factor(name) / said.factor(name)
-        factor *= _SPEEDS.get(unit, 1.0) if name == "omega_el" else 1.0
+        factor *= SPEED_UNITS.get(unit, 1.0) if name == "omega_el" else 1.0
         if factor != 1.0:
             values = experiment.channels[name]
             changed[name] = factor * (np.unwrap(values) if name == "theta_el" else values)

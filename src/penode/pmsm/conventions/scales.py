@@ -11,6 +11,7 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.pmsm.balance.trial_balance import FINE_DEGREE, TrialBalance, try_balance
 from penode.pmsm.conventions.broken_convention import BrokenConvention
+from penode.pmsm.machine.terms import MAGNETS, TEMPERATURE
 from penode.pmsm.recording.name_plate import NamePlate
 
 #: Currents in A below which they may be kA, in a machine of this L/R in s or more.
@@ -28,6 +29,9 @@ _TOLERANCE_ABOVE = 0.05
 PLATE = 1.2
 #: Deviation of R, as a share of it, up to which it is compared with the name plate.
 _DETERMINED = 0.1
+
+#: Temperatures in degC of windings and magnets of drives that run.
+_COLDEST, _HOTTEST = -60.0, 350.0
 
 _ROOT = 2.0**0.5
 _NAMES = {"u": ("u_d", "u_q"), "i": ("i_d", "i_q")}
@@ -69,6 +73,25 @@ def judge_units(experiment: Experiment, trial: TrialBalance) -> tuple[BrokenConv
     for kind, largest, most in (("i", current, _MOST_CURRENT), ("u", voltage, _MOST_VOLTAGE)):
         if largest > most:
             findings.append(_beyond(experiment, kind, largest))
+    return tuple(findings)
+
+
+def judge_temperatures(experiment: Experiment) -> tuple[BrokenConvention, ...]:
+    """Find temperatures that no machine has: those of another unit."""
+    findings = []
+    for channel in (TEMPERATURE, MAGNETS):
+        values = experiment.channels.get(channel.name, np.zeros(1))
+        low, high = float(values.min()), float(values.max())
+        if not (low >= _COLDEST and high <= _HOTTEST):
+            findings.append(
+                BrokenConvention(
+                    "unit of a temperature",
+                    experiment.name,
+                    (channel.name,),
+                    f"{channel.name} is {low:.4g} to {high:.4g} degC",
+                    f'give {channel.name} the unit of its column, "degC", "K" or "degF"',
+                )
+            )
     return tuple(findings)
 
 

@@ -36,7 +36,8 @@ class PointsCheck:
     fit : Fit
         The points identified: it takes a second.
     coverage : tuple of str
-        What currents, speeds and temperatures cover, and advice, a sentence each.
+        What currents, speeds and temperatures cover, what they cannot show, and advice, a sentence
+        each.
     half_width : float
         Of R's 95 % interval, as a fraction of R.
     would_bring : mapping of str to float
@@ -93,7 +94,7 @@ def check_points(points: Experiment, study: Study = DEFAULT_STUDY, seed: int = 0
     if fit.parameters["R"].value > 0:
         told = _would_bring(points, study, fit, seed)
     surer = {what: own for what, own in told.items() if own < half}
-    return PointsCheck(points, fit, _coverage(points), half, surer)
+    return PointsCheck(points, fit, (*_coverage(points), *fit.warnings), half, surer)
 
 
 def _half_width(fit: Fit) -> float:
@@ -105,12 +106,12 @@ def _coverage(points: Experiment) -> tuple[str, ...]:
     """Return what is covered, and what would be worth covering."""
     currents, speed = points.stack(CURRENTS), points.channels[SPEED.name]
     largest = float(np.hypot(*currents.T).max())
-    speeds = sorted({round(float(s), -int(np.floor(np.log10(abs(s)))) + 1) for s in speed if s})
+    slow, fast = np.array([speed.min(), speed.max()]) * 30 / np.pi
     (low_d, low_q), (high_d, high_q) = currents.min(axis=0), currents.max(axis=0)
     told = [
         f"Currents up to {number(largest)} A over {100 * _share(currents, largest):.0f} % of that "
         f"disc: i_d {number(low_d)} to {number(high_d)} A, i_q {number(low_q)} to {number(high_q)} "
-        f"A; electrical speed {', '.join(number(s * 30 / np.pi) for s in speeds)} rpm."
+        f"A; electrical speed {slow:.5g} to {fast:.5g} rpm."
     ]
     if np.ptp(np.abs(speed)) < _ONE_SPEED * np.abs(speed).max():
         told.append("There is one speed only.")

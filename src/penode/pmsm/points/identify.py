@@ -1,7 +1,7 @@
 """From operating points to a machine."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -55,6 +55,8 @@ ANSWERED = "operating points"
 _FINE = 6
 #: From so much beside 1 on a torque is another than the map's: no sensor is as wrong.
 _TORQUE_OFF = 0.1
+#: From so many points on they may be a recording.
+_MANY = 1000
 #: Widths of the inverter's knee over the largest current, one as likely as the other.
 _KNEES = (0.01, 0.03, 0.1, 0.2)
 
@@ -102,7 +104,29 @@ def identify_points(points: Experiment, study: Study = DEFAULT_STUDY) -> Fit:
         stationary=stationary,
         learned_uncertainty=_uncertainty(balance, solution, machine),
         provenance=provenance,
+        warnings=tuple(_notes(points, study, estimates)),
     )
+
+
+def _notes(points: Experiment, study: Study, estimates: Mapping[str, Estimate]) -> Iterator[str]:
+    """Yield what points cannot show, and what is unusual about what they show."""
+    if len(points) > _MANY:
+        yield (
+            f"{points.name}: {len(points)} rows without a time are taken as operating points; if "
+            "this is a recording, give time_step, or the column of t."
+        )
+    if study.pole_pairs and SPEED.name in study.of_shaft:
+        beside = ", and the torque is the same with any" if TORQUE in points.channels else ""
+        yield (
+            f"pole_pairs = {study.pole_pairs} is taken as given: the speed is that of the shaft, "
+            f"so that psi, L_d and L_q are as 1/pole_pairs{beside}."
+        )
+    inverter = estimates.get("inverter_voltage")
+    if inverter is not None and inverter.interval_95[1] < 0:
+        yield (
+            "inverter_voltage is negative: the drive compensates for more than its inverter takes "
+            "of the voltage."
+        )
 
 
 def balances_of(points: Experiment, study: Study) -> list[PointsBalance]:

@@ -1,5 +1,6 @@
 """Which columns of a recording are probably the channels of a drive, and in what convention."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -15,7 +16,7 @@ from penode.pmsm.recording.channel_guess import ChannelGuess
 from penode.pmsm.recording.channels import missing_channels, stationary_kinds
 from penode.pmsm.recording.drive_mapping import MAPPED, OF_SHAFT, TORQUE
 from penode.pmsm.recording.guess_motion import Turning, electrical_turns, motion_of
-from penode.pmsm.recording.guess_names import NameHint, read_name
+from penode.pmsm.recording.guess_names import NameHint, read_name, time_step_of
 from penode.pmsm.recording.guess_scale import with_duty_range, with_fractions
 from penode.pmsm.recording.stationary_frame import FORMS, LINK, form_of, phases_of
 
@@ -54,6 +55,9 @@ class StudyGuess:
         Column that counts samples where none holds the time; empty for none.
     uneven : bool
         The times jitter or repeat.
+    time_step : (str, float) or None
+        Number of the file that is the time from one sample to the next, and the s it stands for,
+        where no column holds the time.
     """
 
     channels: Mapping[str, ChannelGuess]
@@ -65,6 +69,7 @@ class StudyGuess:
     numbers: Mapping[str, float] = field(default_factory=dict)
     counter: str = ""
     uneven: bool = False
+    time_step: tuple[str, float] | None = None
 
     @property
     def lacks_pole_pairs(self) -> bool:
@@ -100,15 +105,18 @@ def guess_study(table: Table) -> StudyGuess:
     measured = [guess.column for name, guess in channels.items() if name != TIME]
     clocks = {table.clocks.get(column) for column in measured}
     unused = tuple(column for column in table.columns if column not in used)
+    step = None if TIME in channels else time_step_of(table.numbers)
+    needed = (*([] if step else [TIME]), *missing_channels(channels))
     return StudyGuess(
         {name: channels[name] for name in MAPPED if name in channels},
-        tuple(name for name in (TIME, *missing_channels(channels)) if name not in channels),
+        tuple(name for name in needed if name not in channels),
         unused,
         pole_pairs,
         len(clocks) > 1 and len({_times_key(table, clock) for clock in clocks}) > 1,
         bases,
         counter=next((name for name in unused if _counts(table.columns[name])), ""),
         uneven=TIME in channels and is_uneven(table.columns[channels[TIME].column]),
+        time_step=step,
     )
 
 
@@ -300,7 +308,8 @@ def _times(table: Table, column: str, channels: Mapping[str, ChannelGuess]) -> F
 
 
 def _speed_units(column: str) -> tuple[str, ...]:
-    is_omega = "omega" in column.lower() or column.lower().startswith("w")
+    last = re.split(r"[./\\]", column.lower())[-1]
+    is_omega = "omega" in last or last.startswith("w")
     return ("rad/s", "rpm", "Hz") if is_omega else ("rpm", "rad/s", "Hz")
 
 

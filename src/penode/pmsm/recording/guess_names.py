@@ -8,6 +8,7 @@ VESC (``d_axis_current``, ``erpm``), ODrive (``foc.Vd_setpoint``, ``phase_vel``)
 """
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from penode.data.units import unit_name
@@ -102,6 +103,11 @@ _ARRAY = re.compile(r"(.*?)([iuv])dq(\w*)\.value\[([01])\]", re.IGNORECASE)
 _OF_TORQUE = ("Nm", "mNm")
 _OF_UNIT = {"A": _CURRENT, "V": _VOLTAGE}
 
+# Numbers that are a time step in s, those that are one over it, and the shortest in s.
+_STEPS = {"ts", "dt", "tsample", "sampletime", "samplingtime", "timestep", "tstep", "stepsize"}
+_RATES = {"fs", "fsample", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency"}
+_SHORTEST = 1e-7
+
 # Splits camel case and digits: IqMeas, omegaEl, I1, IDRef.
 _TOKEN = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöü]+|\d+")
 
@@ -142,6 +148,16 @@ def read_name(column: str) -> NameHint | None:
         if channel is not None:
             asked_for = bool(_ASKED & set(tokens)) or name.endswith("*")
             return NameHint(channel, its_unit, _side(tokens, channel), asked_for)
+    return None
+
+
+def time_step_of(numbers: Mapping[str, float]) -> tuple[str, float] | None:
+    """Return the number that is the time from one sample to the next, and the s it stands for."""
+    for name, value in numbers.items():
+        last = re.sub(r"[^a-z]", "", re.split(r"[./]", name.lower())[-1])
+        step = 1.0 / value if last in _RATES and value > 0 else value if last in _STEPS else 0.0
+        if _SHORTEST <= step <= 1.0:
+            return name, step
     return None
 
 

@@ -77,17 +77,7 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
         parts.append(
             f"# not found, and needed, as a column or as a number: {LINK} in V.\n# {LINK} =\n"
         )
-    if TIME in guess.missing:
-        counted = f"; {_on_one_line(guess.counter)} counts samples" if guess.counter else ""
-        parts.append(
-            f"# not found, and needed: the column of {TIME} below, or the time from one sample to "
-            f"the next in s{counted}.\n# {TIME_STEP} = 1e-4\n"
-        )
-    if guess.uneven:
-        parts.append(
-            f"# {TIME} jitters or repeats. Where a steady clock sampled, the time from one sample "
-            f'to the next in s; else resample = "linear".\n# {TIME_STEP} = 1e-4\n'
-        )
+    parts += _time_step(guess)
     parts.append("\n[channels]\n")
     parts += [_channel(name, channel) for name, channel in guess.channels.items()]
     for name in guess.missing:
@@ -118,6 +108,28 @@ def _pole_pairs(guess: StudyGuess) -> str:
     if guess.lacks_pole_pairs:
         return "# not found, and needed, as a channel is mechanical:\n# pole_pairs =\n"
     return ""
+
+
+def _time_step(guess: StudyGuess) -> list[str]:
+    """Return what is guessed, or to be filled in, of the time from one sample to the next."""
+    parts = []
+    if guess.time_step is not None:
+        called, step = guess.time_step
+        parts.append(
+            f"{TIME_STEP} = {step:.9g}  # guess: {_on_one_line(called)} of the file, in s\n"
+        )
+    if TIME in guess.missing:
+        counted = f"; {_on_one_line(guess.counter)} counts samples" if guess.counter else ""
+        parts.append(
+            f"# not found, and needed: the column of {TIME} below, or the time from one sample to "
+            f"the next in s{counted}.\n# {TIME_STEP} = 1e-4\n"
+        )
+    if guess.uneven:
+        parts.append(
+            f"# {TIME} jitters or repeats. Where a steady clock sampled, the time from one sample "
+            f'to the next in s; else resample = "linear".\n# {TIME_STEP} = 1e-4\n'
+        )
+    return parts
 
 
 def _base(name: str, unit: str) -> str:
