@@ -39,7 +39,7 @@ LARGEST = 2e9  # bytes
 _AT_ONCE = 100  # cases of the format that is the farthest from its goal
 _GOAL, _GOALS = 100_000, {"mdf": 5_000}
 _READERS = {"mat": "mat", "mat packed": "mat", "mat 7.3": "mat", "mdf": "mdf"}
-_READERS |= {"parquet": "parquet", "tdms": "tdms"}
+_READERS |= {"parquet": "parquet", "tdms": "tdms", "xlsx": "xlsx"}
 
 
 class Decoders:

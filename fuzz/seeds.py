@@ -10,6 +10,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+import openpyxl
 import polars as pl
 from asammdf import MDF
 from asammdf import Signal as MdfSignal
@@ -99,6 +100,15 @@ def _parquet(**options: Any) -> bytes:
     return written.getvalue()
 
 
+def _xlsx() -> bytes:
+    book, written = openpyxl.Workbook(), io.BytesIO()
+    book.active.append(["t", "x (A)"])
+    for k in range(SAMPLES):
+        book.active.append([1e-3 * k, float(k)])
+    book.save(written)
+    return written.getvalue()
+
+
 def _tdms() -> bytes:
     written = io.BytesIO()
     wave = {"wf_increment": 1e-3, "wf_start_time": np.datetime64("2024-05-01"), "unit_string": "A"}
@@ -153,6 +163,7 @@ SEEDS: Mapping[str, Callable[[], list[bytes]]] = MappingProxyType(
             _parquet(compression="gzip", row_group_size=5),
         ],
         "tdms": lambda: [_tdms()],
+        "xlsx": lambda: [_xlsx()],
         "csv": lambda: [
             _csv(),
             _csv("\t", units="ms\tA"),

@@ -79,6 +79,21 @@ def test_name_and_string_path_are_taken(tmp_path: Path) -> None:
     assert run.name == "first"
 
 
+def test_columns_of_other_names_are_named(tmp_path: Path) -> None:
+    file = tmp_path / "heater.csv"
+    rows = "".join(f"{0.5 * k},{k},{k + 0.5},text\n" for k in range(10))
+    file.write_text("time_ms,power,T_heater,note\n" + rows)
+    with pytest.raises(InputError, match=r"columns=\{'t': \.\.\.\} in penode\.load"):
+        load(file)
+    names = {"t": "time_ms", "P": "power", "T": "T_heater"}
+    experiment = load(file, columns=names)
+    assert set(experiment.channels) == {"P", "T"}
+    assert experiment.time_step == 0.5
+    np.testing.assert_array_equal(experiment.channels["T"], np.arange(10) + 0.5)
+    with pytest.raises(InputError, match="no column watts for channel P"):
+        load(file, columns=names | {"P": "watts"})
+
+
 def test_suffix_in_capitals_is_known(tmp_path: Path) -> None:
     assert len(load(write(tmp_path / "RUN.CSV", lines()))) == 12
 
@@ -174,7 +189,7 @@ def test_directory(tmp_path: Path) -> None:
     assert_words(refusal(folder), "directory", ".csv", ".parquet")
 
 
-@pytest.mark.parametrize(("name", "word"), [("run.xlsx", ".xlsx"), ("run", "no suffix")])
+@pytest.mark.parametrize(("name", "word"), [("run.xls", ".xls"), ("run", "no suffix")])
 def test_unknown_suffix(tmp_path: Path, name: str, word: str) -> None:
     assert_words(
         refusal(write(tmp_path / name, lines())), word, ".csv or .parquet or .mat or .mf4 or .tdms"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import openpyxl
 import polars as pl
 import pytest
 from asammdf import MDF
@@ -205,6 +206,52 @@ def test_tdms_waveforms_and_groups_with_a_time_channel(tmp_path):
     assert table.units["x"] == "A"
     assert table.clocks["n"] == "Time"
     np.testing.assert_allclose(table.columns["t_2"], TIME + 2e-3, rtol=1e-12)
+
+
+def workbook(path, rows):
+    book = openpyxl.Workbook()
+    for row in rows:
+        book.active.append(row)
+    book.create_sheet("notes").append(["nothing of this"])
+    book.save(path)
+
+
+def test_the_first_sheet_of_a_workbook_is_read_as_text_would_be(tmp_path):
+    path = tmp_path / "run.xlsx"
+    noted = [[t, x, "ok", None] for t, x in zip(TIME.tolist(), X.tolist(), strict=True)]
+    head = [["Bench 4, Monday"], [], ["t (s)", "I d", "state"], ["s", "mA", "-"]]
+    workbook(path, [*head, *noted[:5], [], *noted[5:], [None, None]])
+    table, source = read(path)
+    assert list(table.columns) == ["t (s)", "I d"]
+    assert list(table.text) == ["state"]
+    assert table.units["I d"] == "mA"
+    # The workbook is written with 16 digits.
+    np.testing.assert_allclose(table.columns["t (s)"], TIME, rtol=1e-15)
+    np.testing.assert_allclose(table.columns["I d"], X, rtol=1e-15)
+    assert len(source.sha256) == 64
+
+
+@pytest.mark.parametrize("cell", [None, "n/a"])
+def test_a_cell_of_a_workbook_that_is_no_number_is_named_by_its_row(tmp_path, cell):
+    path = tmp_path / "run.xlsx"
+    rows = [[t, x] for t, x in zip(TIME.tolist(), X.tolist(), strict=True)]
+    rows[3][1] = cell
+    workbook(path, [["t", "x"], *rows])
+    assert "channel x" in (sentence := refusal(path))
+    assert "line 5" in sentence
+
+
+@pytest.mark.parametrize("content", [b"t,x\n0,1\n", b"", b"\xd0\xcf\x11\xe0 an old workbook"])
+def test_what_is_no_workbook_is_refused(decode, content):
+    with pytest.raises(InputError, match=r"^run: no Excel workbook"):
+        decode("xlsx", "run", content)
+
+
+def test_a_workbook_without_its_library_is_refused_with_the_extra(tmp_path, monkeypatch):
+    path = tmp_path / "run.xlsx"
+    workbook(path, [["t", "x"], [0, 1]])
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert "pip install 'penode[excel]'" in refusal(path)
 
 
 @pytest.mark.parametrize(

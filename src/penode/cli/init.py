@@ -19,7 +19,7 @@ from penode.pmsm.recording.study_text import study_text
 
 def init_command(
     recording: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Recording: csv, parquet, mat, mf4, tdms.")
+        Path, typer.Argument(metavar="FILE", help="Recording: csv, xlsx, parquet, mat, mf4, tdms.")
     ],
     out: Annotated[Path, typer.Option(help="Study file to write; never overwritten.")] = Path(
         "study.toml"

@@ -16,7 +16,7 @@ from penode.pmsm.study_file import StudyFile, load_study
 _BY_DATA = "decided from the data"
 Recordings = Annotated[
     list[Path],
-    typer.Argument(help="Recordings: csv, parquet, mat, mf4, tdms; with gaps, by stretches."),
+    typer.Argument(help="Recordings: csv, xlsx, parquet, mat, mf4, tdms; with gaps, by stretches."),
 ]
 SavedFit = Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")]
 OutFolder = Annotated[Path, typer.Option(help="Folder for the results; made if absent.")]

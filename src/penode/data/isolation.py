@@ -37,6 +37,7 @@ _LIBRARIES = {
     "mdf": ("asammdf",),
     "parquet": (),
     "tdms": ("nptdms",),
+    "xlsx": ("openpyxl",),
 }
 
 #: Bytes that a file may take to decode, and those for each of its own bytes.

@@ -27,6 +27,11 @@ def _parquet(content: Content) -> Table:
     return isolated("parquet")(content)
 
 
+def _xlsx(content: Content) -> Table:
+    require_extra("openpyxl", "excel", f"{content.file}: an Excel workbook")
+    return isolated("xlsx")(content)
+
+
 #: Reader of each file suffix, from the content to the columns; binary files are decoded apart.
 READERS: Mapping[str, Callable[[Content], Table]] = MappingProxyType(
     {
@@ -36,11 +41,16 @@ READERS: Mapping[str, Callable[[Content], Table]] = MappingProxyType(
         ".mf4": isolated("mdf"),
         ".tdms": isolated("tdms"),
         ".csv.gz": _csv,
+        ".xlsx": _xlsx,
     }
 )
 
 
-def load(path: str | os.PathLike[str], name: str | None = None) -> Experiment:
+def load(
+    path: str | os.PathLike[str],
+    name: str | None = None,
+    columns: Mapping[str, str] | None = None,
+) -> Experiment:
     """Load a recording; the suffix of the file chooses the reader.
 
     Column ``t`` gives the time step, every other column becomes a channel. A unit that the file
@@ -50,9 +60,13 @@ def load(path: str | os.PathLike[str], name: str | None = None) -> Experiment:
     Parameters
     ----------
     path : str or path-like
-        A ``.csv``, ``.csv.gz``, ``.parquet``, ``.mat``, ``.mf4`` or ``.tdms`` file.
+        A ``.csv``, ``.csv.gz``, ``.parquet``, ``.mat``, ``.mf4`` or ``.tdms`` file, or an
+        ``.xlsx`` workbook whose first sheet is the table.
     name : str, optional
         Label of the experiment in messages and reports; the file's name if not given.
+    columns : mapping of str to str, optional
+        Channel -> column of the file, ``t`` among them where the time has another name. Columns
+        that are not named are left out; without it, all are channels of their own names.
 
     Returns
     -------
@@ -66,7 +80,13 @@ def load(path: str | os.PathLike[str], name: str | None = None) -> Experiment:
         no other one, holds a cell that is not a finite number, has fewer than 8 samples, is not
         sampled uniformly within 1 %, or has channels of different sampling times.
     """
-    experiment = in_one_piece(load_stretches(path))
+    if columns is None:
+        experiment = in_one_piece(load_stretches(path))
+    else:
+        origins = {channel: Origin(column) for channel, column in columns.items()}
+        if TIME in origins:
+            origins[TIME] = Origin(columns[TIME], "s")
+        experiment = in_one_piece(experiments_of(*read(path), origins))
     return experiment if name is None else replace(experiment, name=name)
 
 
@@ -143,8 +163,8 @@ def experiments_of(
         table.require_numbers(file, column)
     if time not in table.columns and not all(column in table.clocks for column in channels):
         how = (
-            f"rename the time column to {time}, or name it in a study file (penode init begins "
-            "one, penode.pmsm.load_study reads it)"
+            f"rename the time column to {time}, or say which it is: columns={{'{time}': ...}} in "
+            "penode.load, or for a drive a study file (penode init begins one)"
         )
         if TIME in origins:
             how = (
