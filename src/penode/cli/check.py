@@ -15,6 +15,7 @@ from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
+from penode.horizon.identifiability import THRESHOLD
 from penode.pmsm.machine.terms import ANGLE
 from penode.pmsm.points.check import PointsCheck, check_points
 from penode.pmsm.points.operating_points import load_runs
@@ -23,6 +24,9 @@ from penode.pmsm.recording.drive_mapping import TORQUE
 from penode.pmsm.recording_check import RecordingCheck, check_recordings
 from penode.report.quantities import number
 from penode.report.uncertainty_budget import MINOR, size_text
+
+#: Half width of R by the balance alone, as a part of it, from which training mostly cannot help.
+_USABLE = 0.25
 
 
 def check_command(
@@ -146,7 +150,7 @@ def _identifiability(check: RecordingCheck) -> list[Row]:
     rhos = ", ".join(f"{name} {rho:.2g}" for name, rho in judged.independence.items())
     summary = (
         f"With the {judged.flux_map} map: {rhos} "
-        "(1: nothing in the map looks like it; below 0.01: not identifiable)."
+        f"(1: nothing in the map looks like it; from {THRESHOLD:g} on enough to tell them apart)."
     )
     told = filter(None, (summary, judged.alarm, judged.repair and f"Repair: {judged.repair}"))
     return [
@@ -165,8 +169,13 @@ def _expected(check: RecordingCheck) -> list[Row]:
     main = [row for row in sensors if row.std >= MINOR * sensors[0].std > 0]
     named = ", ".join(f"{row.source} {size_text(row)}" for row in main)
     by_sensors = f"± {best} % by the sensors (std: {named})" if main else "no error of the sensors"
+    training = (
+        "which training mostly makes much smaller"
+        if check.half_widths[1] < _USABLE
+        else "which is little: record longer, or with larger currents"
+    )
     said = (
-        f"R: {by_sensors}; the voltage balance alone shows it to ± {balance} %, which training "
-        "mostly makes much smaller; what the trained model leaves out adds to it."
+        f"R: {by_sensors}; the voltage balance alone shows it to ± {balance} %, {training}; what "
+        "the trained model leaves out adds to it."
     )
     return [("expected", said)]

@@ -289,6 +289,25 @@ def test_poles_for_pole_pairs_without_an_angle(speed_rpm):
     assert found.fix == f"give pole_pairs = {pairs} in place of {2 * pairs}"
 
 
+@pytest.mark.parametrize("kind", "iu")
+def test_a_phase_in_another_unit_is_named(drawn, kind):
+    wrong = scaled(in_phases(drawn[1]), 1e-3, f"{kind}_a")
+    (found,) = check_conventions(wrong).broken
+    assert found.name == "different units of phases"
+    assert f"{kind}_a" in found.fix
+    assert f"{kind}_a reaches" in found.evidence
+
+
+@pytest.mark.parametrize("name", ["winding_temperature", "magnet_temperature"])
+@pytest.mark.parametrize("kelvin", [-212.0, 600.0])
+def test_a_temperature_that_no_machine_has_is_named(drawn, name, kelvin):
+    usual = changed(drawn[1], **{name: np.full(len(drawn[1]), 60.0)})
+    assert check_conventions(usual).broken == ()
+    (found,) = check_conventions(changed(usual, **{name: np.full(len(usual), kelvin)})).broken
+    assert found.channels == (name,)
+    assert '"degC", "K"' in found.fix
+
+
 def test_signs_are_named_beside_the_most_pole_pairs(drawn):
     """With 24 every other factor of the speed is below one."""
     turned = scaled(drawn[1], -1.0, "i_q")

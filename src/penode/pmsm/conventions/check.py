@@ -26,7 +26,7 @@ from penode.pmsm.conventions.motion import (
     judge_angle_unit,
     judge_speed_and_angle,
 )
-from penode.pmsm.conventions.phases import judge_phases, judge_turns
+from penode.pmsm.conventions.phases import find_uneven_phases, judge_phases, judge_turns
 from penode.pmsm.conventions.scales import (
     beside_plate,
     judge_rms_by_phases,
@@ -205,8 +205,10 @@ def _sum(each: Sequence[Conventions]) -> Conventions:
 def _as_recorded(experiment: Experiment, said: OfShaft) -> _Recorded:
     """Return what is wrong with the channels as they were recorded, and the drive set right."""
     stepped = "theta_el" in experiment.channels and find_stepped_angle(experiment)
-    if stepped:
-        found = Conventions((stepped,), ("With a stepped angle nothing else was tested.",))
+    uneven = stepped or find_uneven_phases(experiment)
+    if uneven:
+        with_it = "a stepped angle" if stepped else "phases of different units"
+        found = Conventions((uneven,), (f"With {with_it} nothing else was tested.",))
         return _Recorded(found, experiment, "", ended=True)
     experiment = with_phases(experiment)
     kinds = "".join(kind for kind in "ui" if _in_phases(experiment, kind))

@@ -12,11 +12,42 @@ from penode.pmsm.balance.trial_balance import try_balance
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judged, with_channels
 from penode.pmsm.conventions.motion import MOST_POLE_PAIRS
 from penode.pmsm.machine.frames import dq_from_abc
+from penode.pmsm.machine.standstill import TURN, stands_still
 
 #: How much slower phase quantities change with another angle or order before that one is believed.
 _SLOWER = 1.2
 #: Share of an electrical turn between the samples that are compared.
 _STRIDE = 0.02
+#: Largest value of one phase over that of another from which their units differ.
+_UNEVEN = 50.0
+
+
+def find_uneven_phases(experiment: Experiment) -> BrokenConvention | None:
+    """Find a phase whose values are far smaller than those of another while the rotor turns."""
+    if not _turns(experiment):
+        return None
+    for kind, unit in (("i", "A"), ("u", "V")):
+        names = [n for n in (f"{kind}_{p}" for p in "abc") if n in experiment.channels]
+        sizes = {name: float(np.abs(experiment.channels[name]).max()) for name in names}
+        small, large = (pick(sizes, key=lambda n: sizes[n], default="") for pick in (min, max))
+        if small and sizes[large] > _UNEVEN * sizes[small]:
+            return BrokenConvention(
+                "different units of phases",
+                experiment.name,
+                tuple(names),
+                f"{small} reaches {sizes[small]:.4g} {unit} where {large} reaches "
+                f"{sizes[large]:.4g} {unit}",
+                f"give {small} and {large} the units of their columns, and check their sensors",
+            )
+    return None
+
+
+def _turns(experiment: Experiment) -> bool:
+    """Whether the rotor turns, by its speed or its angle."""
+    if "omega_el" in experiment.channels:
+        return not stands_still([experiment])
+    angle = experiment.channels.get("theta_el", np.zeros(1))
+    return bool(np.ptp(angle) > TURN)
 
 
 def judge_turns(experiment: Experiment, kinds: str) -> Judged:

@@ -254,7 +254,7 @@ class DriveMapping:
             raise InputError(
                 f"{path}: no column {', '.join(missing)}; the columns are "
                 f"{list_names(table.columns)}; rename them, or map them by a study file, which "
-                f"penode init begins{still}."
+                f"penode init {path} --out study.toml begins{still}."
             )
         if missing:
             raise InputError(
