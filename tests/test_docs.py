@@ -58,6 +58,9 @@ SHORTER = {
     "ladder_plan((1, 5, 20))": "ladder_plan((1, 5))",
     "step, samples = 0.01, 3000": "step, samples = 0.01, 1500",
     "for h in (10, 30)": "for h in (10,)",
+    "ladder_plan((10, 30))": "ladder_plan((10,))",
+    "ratio=1.0), [run])": "ratio=1.0), [run], plan=penode.ladder_plan((8, 16)))",
+    "[run], validation=[unseen])": "[run], validation=[unseen], plan=penode.ladder_plan((4, 8)))",
 }
 
 

@@ -528,22 +528,3 @@ def test_samples_too_few_for_an_interval_are_told():
     unknown = [name for name, e in fit.parameters.items() if not np.isfinite(e.std)]
     assert unknown == ["a", "b"]
     assert any("60 samples are few beside" in w for w in fit.warnings)
-
-
-class Wide(Model):
-    """A network of 10 501 parameters."""
-
-    states: ClassVar = ("p",)
-    inputs: ClassVar = ("F",)
-    state_units: ClassVar = ("m",)
-
-    rate: TanhLayers
-
-    def derivative(self, x, u):
-        return self.rate.value_and_jacobian(jnp.stack([x[0], u[0]]))[0]
-
-
-def test_more_parameters_than_a_normal_matrix_can_have_are_refused():
-    wide = Wide(TanhLayers.random((2, 100, 100, 1), seed=0))
-    with pytest.raises(InputError, match="parameters of a fit must be <= 5000, got 10501"):
-        identify(wide, [RUN])

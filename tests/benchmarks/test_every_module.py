@@ -171,6 +171,7 @@ def test_terms_of_pieces_sum_to_those_of_the_whole(small):
     assert set(memory.names(small)) <= set(small.run.channels)
 
 
+@pytest.mark.slow
 def test_distances_from_the_roofline_are_printed(small, capsys):
     core = roofline.Core(operations=1e10, tanh=1e9, bytes=1e10)
     roofline.print_row(small, core, 4)

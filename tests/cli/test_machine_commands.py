@@ -116,6 +116,7 @@ def test_a_report_against_a_second_map(result, penode, tmp_path):
     assert not (result / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_currents_over_torque_and_speed_are_tabulated(result, machine_fit, penode, tmp_path):
     table = tmp_path / "points.csv"
     axes = ("--torque", "0:60:4", "--speed", "-3000:3000:3")

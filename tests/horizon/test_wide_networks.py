@@ -17,13 +17,14 @@ from penode.models.last_layer import Constant, LastLayer, last_layers
 from penode.models.layout import Layout
 
 NETWORK = TanhLayers.random((1, 10, 10, 1), seed=3)
-PLAN = ladder_plan((2, 6))
+PLAN = ladder_plan((3,))
 
 
 @pytest.fixture
 def few(monkeypatch):
     """Let a fit have 100 parameters; the network alone has 141."""
     monkeypatch.setattr(wide_networks, "MOST_PARAMETERS", 100)
+    monkeypatch.setattr(wide_networks, "_ITERATIONS", 30)
 
 
 @pytest.fixture(scope="module")
@@ -45,11 +46,11 @@ def test_physics_is_right_beside_its_last_layer(few, run, tmp_path):
     windy, note = fit.warnings[:2]
     assert windy == "It was windy."
     assert note == (
-        "The model has 143 parameters: 130 of hidden layers were trained first, at horizon 2, and "
+        "The model has 143 parameters: 130 of hidden layers were trained first, at horizon 3, and "
         "held; intervals and bands are those of the other 13."
     )
     descent = [e for e in seen if e["event"] == "evaluation"]
-    assert descent[0]["horizon"] == 2
+    assert descent[0]["horizon"] == 3
     assert descent[0]["stages"] == 1
     fit.save(tmp_path / "fit")
     again = Fit.load(tmp_path / "fit", trust=True)

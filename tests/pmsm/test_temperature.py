@@ -69,7 +69,8 @@ def test_the_resistance_at_20_degrees_is_found(warming_run):
     assert fit.comparisons[0].free_run_rmse < 0.3 * plain.comparisons[0].free_run_rmse
 
 
-@pytest.mark.parametrize("told", ["option", pytest.param("study file", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("told", ["option", "study file"])
 def test_the_word_does_it_from_the_command_line(warming_run, tmp_path, told):
     """A log in kelvin under a name of its own: the study file maps it."""
     channels = dict(warming_run.channels)
