@@ -150,6 +150,7 @@ def test_machine(tmp_path, capsys):
     assert (tmp_path / "fit" / "result.json").exists()
 
 
+@pytest.mark.slow
 def test_recordings_of_the_machine_go_through_the_command(tmp_path):
     machine, files = example("04_pmsm"), [tmp_path / "train.csv", tmp_path / "unseen.csv"]
     for file, speed, duration in zip(files, (1500.0, 900.0), (0.4, 0.2), strict=True):

@@ -120,6 +120,7 @@ def test_ctrl_c_leaves_the_best_so_far_as_a_whole_result(stopped):
     assert fit.flux_map(0.0, 0.0)[0] == pytest.approx(0.0577, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_same_command_with_resume_climbs_to_the_end(runs, folder, penode, monkeypatch):
     """That it ends as an unbroken climb does is shown bit by bit in tests/horizon."""
 

@@ -126,6 +126,7 @@ def test_nothing_is_written_of_an_axis_at_rest(one_axis):
     assert any(row["supported"] == "1" for row in rows)
 
 
+@pytest.mark.slow
 def test_both_axes_with_a_voltage_two_samples_late(both_axes):
     assert both_axes.horizon.objections == ()
     assert both_axes.parameters["R"].value == pytest.approx(R, rel=1e-2)

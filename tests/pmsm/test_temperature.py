@@ -139,6 +139,7 @@ def test_words_of_the_study_file(tmp_path):
         load_study(path)
 
 
+@pytest.mark.slow
 def test_what_magnets_lose_a_kelvin_is_found_from_a_cold_and_a_hot_recording():
     runs = []
     for temperature in (20.0, 100.0):

@@ -334,6 +334,7 @@ def test_references_and_profiles_are_finite_functions_of_time():
 # --- the others ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_ledger_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["x", "3", "5"])
