@@ -79,7 +79,10 @@ def test_friction_left_out_widens_what_it_stands_in_for():
     assert added[0] < 0.2 * added[1]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=SLOW), pytest.param(3, marks=SLOW)])
 def test_nothing_is_left_out_where_residuals_are_noise(seed):
     problem, fits = climbed(recorded(friction=0.0, seed=seed))
     assert np.all(deviations_left_out(problem, PLAN, fits) < 0.3 * fits[0].deviation)

@@ -33,6 +33,7 @@ def errors(prey, horizons=(7, 60, 400)):
     return np.abs(rungs[-1].values[: len(names)] / true - 1)
 
 
+@pytest.mark.slow
 def test_long_windows_begin_at_what_shorter_ones_predict(prey, monkeypatch):
     """From zero their starts end in other minima, and the parameters with them."""
     assert errors(prey).max() < 0.02

@@ -133,6 +133,7 @@ def test_a_network_that_is_needed_is_trained_from_the_shortest_horizon_on(monkey
     assert value == pytest.approx(RATE + 0.3 * (x * abs(x)) @ x / (x @ x), rel=0.05)
 
 
+@pytest.mark.slow
 def test_beside_a_network_that_diverges_the_physics_alone_is_climbed_whole(monkeypatch):
     def diverging(*given):
         raise InputError("the predictions diverge.")

@@ -15,6 +15,7 @@ from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.horizon.wide_networks import with_held_layers
 from penode.models.last_layer import Constant, LastLayer, last_layers
 from penode.models.layout import Layout
+from penode.report.fit_report import fit_report
 
 NETWORK = TanhLayers.random((1, 10, 10, 1), seed=3)
 PLAN = ladder_plan((3,))
@@ -52,6 +53,7 @@ def test_physics_is_right_beside_its_last_layer(few, run, tmp_path):
     descent = [e for e in seen if e["event"] == "evaluation"]
     assert descent[0]["horizon"] == 3
     assert descent[0]["stages"] == 1
+    assert "could not be made" not in fit_report(fit)
     fit.save(tmp_path / "fit")
     again = Fit.load(tmp_path / "fit", trust=True)
     assert isinstance(again.model.spring, LastLayer)

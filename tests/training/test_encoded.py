@@ -126,6 +126,7 @@ def test_training_begins_at_what_is_measured():
     np.testing.assert_allclose(start, [[0.3, -0.2], [0.0, 0.0]], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_parameters_are_found_whose_intervals_hold_the_truth():
     run = recorded(800)
     model = Encoded(Position(1.2, 0.1), [run], 10, neurons=4)

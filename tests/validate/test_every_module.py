@@ -172,6 +172,7 @@ def test_a_recording_that_is_refused_leaves_no_files(campaign, monkeypatch, tmp_
     assert not list(tmp_path.rglob("*.csv"))
 
 
+@pytest.mark.slow
 def test_what_no_run_should_show_is_noted(ended):
     crashed = outcome(replace(ended, status=70, out=None, printed="internal error"))
     assert (crashed.verdict, crashed.fit) == ("status 70", None)

@@ -77,6 +77,7 @@ def test_a_planted_voltage_is_found_with_its_size(run):
     assert 0.9 * size < np.median(deviation) <= deviation.max() < 1.05 * size
 
 
+@pytest.mark.slow
 def test_of_a_model_that_ran_away_nothing_is_left_over(run):
     machine = weak_start([run], "coenergy", angle_orders=(6, 12)).machine
     away = eqx.tree_at(lambda one: one.terms[0].R, machine, np.array(1e300))
@@ -93,6 +94,7 @@ def test_without_the_rotors_angle_it_is_asked_for(run):
     assert all(row.remedy.startswith("Record theta_el: ") for row in rows)
 
 
+@pytest.mark.slow
 def test_what_a_known_imperfection_explains_is_its_own(run):
     class Known:
         @staticmethod
