@@ -82,8 +82,9 @@ def identify(
     ------
     InputError
         If a channel is missing, a state never moves, a recording is too short or one of the
-        validation has a time step that none trained on has, or the predictions diverge at the
-        first horizon.
+        validation has a time step that none trained on has, the model has more than 5000
+        parameters outside the hidden layers of networks, or the predictions diverge at the first
+        horizon.
     Stopped
         On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """

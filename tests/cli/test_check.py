@@ -3,12 +3,14 @@
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from penode.bench.machines import TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
+from penode.cli.check import _expected
 from penode.data.save import save
 
 
@@ -23,6 +25,17 @@ def recording(run, tmp_path):
     path = tmp_path / "run.csv"
     save(run, path)
     return path
+
+
+@pytest.mark.parametrize(
+    ("half", "said"),
+    [(0.24, "mostly makes much smaller"), (0.26, "which is little: record longer")],
+)
+def test_what_the_balance_shows_is_said_with_what_training_makes_of_it(half, said):
+    expected = SimpleNamespace(budget=[])
+    check = SimpleNamespace(expected=expected, good=True, half_widths=(0.01, half))
+    ((_, sentence),) = _expected(check)
+    assert said in sentence
 
 
 def test_a_good_recording(recording, penode, tmp_path):

@@ -109,6 +109,7 @@ def test_vectors_structs_and_matrices(tmp_path):
     assert list(table.columns) == [*inside, "abc_1", "abc_2", "abc_3", "n"]
     np.testing.assert_array_equal(table.columns["abc_2"], 2 * X)
     assert table.clocks == dict.fromkeys(inside, "log.time")
+    assert table.numbers == {"log.gain": 3.0}
     assert {values.dtype for values in table.columns.values()} == {np.dtype(np.float64)}
 
 

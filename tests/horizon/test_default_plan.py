@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from penode import Experiment, InputError, Model, Predictor, identify, physical
+from penode import Experiment, InputError, Model, Predictor, identify, ladder_plan, physical
 from penode.arrays import Leaf
 from penode.data.windows import Jittered, cut
 from penode.engine import Loss, Positive, default_plan
@@ -255,6 +255,22 @@ def test_a_wrong_hold_is_found_at_the_rung_that_was_chosen(true):
         assert (other[0].hold if other else assumed) == true
         if other:
             assert problem.objective.layout.values(other[1])[0] == pytest.approx(RATE, rel=0.01)
+
+
+def test_a_hold_that_cannot_win_is_not_trained(monkeypatch):
+    """One evaluation shows it, where the right hold is already taken."""
+    random = np.random.default_rng(3)
+    u, x = held(ZeroOrderHold(), random)
+    run = Experiment("lag", SAMPLED, {"u": u, "x": x + 1e-4 * random.normal(size=400)})
+    plan = replace(default_plan(Lag(1.0), [run]), stages=ladder_plan((4,)).stages)
+    problem = LadderProblem.of(Lag(1.0), [run], plan, ignore_events)
+    rung = problem.climb(plan, problem.objective.layout.raw(Lag(1.0))).fits[-1]
+
+    def refuse(*given):
+        raise AssertionError("it was trained")
+
+    monkeypatch.setattr(hold_check.LevenbergMarquardt, "minimise", refuse)
+    assert better_hold(problem, plan, rung) is None
 
 
 def test_the_plan_serves_a_climb(run):

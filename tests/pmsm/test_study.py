@@ -36,6 +36,12 @@ def test_resistance_is_right_and_inside_its_interval(fit):
     assert fit.horizon.verdict == "fixed"
 
 
+def test_what_no_recording_shows_is_in_the_result(fit):
+    told = " ".join(fit.provenance["structure"])
+    assert "Rms values cannot be distinguished from peak values" in told
+    assert "pole_pairs = 5 is taken as given" in told
+
+
 def test_the_default_ladder_spans_a_factor_of_450_and_estimates_the_starts(slow_run):
     study = Study(angle_orders=(6,))
     long = replace(slow_run, channels={n: np.tile(v, 2) for n, v in slow_run.channels.items()})

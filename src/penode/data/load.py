@@ -76,9 +76,10 @@ def load(
     Raises
     ------
     InputError
-        If the file is not found, is of an unknown kind, damaged or empty, has no column ``t`` or
-        no other one, holds a cell that is not a finite number, has fewer than 8 samples, is not
-        sampled uniformly within 1 %, or has channels of different sampling times.
+        If the file is not found, is of an unknown kind, damaged or empty, lacks a column that is
+        named, has no column ``t`` or no other one, holds a cell that is not a finite number, has
+        fewer than 8 samples, is not sampled uniformly within 1 %, or has channels of different
+        sampling times.
     """
     if columns is None:
         experiment = in_one_piece(load_stretches(path))

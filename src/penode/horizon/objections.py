@@ -1,7 +1,8 @@
-"""Objections: what makes a result implausible however narrow its intervals are.
+"""Objections: what speaks against a result however narrow its intervals are.
 
 An interval covers the truth only where the model can explain the recording. Each check here looks
-at a finished fit for one sign that it cannot, and gives the reason and the cheapest fix.
+at a finished fit for one sign that it cannot, or that a value is not determined, and gives the
+reason and the cheapest fix.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,6 +1,7 @@
 """Networks of which the last layer alone is trained: numbers that are no parameters of a model."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -24,7 +25,7 @@ class Constant:
     def __hash__(self) -> int:
         return hash(self._form)
 
-    @property
+    @cached_property
     def _form(self) -> tuple[tuple[int, ...], bytes]:
         return self.array.shape, self.array.tobytes()
 
@@ -63,7 +64,8 @@ class LastLayer(FeatureNetwork):
         self, x: JaxArray, features: JaxArray | None = None
     ) -> tuple[JaxArray, JaxArray]:
         """Return the output (m, batch) and its Jacobian (m, n, batch)."""
-        weights, biases = zip(*((w.batched, b.batched) for w, b in self.hidden), strict=True)
+        weights = [weights.batched for weights, _ in self.hidden]
+        biases = [bias.batched for _, bias in self.hidden]
         network = TanhLayers((*weights, self.weights), (*biases, self.bias))
         return network.value_and_jacobian(x, features)
 

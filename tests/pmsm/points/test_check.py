@@ -49,6 +49,7 @@ def test_one_speed_one_side_and_a_line_of_currents_are_named():
     assert "one sign of i_q only" in told
     both = " ".join(check_points(points, STUDY).coverage)
     assert "only" not in both
+    assert "electrical speed 2864.8 to 8594.4 rpm" in both
     rows["winding_temperature"] = np.linspace(20, 80, len(rows["i_d"]))
     warm = " ".join(check_points(Experiment("points.csv", 1.0, rows), STUDY).coverage)
     assert "winding_temperature varies by 60.0 K" in warm

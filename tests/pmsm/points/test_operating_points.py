@@ -1,5 +1,7 @@
 """Operating points: the balance against closed forms, the table, the command."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,6 +37,31 @@ def measured(count=40, seed=0, noise=0.02, resistance=R, torque=True, late=0.0):
 @pytest.fixture(scope="module")
 def fit():
     return identify_points(measured(), STUDY)
+
+
+def test_nothing_is_said_of_usual_points(fit):
+    assert fit.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("torque", "said"),
+    [(True, "1/pole_pairs, and the torque is the same with any."), (False, "as 1/pole_pairs.")],
+)
+def test_pole_pairs_that_a_shaft_s_speed_cannot_show_are_said(torque, said):
+    study = replace(STUDY, of_shaft=("omega_el",))
+    (note,) = identify_points(measured(torque=torque), study).warnings
+    assert note.startswith(f"pole_pairs = {PAIRS} is taken as given")
+    assert note.endswith(said)
+
+
+def test_an_inverter_that_compensates_too_much_and_a_recording_are_said():
+    points = measured(count=1200)
+    i = points.channels["i_d"] + 1j * points.channels["i_q"]
+    less = {"u_d": 2 * LOST * i.real / np.abs(i), "u_q": 2 * LOST * i.imag / np.abs(i)}
+    channels = points.channels | {n: points.channels[n] - v for n, v in less.items()}
+    many, negative = identify_points(Experiment("p.csv", 1.0, channels), STUDY).warnings
+    assert many.startswith("p.csv: 1200 rows without a time are taken as operating points")
+    assert negative.startswith("inverter_voltage is negative")
 
 
 def test_a_linear_machine_is_found_with_its_inverter(fit):

@@ -198,6 +198,14 @@ def test_unit_and_side_of_the_speed_come_from_the_angle(run, name, factor, unit,
     assert not found.lacks_pole_pairs
 
 
+@pytest.mark.parametrize(
+    ("name", "unit"), [("we", "rad/s"), ("log.we", "rad/s"), ("w.n", "rpm"), ("log/omega", "rad/s")]
+)
+def test_without_an_angle_the_unit_of_the_speed_is_that_of_such_names(run, name, unit):
+    found = guess(run, **{name: run.channels["omega_el"]}).channels["omega_el"]
+    assert (found.column, found.unit) == (name, unit)
+
+
 @pytest.mark.parametrize(("unit", "turn"), [("deg", 360.0), ("turn", 1.0), ("rad", 2 * np.pi)])
 def test_unit_of_the_angle_comes_from_its_range(run, unit, turn):
     c = run.channels

@@ -38,6 +38,26 @@ def test_the_settings_are_the_defaults(study):
     assert study(TEXT).study == DEFAULT_STUDY
 
 
+@pytest.mark.parametrize(
+    ("numbers", "step"),
+    [
+        ({"log.Ts": 1e-4}, 1e-4),
+        ({"gain": 3.0, "f_s": 8000.0}, 1.25e-4),
+        ({"Ts": 100.0}, None),
+        ({"fs": 0.0}, None),
+        ({"gain": 1e-4}, None),
+    ],
+)
+def test_a_number_of_the_file_is_the_time_step(study, numbers, step):
+    table = Table({n: np.zeros(0) for n in NAMES if n != "t"}, numbers=numbers)
+    guess = guess_study(table)
+    text = study_text(guess, "run.mat", "s.toml")
+    assert study(text).mapping.constants.get("time_step") == step
+    assert ("t" in guess.missing) == (step is None)
+    timed = Table({n: np.zeros(0) for n in NAMES}, numbers=numbers)
+    assert guess_study(timed).time_step is None
+
+
 @pytest.mark.parametrize("line", OFFERED)
 def test_a_setting_that_is_offered_is_one(study, line):
     assert study(TEXT.replace(f"# {line}", line)) != study(TEXT)

@@ -32,8 +32,8 @@ def read(file: str, source: BinaryIO) -> Table:
     ``struct1.field``, the columns of a matrix ``matrix_1``; a complex vector becomes
     ``vector.real`` and ``vector.imag``. A field ``time`` or ``t`` is the clock of the other fields,
     and of structs within as far as they are as long. The signals of a Simulink structure with time
-    are called by their labels, else ``signals1``. A damaged file makes the libraries raise what
-    they will.
+    are called by their labels, else ``signals1``. Single numbers are kept apart. A damaged file
+    makes the libraries raise what they will.
     """
     columns: dict[str, Column] = {}
     table = Table(columns)

@@ -1,9 +1,10 @@
 """Conventions of a drive recording, tested against physics before anything is trained.
 
-An angle in steps ends the tests. First what the channels are, as they were recorded: angle and
-speed, the order of phases, signs, exchanged channels, pole pairs. Only where nothing of that is
-wrong, when the voltages act, where the magnet lies and how large things are: a wrong sign or wrong
-pole pairs imitate all of these. What is found is set right for the judgement of the next.
+An angle in steps and phases of different units end the tests. First what the channels are, as they
+were recorded: angle and speed, the order of phases, signs, exchanged channels, pole pairs. Only
+where nothing of that is wrong, when the voltages act, where the magnet lies and how large things
+are: a wrong sign or wrong pole pairs imitate all of these. What is found is set right for the
+judgement of the next.
 """
 
 from collections import Counter
@@ -205,10 +206,10 @@ def _sum(each: Sequence[Conventions]) -> Conventions:
 def _as_recorded(experiment: Experiment, said: OfShaft) -> _Recorded:
     """Return what is wrong with the channels as they were recorded, and the drive set right."""
     stepped = "theta_el" in experiment.channels and find_stepped_angle(experiment)
-    uneven = stepped or find_uneven_phases(experiment)
-    if uneven:
-        with_it = "a stepped angle" if stepped else "phases of different units"
-        found = Conventions((uneven,), (f"With {with_it} nothing else was tested.",))
+    ending = stepped or find_uneven_phases(experiment)
+    if ending:
+        what = "a stepped angle" if stepped else "phases of different units"
+        found = Conventions((ending,), (f"With {what} nothing else was tested.",))
         return _Recorded(found, experiment, "", ended=True)
     experiment = with_phases(experiment)
     kinds = "".join(kind for kind in "ui" if _in_phases(experiment, kind))

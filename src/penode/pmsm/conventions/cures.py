@@ -50,7 +50,7 @@ _UNEXPLAINED_AT_REST = 0.7
 _SPINS = 0.05
 #: Fraction of the currents below which no inductance is positive in a recording of no machine.
 _NOWHERE = 0.1
-#: The same from which nothing else need be wrong.
+#: Fraction of the currents at which the inductance is positive where nothing else is wrong.
 _EVERYWHERE = 0.8
 #: Misfit with other pole pairs over that as recorded, where an angle agrees with the speed.
 _MUCH_CLEARER = 0.35
@@ -245,6 +245,7 @@ def _is_no_machine(experiment: Experiment, trial: Trial) -> bool:
 
 
 def _is_doubtful(experiment: Experiment, trial: Trial) -> bool:
+    """Whether more than one thing may be wrong with a recording."""
     return _is_no_machine(experiment, trial) or trial.definite < _EVERYWHERE
 
 
