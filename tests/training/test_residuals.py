@@ -1,6 +1,7 @@
 """The objective against a NumPy twin differentiated by complex steps."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -87,6 +88,14 @@ def other_chunks():
 
     yield forget
     forget()
+
+
+@pytest.mark.parametrize(("free", "width"), [(0, CHUNK), (44, CHUNK // 2)])
+def test_starts_that_are_estimated_make_chunks_narrower(free, width):
+    """Their sensitivities lie in the caches beside those of the parameters."""
+    model, layout = SimpleNamespace(states=("x",) * 50), SimpleNamespace(size=2)
+    error = SimpleNamespace(model=model, layout=layout, free=np.arange(free))
+    assert chunks._width(error, 2000) == width
 
 
 def test_chunks_of_long_recordings_are_wider(systems, objective_of, other_chunks, monkeypatch):

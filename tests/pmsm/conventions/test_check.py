@@ -20,6 +20,7 @@ from penode.pmsm.conventions.balance import judge_delay
 from penode.pmsm.conventions.check import check_conventions, judge
 from penode.pmsm.conventions.cures import _scales
 from penode.pmsm.conventions.motion import find_stepped_angle
+from penode.pmsm.conventions.phases import find_uneven_phases
 from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc
 from penode.pmsm.recording.name_plate import NamePlate
 from penode.pmsm.study import identify
@@ -287,6 +288,26 @@ def test_poles_for_pole_pairs_without_an_angle(speed_rpm):
     assert check_conventions(run, pairs, of_shaft=shaft).broken == ()
     (found,) = check_conventions(scaled(run, 2.0, "omega_el"), 2 * pairs, of_shaft=shaft).broken
     assert found.fix == f"give pole_pairs = {pairs} in place of {2 * pairs}"
+
+
+def test_pole_pairs_and_a_unit_that_are_as_good_are_both_named():
+    """Small currents in noise hardly tell 8 pole pairs from rpm for rad/s, which is 9.5 times."""
+    small = Lissajous(0.02 * BRUSA_250A.current_limit, 14.0, 15.0)
+    noisy = Drive(current_noise=0.5)
+    run = simulate(BRUSA_250A, small, speed_rpm=600.0, duration=0.3, drive=noisy, seed=4)
+    wrong = without(scaled(run, 2 * np.pi / 60, "omega_el"), "theta_el")
+    (found,) = check_conventions(wrong).broken
+    assert found.name == "mechanical speed for electrical"
+    assert found.fix.endswith('; or give omega_el unit = "rad/s", which is as good')
+
+
+def test_a_phase_that_is_still_at_standstill_is_none_in_another_unit():
+    """Current along q at an angle of zero: phase a has none."""
+    current = np.sin(np.arange(100.0))
+    channels = {"i_a": 0 * current, "i_b": current, "i_c": -current, "omega_el": 0 * current}
+    assert find_uneven_phases(Experiment("still", 1e-4, channels)) is None
+    turning = Experiment("turning", 1e-4, {**channels, "omega_el": 500 + 0 * current})
+    assert find_uneven_phases(turning).channels == ("i_a", "i_b", "i_c")
 
 
 @pytest.mark.parametrize("kind", "iu")

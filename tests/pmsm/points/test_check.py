@@ -1,5 +1,7 @@
 """What operating points determine, and what would make them surer, beside what then does."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.pmsm.points.test_operating_points import L_D, L_Q, LOST, PSI, STUDY, R, measured
@@ -50,6 +52,8 @@ def test_one_speed_one_side_and_a_line_of_currents_are_named():
     both = " ".join(check_points(points, STUDY).coverage)
     assert "only" not in both
     assert "electrical speed 2864.8 to 8594.4 rpm" in both
+    shaft = check_points(points, replace(STUDY, of_shaft=("omega_el",)))
+    assert shaft.coverage[-1] == shaft.fit.warnings[0]
     rows["winding_temperature"] = np.linspace(20, 80, len(rows["i_d"]))
     warm = " ".join(check_points(Experiment("points.csv", 1.0, rows), STUDY).coverage)
     assert "winding_temperature varies by 60.0 K" in warm

@@ -54,14 +54,18 @@ def test_pole_pairs_that_a_shaft_s_speed_cannot_show_are_said(torque, said):
     assert note.endswith(said)
 
 
-def test_an_inverter_that_compensates_too_much_and_a_recording_are_said():
+@pytest.mark.parametrize("left", [0.0, -LOST])
+def test_an_inverter_that_compensates_too_much_and_a_recording_are_said(left):
     points = measured(count=1200)
     i = points.channels["i_d"] + 1j * points.channels["i_q"]
-    less = {"u_d": 2 * LOST * i.real / np.abs(i), "u_q": 2 * LOST * i.imag / np.abs(i)}
-    channels = points.channels | {n: points.channels[n] - v for n, v in less.items()}
-    many, negative = identify_points(Experiment("p.csv", 1.0, channels), STUDY).warnings
+    less = (LOST - left) * i / np.abs(i)
+    channels = dict(points.channels)
+    channels |= {"u_d": channels["u_d"] - less.real, "u_q": channels["u_q"] - less.imag}
+    fit = identify_points(Experiment("p.csv", 1.0, channels), STUDY)
+    assert abs(fit.parameters["inverter_voltage"].value - left) < 0.5
+    many, *negative = fit.warnings
     assert many.startswith("p.csv: 1200 rows without a time are taken as operating points")
-    assert negative.startswith("inverter_voltage is negative")
+    assert [note[:28] for note in negative] == ["inverter_voltage is negative"] * (left < 0)
 
 
 def test_a_linear_machine_is_found_with_its_inverter(fit):
