@@ -101,7 +101,8 @@ def test_one_step_finds_the_starts_of_a_linear_model():
     with float64():
         values, horizon, one = on_device(RAW)[:, None], jnp.asarray(HORIZON), jnp.asarray(1)
         batch = compiled_windows(error, windows, COUNT)
-        found, _ = free_starts._searched(error, values, horizon, batch, one)
+        nowhere = jnp.zeros((len(error.free), len(batch.starts)), values.dtype)
+        found, _ = free_starts._searched(error, values, horizon, batch, one, nowhere)
         nothing = NormalMatrix.zero(0, values)
         left = window_sums(error, values, found, horizon, batch, nothing).squares
         assert float(jnp.sum(left)) == pytest.approx(squares(RAW, windows), rel=1e-9)

@@ -35,16 +35,23 @@ _PARTS = 10
 
 
 def summed(
-    error: PredictionError, raw: FloatArray, windows: Windows, normal: bool = True
+    error: PredictionError,
+    raw: FloatArray,
+    windows: Windows,
+    normal: bool = True,
+    guess: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return sums over windows: r'r, S'S (value, value), and S'r of each window, (value, window).
 
-    Behind them are the corrections of the windows' starts (free, window), SI units. One program
-    serves every horizon and number of windows cut from the same recordings of one time step. Where
-    `normal` is not wanted, what is returned in its place means nothing.
+    Behind them are the corrections of the windows' starts (free, window), SI units, looked for from
+    a guess of them or from zero. One program serves every horizon and number of windows cut from
+    the same recordings of one time step. Where `normal` is not wanted, what is returned in its
+    place means nothing.
     """
+    if guess is None:
+        guess = np.zeros((len(error.free), len(windows)))
     parts = [
-        (places, _summed(own, raw, alike, normal))
+        (places, _summed(own, raw, alike, normal, guess[:, places]))
         for places, own, alike in error.by_time_step(windows)
     ]
     if len(parts) == 1:
@@ -58,12 +65,13 @@ def summed(
 
 
 def _summed(
-    error: PredictionError, raw: FloatArray, windows: Windows, normal: bool
+    error: PredictionError, raw: FloatArray, windows: Windows, normal: bool, guess: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the sums over windows of one time step."""
     order, batch, length = _laid_out(error, error.predictor, windows)
     with float64():
-        shared = on_device(raw), on_device(error.scale), batch
+        guessed = np.pad(guess[:, order], ((0, 0), (0, len(batch.starts) - len(order))))
+        shared = on_device(raw), on_device(error.scale), batch, on_device(guessed)
 
     def add_up(first: int, count: int) -> Sequence[FloatArray]:
         with float64():
@@ -174,6 +182,7 @@ def _sum_over_chunks(
     raw: JaxArray,
     scale: JaxArray,
     windows: Batch,
+    guess: JaxArray,
     span: tuple[JaxArray, JaxArray, JaxArray],
     horizon: JaxArray,
 ) -> tuple[JaxArray, ...]:
@@ -186,8 +195,9 @@ def _sum_over_chunks(
 
     def chunk(number: JaxArray, sums: _Totals) -> _Totals:
         batch = windows.part(first + number * width, width)
+        guessed = jax.lax.dynamic_slice_in_dim(guess, first + number * width, width, axis=1)
         squares, scores, normal, corrections = sums_without_starts(
-            error, values[:, None], horizon, batch, sums[1]
+            error, values[:, None], horizon, batch, sums[1], guessed
         )
         here = (jnp.zeros_like(number), number * width)
         scores = jax.lax.dynamic_update_slice(sums[2], scores, here)

@@ -22,10 +22,12 @@ from penode.training.sensitivities import Sums, along, window_sums
 _MOST_PASSES, _MOST_REWEIGHTED = 10, 30
 #: A window's start is settled when its next step but one, if steps go on shrinking as they did,
 #: lowers its squares by no more than this fraction. The next one is made.
-_TOLERANCE = 1e-14
+_TOLERANCE = 1e-12
 #: The first step is enough where what is taken off beside it is this exact, as a fraction of a
 #: window's squares: Newton's step with Gauss's curvature is off by the ratio of two of its steps.
 _ACCEPTED = 1e-6
+#: Steps shrink where the second promises less than this fraction of what the first did.
+_SHRINKING = 0.25
 #: Free starts up to which factors are written out.
 _WRITTEN_OUT = 8
 
@@ -49,6 +51,8 @@ class _Terms(NamedTuple):
     scores: JaxArray
     normal: NormalMatrix
     correction: JaxArray
+    # From where the starts are looked for next, (free, batch).
+    begin: JaxArray
 
 
 def sums_without_starts(
@@ -57,45 +61,45 @@ def sums_without_starts(
     horizon: JaxArray,
     batch: Batch,
     normal: NormalMatrix,
+    guess: JaxArray,
 ) -> tuple[JaxArray, JaxArray, NormalMatrix, JaxArray]:
     """Return squares (batch,), scores (value, batch) and normal matrix, the starts eliminated.
 
-    Behind them are the starts' corrections (free, batch), SI units. The pass that sums them shows
-    as well what is left of each start's way to its minimum, and takes it off. Mostly one step
-    before it is enough; where it is not, the starts are looked for first. Values are (value, 1);
-    S'S is added to `normal`.
+    Behind them are the starts' corrections (free, batch), SI units, looked for from a guess of
+    them. The pass that sums them shows as well what is left of each start's way to its minimum,
+    and takes it off. Mostly one step before it is enough; where it is not, the starts are looked
+    for first. Values are (value, 1); S'S is added to `normal`.
     """
     width = len(batch.starts)
     each = jnp.broadcast_to(values, (len(values), width))
-    free = len(error.free)
-    if not free:
-        nothing = jnp.zeros((0, width), values.dtype)
-        sums = window_sums(error, each, nothing, horizon, batch, normal)
-        return sums.squares, sums.scores.shared, sums.normal, nothing
+    if not len(error.free):
+        sums = window_sums(error, each, guess, horizon, batch, normal)
+        return sums.squares, sums.scores.shared, sums.normal, guess
 
     def attempt(before: _Terms) -> _Terms:
         most = jnp.where(before.attempts == 0, 1, _most_passes(error))
-        correction, gain = _searched(error, values, horizon, batch, most)
+        correction, gain = _searched(error, values, horizon, batch, most, before.begin)
         sums = window_sums(error, each, correction, horizon, batch, normal)
         squares, slope, curvature = _with_stiffness(error, sums, correction, batch.used)
         factor = _Factor.of(curvature, 0.0 * gain)
         shared, own = factor.forward(sums.mixed.shared), factor.forward(slope[:, None])[:, 0]
         left = jnp.sum(own**2, axis=0)
+        at_minimum = correction + factor.backward(own[:, None])[:, 0]
         return _Terms(
             before.attempts + 1,
             jnp.all(left**1.5 <= _ACCEPTED * squares * gain**0.5),
             squares - left,
             sums.scores.shared - along(own, shared),
             sums.normal.minus(shared),
-            correction + factor.backward(own[:, None])[:, 0],
+            at_minimum,
+            jnp.where(left < _SHRINKING * gain, at_minimum, guess),
         )
 
     def unsettled(at: _Terms) -> JaxArray:
         return (at.attempts == 0) | ((at.attempts == 1) & ~at.settled)
 
     zero = jnp.zeros(width, values.dtype)
-    nowhere = jnp.zeros((free, width), values.dtype)
-    start = _Terms(jnp.zeros((), int), jnp.zeros((), bool), zero, 0.0 * each, normal, nowhere)
+    start = _Terms(jnp.zeros((), int), jnp.zeros((), bool), zero, 0.0 * each, normal, guess, guess)
     found = jax.lax.while_loop(unsettled, attempt, start)
     return found.squares, found.scores, found.normal, found.correction
 
@@ -108,9 +112,10 @@ def estimated_starts(
     Levenberg-Marquardt on every window at once, from the measured start or the first guess, at
     parameters (value, 1) that all windows share.
     """
+    nowhere = jnp.zeros((len(error.free), len(batch.starts)), values.dtype)
     if not len(error.free):
-        return jnp.zeros((0, len(batch.starts)), values.dtype)
-    return _searched(error, values, horizon, batch, jnp.asarray(_most_passes(error)))[0]
+        return nowhere
+    return _searched(error, values, horizon, batch, jnp.asarray(_most_passes(error)), nowhere)[0]
 
 
 def followed_by(
@@ -140,11 +145,15 @@ def _most_passes(error: PredictionError) -> int:
 
 
 def _searched(
-    error: PredictionError, values: JaxArray, horizon: JaxArray, batch: Batch, most: JaxArray
+    error: PredictionError,
+    values: JaxArray,
+    horizon: JaxArray,
+    batch: Batch,
+    most: JaxArray,
+    guess: JaxArray,
 ) -> tuple[JaxArray, JaxArray]:
     """Return corrections after so many passes at most, and what the last step promised."""
-    free, width = len(error.free), len(batch.starts)
-    zero = jnp.zeros((free, width), values.dtype)
+    free, width = guess.shape
 
     def body(at: _Search) -> _Search:
         nothing = NormalMatrix.zero(0, values)
@@ -173,12 +182,12 @@ def _searched(
     blank = jnp.ones((free, free, width), values.dtype)
     never = jnp.full(width, jnp.inf, values.dtype)
     start = _Search(
-        zero,
+        guess,
         never,
-        zero,
+        jnp.zeros_like(guess),
         blank,
         jnp.zeros(width, values.dtype),
-        zero,
+        guess,
         jnp.zeros(width, values.dtype),
         jnp.zeros((), int),
         never < 0,

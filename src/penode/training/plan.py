@@ -66,7 +66,9 @@ class Problem:
         return {}
 
     def _gauss_newton(self, raw: FloatArray) -> GaussNewtonTerms:
-        terms = self.objective.gauss_newton(raw, self.windows)
+        near = min(self._known.values(), key=lambda terms: terms.loss, default=None)
+        starts = near.starts if near is not None and near.finite else None
+        terms = self.objective.gauss_newton(raw, self.windows, starts)
         normal = (terms.normal + self._ridge(terms.normal))[np.ix_(self.moving, self.moving)]
         scores = terms.scores[self.moving]
         prior = terms.prior

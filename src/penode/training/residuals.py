@@ -112,7 +112,9 @@ class Objective:
                 gradient += share * np.asarray(own[1])
         return loss, gradient
 
-    def gauss_newton(self, raw: FloatArray, windows: Windows) -> GaussNewtonTerms:
+    def gauss_newton(
+        self, raw: FloatArray, windows: Windows, starts: FloatArray | None = None
+    ) -> GaussNewtonTerms:
         """Return the loss and the Gauss-Newton terms by forward sensitivities, J never stored.
 
         Parameters
@@ -121,12 +123,14 @@ class Objective:
             Raw parameters.
         windows : Windows
             One program serves every horizon and number of windows cut from the same recordings.
+        starts : ndarray, shape (free state, window), optional
+            Those of terms near by, from which these are looked for.
         """
         residuals = int(windows.steps.sum()) * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
         with float64():
             prior = self._prior(on_device(raw), residuals)
-        squares, normal, scores, starts = self._sums(raw, windows)
+        squares, normal, scores, starts = self._sums(raw, windows, guess=starts)
         return GaussNewtonTerms(
             loss=float(squares) / residuals + float(penalties @ penalties),
             count=residuals,
@@ -203,10 +207,14 @@ class Objective:
         return np.asarray(residuals**2 * sum(parts))
 
     def _sums(
-        self, raw: FloatArray, windows: Windows, normal: bool = True
+        self,
+        raw: FloatArray,
+        windows: Windows,
+        normal: bool = True,
+        guess: FloatArray | None = None,
     ) -> tuple[FloatArray, ...]:
         """Return summed squares, normal matrix (if wanted), windows' scores of raw, and starts."""
-        squares, products, scores, corrections = summed(self.error, raw, windows, normal)
+        squares, products, scores, corrections = summed(self.error, raw, windows, normal, guess)
         transposed, unit, bent = self._transposed(raw), self._unit, self._unit
         if normal and self.loss.noise is not None:
             bent *= self._bend(raw, windows, corrections)

@@ -57,11 +57,9 @@ def _by_sample(
     follow = followed_by(error, values[:, None], correction, horizon, batch, normal)
 
     def add(k: JaxArray, residual: JaxArray, slopes: Columns, sums: JaxArray) -> JaxArray:
-        pairs = zip(slopes.shared, slopes.own, strict=True)
-        rows = [shared - along(own, follow) for shared, own in pairs]
-        return sums.at[:, batch.starts + k + 1].add(along(residual, rows))
+        return sums.at[:, batch.starts + k + 1].add(along(residual, slopes.shared))
 
-    recursion = Recursion(error, error.layout.split(each), horizon, batch, size)
+    recursion = Recursion(error, error.layout.split(each), horizon, batch, size, follow)
     sums = recursion.over_steps(correction, add, sums)
     if len(error.free):
         held, slopes = error.held(correction)

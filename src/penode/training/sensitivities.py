@@ -88,6 +88,13 @@ class Recursion:
     batch: Batch
     # Columns that are parameters; none where only the free starts are columns.
     shared: int
+    # What free starts shrink by as a value grows, (free, value, batch): no columns of theirs then.
+    follow: JaxArray | None = None
+
+    @property
+    def own(self) -> int:
+        """Columns that are corrections of free starts."""
+        return len(self.error.free) if self.follow is None else 0
 
     def over_steps(
         self,
@@ -122,7 +129,7 @@ class Recursion:
             memory = before, shared_before, own_before
             return memory, add(k, *self.weighted(filtered, Columns(shared, own)), carry)
 
-        memory = zeros(), zeros(self.shared), zeros(len(self.error.free))
+        memory = zeros(), zeros(self.shared), zeros(self.own)
         return rollout(self.step, (start, first), self.horizon, visit, (memory, carry))[1]
 
     def weighted(self, residual: JaxArray, slopes: Columns) -> tuple[JaxArray, Columns]:
@@ -142,12 +149,14 @@ class Recursion:
         start, pull_back = jax.vjp(lambda p: error.start(p, correction, batch), self.parts)
         units = jnp.stack([_unit(start, at) for at in np.ndindex(*start.shape[:2])])
         rows = jax.vmap(lambda unit: _joined(pull_back(unit)[0])[: self.shared])(units)
-        width, free = len(batch.starts), len(error.free)
-        wide = (self.shared, width)
-        shared = jnp.broadcast_to(rows, (len(units), *wide))
-        own = jnp.zeros((*start.shape[:2], free, width), start.dtype)
-        own = own.at[0, error.free, np.arange(free)].set(1.0)
-        return start, Columns(shared.reshape(*start.shape[:2], *wide), own)
+        width = len(batch.starts)
+        wide = (*start.shape[:2], self.shared, width)
+        shared = jnp.broadcast_to(rows, (len(units), *wide[2:])).reshape(wide)
+        if self.follow is not None:
+            shared = shared.at[0, error.free].add(-self.follow)
+        own = jnp.zeros((*start.shape[:2], self.own, width), start.dtype)
+        own = own.at[0, error.free[: self.own], np.arange(self.own)].set(1.0)
+        return start, Columns(shared, own)
 
     def step(
         self, k: JaxArray, at: tuple[JaxArray, Columns]
@@ -178,7 +187,7 @@ class Recursion:
     def _few_columns(self, history: JaxArray) -> bool:
         """Whether products of the Jacobian with all columns take less than the Jacobian itself."""
         states = history.shape[1]
-        return states >= _MANY and self.shared + len(self.error.free) <= 2 * states
+        return states >= _MANY and self.shared + self.own <= 2 * states
 
     def pushed(self, push: Callable[..., JaxArray], sensitivity: Columns) -> Columns:
         """Return S_(k+1) by one product of the Jacobian with each column, past included."""
@@ -188,7 +197,7 @@ class Recursion:
             units = jnp.broadcast_to(units, (*units.shape[:2], shared.shape[-1]))
             parts = jax.vmap(self.error.layout.split)(units)
             shared = jax.vmap(push, in_axes=(0, -2), out_axes=-2)(parts, shared)
-        if len(self.error.free):
+        if self.own:
             nothing = jax.tree.map(jnp.zeros_like, self.parts)
             own = jax.vmap(push, in_axes=(None, -2), out_axes=-2)(nothing, own)
         return Columns(shared, own)
