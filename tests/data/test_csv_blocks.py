@@ -103,7 +103,7 @@ def test_a_quoted_cell_may_go_on_in_the_next_line(block):
 @pytest.mark.parametrize("place", [5, 700, 1000])
 def test_the_first_byte_that_is_no_text_is_counted(block, place):
     content = "\n".join(lines()).encode()
-    content = content[:place] + b"\xff" + content[place:]
+    content = content[:place] + b"\x81" + content[place:]
     with pytest.raises(InputError, match=rf"not UTF-8 text \(byte {place + 1}\)"):
         csv.read("run.csv", content)
 

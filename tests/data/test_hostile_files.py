@@ -342,8 +342,8 @@ def test_a_file_without_ends_of_lines_is_refused():
 
 
 def test_lines_above_the_names_are_suspected():
-    sentence = refusal(csv.read, "run.csv", b"bench 3\n" + CSV)
-    assert "(line 2) has 2 cells where the header names 1 columns; write one" in sentence
+    sentence = refusal(csv.read, "run.csv", b"bench 3\n" + CSV.replace(b"\n", b",0\n", 1))
+    assert "(line 2) has 3 cells where the header names 1 columns; write one" in sentence
     assert "or remove lines that stand above the column names" in sentence
 
 
@@ -412,11 +412,29 @@ def test_words_of_any_length_in_hdf5_are_left_out(decode):
     assert "state" in table.left_out
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
-def test_utf_16_is_refused_by_name(encoding):
-    mark = b"" if encoding == "utf-16" else b"\xfe\xff"
-    content = mark + CSV.decode().encode(encoding)
-    assert "the content is UTF-16 text" in refusal(csv.read, "run.csv", content)
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be", "cp1252"])
+@pytest.mark.parametrize("title", ["", "Prüfstand 2, Messung 4\n", "Prüfstand\n\nK. Huber\n"])
+def test_other_encodings_and_titles_are_read(encoding, title):
+    mark = b"\xfe\xff" if encoding == "utf-16-be" else b""
+    text = title + ("t [s],ü [°C],w [A]\n" if title else "t [s],ü [°C]\n")
+    text += "".join(f"{0.1 * k},{k}" + (",1\n" if title else "\n") for k in range(9))
+    columns = csv.read("run.csv", mark + text.encode(encoding)).columns
+    np.testing.assert_array_equal(columns["ü [°C]"], np.arange(9.0))
+    bad = text.replace("8,", "x,")
+    line = 10 + title.count("\n")
+    assert f"data row 9 (line {line})" in refusal(csv.read, "r", mark + bad.encode(encoding))
+
+
+def test_a_row_of_units_and_decimal_commas_below_a_title():
+    text = "Prüfstand 2 / Messung 4\nt;u\ns;V\n0,1;2,5\n0,2;3\n"
+    table = csv.read("run.csv", text.encode("cp1252"))
+    assert table.units == {"t": "s", "u": "V"}
+    np.testing.assert_array_equal(table.columns["u"], [2.5, 3.0])
+
+
+def test_a_row_that_is_too_wide_is_no_recording_below_a_title():
+    sentence = refusal(csv.read, "run.csv", b"t,x\n0,1,2\n1,2,3\n")
+    assert "has 3 cells where the header names 2 columns" in sentence
 
 
 @pytest.mark.parametrize("end", ['0.01,"', '0.01,"\n', '0.01," \n', '",0.01'])

@@ -30,6 +30,7 @@ from penode.pmsm.points.beside import with_points
 from penode.pmsm.points.identify import balances_of
 from penode.pmsm.precheck.objections import machine_checks, uncertain_resistance
 from penode.pmsm.precheck.unused_samples import unused_samples
+from penode.pmsm.precheck.voltage_timing import voltage_timing
 from penode.pmsm.recording.channels import drive_recording
 from penode.pmsm.recording.imperfections import budget_rows
 from penode.pmsm.recording.quality import quality_of
@@ -280,6 +281,7 @@ class _Beginning:
         checks = machine_checks(
             self.found.broken, corrected.unseen, self.study.terms, self.study.name_plate
         )
+        checks += voltage_timing(plan, self.calibration)
         predictor = Predictor(recordings[0].time_step, plan.solver, plan.hold)
         if used:
             checks += (unused_samples(read.usable, self.calibration, predictor),)

@@ -5,14 +5,17 @@ numbers. A block of nothing but numbers is parsed in one go; any other is split 
 find the row and channel that a refusal has to name.
 """
 
+import codecs
 import csv
 import gzip
 import io
 import mmap
+import re
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -32,6 +35,10 @@ _COMMENTS = ("#", "%", "//")
 _BLOCK = 1 << 23
 #: Characters of a word in a block that is parsed in one go, one more than may be used.
 _WORD = 32
+#: Most lines of titles above the column names.
+_ABOVE = 50
+#: What no text in Windows-1252 has: controls but tabulators and ends of lines and pages.
+_CONTROLS = r"\x00-\x08\x0b\x0e-\x1f\x7f"
 #: Bytes of the longest line of column names.
 _HEADER = 1 << 22
 #: Bytes that a compressed file may be unpacked to.
@@ -41,16 +48,19 @@ _UNPACKED = 1 << 30
 def read(file: str, content: bytes | mmap.mmap) -> Table:
     """Read the columns of a CSV file, float64 and finite, in the order and the units of the file.
 
-    Cells are separated by commas, semicolons, tabulators or ``|``; numbers have a decimal point, or
-    a comma where that does not separate cells. Below the header may stand a row of units, above it
-    lines that begin with ``#``, ``%`` or ``//``, of which the last is the header where numbers or
-    units follow it. Spaces around names and cells, a byte-order mark, blank lines and columns of
+    The text is UTF-8, UTF-16 with a byte-order mark, or else Windows-1252. Cells are separated by
+    commas, semicolons, tabulators or ``|``; numbers have a decimal point, or a comma where that
+    does not separate cells. Below the header may stand a row of units, above it titles, and lines
+    that begin with ``#``, ``%`` or ``//``, of which the last is the header where numbers or units
+    follow it. Spaces around names and cells, a byte-order mark, blank lines and columns of
     ``true`` and ``false`` are accepted. A column without a number in any row is text and left out.
     """
-    _check_text(file, content)
+    content = _as_utf8(file, content)
     start, line = len(_MARK) if content[: len(_MARK)] == _MARK else 0, 1
     while _is_comment(content, start):
         start, line = _line_end(content, start), line + 1
+    start, above = _below_titles(content, start)
+    line += above
     body = _line_end(content, start)
     below = _line_end(content, body)
     if body - start > _HEADER:
@@ -91,28 +101,53 @@ def _unpacked(file: str, content: bytes) -> Iterator[bytes]:
         ) from error
 
 
-def _check_text(file: str, content: bytes | mmap.mmap) -> None:
-    """Refuse what is not text."""
+def _as_utf8(file: str, content: bytes | mmap.mmap) -> bytes | mmap.mmap:
+    """Return the text in UTF-8; refuse what is none."""
     if not any(block.strip() for block in _blocks(content, 0)):
         raise InputError(f"{file}: the file is empty; it must have a header line and data rows.")
     if content[:4] == b"PAR1":
         raise InputError(
             f"{file}: the content is parquet, not CSV text; rename the file to end in .parquet."
         )
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        raise InputError(f"{file}: the content is UTF-16 text; export it as CSV in UTF-8.")
-    start, where = 0, None
-    try:
-        for block in _blocks(content, 0):
-            block.decode()
-            where = "" if b"\0" in block else where
-            start += len(block)
-    except UnicodeDecodeError as error:
-        where = f" (byte {start + error.start + 1})"
-    if where is not None:
-        raise InputError(
-            f"{file}: the content is binary or not UTF-8 text{where}; export it as CSV in UTF-8."
-        )
+    where = ""
+    wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")
+    for encoding in ("utf-16",) if wide else ("utf-8", "cp1252"):
+        text = _decoded(content, encoding, "\0" if encoding == "utf-8" else _CONTROLS)
+        try:
+            if encoding != "utf-8":
+                return on_disk(block.encode() for block in text)
+            for _ in text:
+                pass
+            return content
+        except UnicodeDecodeError as error:
+            where = where or f" (byte {error.start + 1})"
+        except _ControlError:
+            pass
+    raise InputError(
+        f"{file}: the content is binary or not UTF-8 text{where}; export it as CSV in UTF-8."
+    )
+
+
+class _ControlError(ValueError):
+    """A character that no text has."""
+
+
+def _decoded(content: bytes | mmap.mmap, encoding: str, controls: str) -> Iterator[str]:
+    """Yield the text block by block; errors count bytes from the file's beginning."""
+    decoder, none = codecs.getincrementaldecoder(encoding)(), re.compile(f"[{controls}]")
+    for first in range(0, len(content), _BLOCK):
+        last = first + _BLOCK
+        kept = len(decoder.getstate()[0])
+        try:
+            text = decoder.decode(content[first:last], last >= len(content))
+        except UnicodeDecodeError as error:
+            error.start += first - kept
+            raise
+        if none.search(text):
+            raise _ControlError
+        yield text
+        if isinstance(content, mmap.mmap):
+            forget(content)
 
 
 def _line_end(content: bytes | mmap.mmap, start: int) -> int:
@@ -178,6 +213,31 @@ def _is_comment(content: bytes | mmap.mmap, start: int) -> bool:
         return False
     named = bool(second.strip()) and not any(number is not None for number in numbers)
     return named and not _units(cells, second, _dialect(header, second, False))
+
+
+def _below_titles(content: bytes | mmap.mmap, start: int) -> tuple[int, int]:
+    """Return where the line of names begins below titles, and how many lines those are.
+
+    Titles have fewer cells than the names, which have as many as the row of numbers that follows.
+    """
+    ends = [start]
+    while len(ends) <= _ABOVE + 2 and ends[-1] < len(content):
+        ends.append(_line_end(content, ends[-1]))
+    if ends[-1] - start > _HEADER:
+        return start, 0
+    lines = [content[a:b].decode() for a, b in pairwise(ends)]
+    for above, (names, *below) in enumerate(zip(lines, lines[1:], lines[2:], strict=False)):
+        dialect = _dialect(names, below[0], any("," in line for line in below))
+        try:
+            cells, *rows = map(dialect.split, (names, *below))
+            titles = [dialect.split(line) for line in lines[:above]]
+        except csv.Error:
+            break
+        alike = len(cells) == len(rows[0]) > max(map(len, titles), default=1)
+        named = all(number is None for number in dialect.numbers(cells))
+        if alike and named and any(n is not None for row in rows for n in dialect.numbers(row)):
+            return ends[above], above
+    return start, 0
 
 
 def _uncommented(line: bytes) -> str:

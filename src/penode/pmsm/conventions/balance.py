@@ -41,10 +41,11 @@ def judge_delay(
         return None, list(stretches), few
     lag, deviation = mean_lag([e for e in stretches if len(e) >= _SHORTEST], in_phases)
     if not deviation < _DETERMINED or _between(lag, deviation):
+        side = "later" if lag < 0 else "earlier"
         why = (
-            f"{name}: a delay of the voltage cannot be determined here ({lag:.2g} ± "
-            f"{deviation:.2g} samples) and is taken as none; faster currents or a higher speed "
-            "would show it."
+            f"{name}: when the voltage acts cannot be determined before training ({abs(lag):.2g} ± "
+            f"{deviation:.2g} (std) samples {side} than recorded): taken as recorded, and training "
+            "names a whole sample; faster currents or a higher speed would show it."
         )
         return None, list(stretches), why
     if abs(lag) < max(_LATE, _SIGNIFICANT * deviation):
