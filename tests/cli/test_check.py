@@ -29,7 +29,7 @@ def recording(run, tmp_path):
 
 @pytest.mark.parametrize(
     ("half", "said"),
-    [(0.24, "mostly makes much smaller"), (0.26, "which is little: record longer")],
+    [(0.24, "usually makes much smaller"), (0.26, "which is little: record longer")],
 )
 def test_what_the_balance_shows_is_said_with_what_training_makes_of_it(half, said):
     expected = SimpleNamespace(budget=[])

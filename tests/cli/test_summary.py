@@ -58,7 +58,8 @@ def test_a_fit_is_told_in_labelled_lines(fit):
         ("R", "10.00 mΩ, 95 % interval 9.80 to 10.20 mΩ"),
         ("L", "0.500, 95 % interval 0.476 to 0.524"),
         ("budget", "R: half width 2.0 %: gain 1.6 % (std 0.8 %), the data alone 1.2 %"),
-        ("horizon", "8 steps: plateau. Three agree."),
+        ("verdict", "The data can answer (verdict: plateau). Three agree."),
+        ("horizon", "8 steps"),
         ("model", "The voltage acts late."),
         (
             "train",
@@ -111,7 +112,10 @@ def test_a_verdict_is_green_or_red_and_one_step_is_no_plural(fit, verdict, colou
     fit.horizon = replace(fit.horizon, verdict=verdict, selected=1)
     console = Console(file=io.StringIO(), width=200, force_terminal=True, color_system="standard")
     print_fit(fit, Path("out"), console)
-    assert f"1 step: \x1b[{colour}m{verdict}\x1b[0m. Three agree." in console.file.getvalue()
+    can = "can" if verdict == "plateau" else "cannot"
+    label = f"The data {can} answer (verdict: {verdict})"
+    assert f"\x1b[{colour}m{label}\x1b[0m. Three agree." in console.file.getvalue()
+    assert " 1 step " in console.file.getvalue()
 
 
 @pytest.mark.parametrize(

@@ -226,7 +226,7 @@ def test_terms_where_training_begins_are_computed_once(problem, systems):
     class Counting:
         layout = problem.objective.layout
 
-        def gauss_newton(self, raw, windows):
+        def gauss_newton(self, raw, windows, starts=None):
             counted.append(raw)
             return problem.objective.gauss_newton(raw, windows)
 

@@ -108,8 +108,8 @@ def test_consistent_rungs_give_the_shortest_of_the_surest():
 def test_equally_sure_rungs_give_one_step():
     choice = Plateau().select(ladder([1, 2, 4, 8], [0.2] * 4, [0.01] * 4))
     assert (choice.index, choice.verdict) == (0, "H = 1 suffices")
-    assert "H = 1 to 8, and their weighted mean is the answer. " in choice.reason
-    assert choice.reason.endswith("in the residuals, that is H = 1.")
+    assert "H = 1 to 8, and their weighted mean is the answer, also " in choice.reason
+    assert choice.reason.endswith("Residuals are looked at over H = 1.")
 
 
 def test_a_tie_is_a_factor():

@@ -131,7 +131,7 @@ def test_noise_has_no_line_and_the_strongest_line_below_its_floor_is_named():
     assert spectrum_title(Spectrum("run.csv", found, noise), SAME, lines).startswith("No line")
     noise[500, 0] = 2.0
     title = spectrum_title(Spectrum("run.csv", found, noise), SAME, lines)
-    assert title == f"The strongest line of the residual lies at 20.0{GAP}Hz"
+    assert title == f"The strongest line of the residual lies in {SAME[0][0]}, at 20.0{GAP}Hz"
 
 
 def test_the_strongest_line_is_that_of_most_power_however_wide_it_is():

@@ -108,8 +108,9 @@ def _recordings(check: RecordingCheck) -> list[Row]:
     ]
     angle = all(ANGLE.name in one.channels for one in check.recordings)
     tested = "Signs, units, order, timing and angle" if angle else "Signs, units and order"
+    but = ", but for what is undetermined below" if check.undetermined else ""
     conventions = [b.sentence for b in check.broken] or [
-        f"{tested} of the channels agree with physics."
+        f"{tested} of the channels agree with physics{but}."
     ]
     return [
         *(("recording", _recording(each)) for each in by_recording(check.recordings)),
@@ -133,9 +134,10 @@ def _coverage(check: RecordingCheck) -> list[Row]:
     cover = check.excitation
     speeds = ", ".join(dict.fromkeys(number(s * 30 / np.pi) for s in cover.speeds))
     summary = (
-        f"Currents up to {number(cover.largest_current)} A, over {number(100 * cover.fraction)} % "
-        "of the disc of that radius; the current vector changes at up to "
-        f"{number(cover.current_rate)} rad/s; electrical speed {speeds} rpm."
+        f"Currents up to {number(cover.largest_current)} A, their hull "
+        f"{number(100 * cover.fraction)} % of the disc of that radius; the current vector changes at up to "
+        f"{number(cover.current_rate)} rad/s; electrical speed {speeds} rpm, pole pairs times that "
+        "of the shaft."
     )
     parts = zip(cover.quarters, QUARTERS, strict=True)
     visited = ", ".join(f"{number(100 * part, 2)} % at {name}" for part, name in parts)
@@ -168,9 +170,9 @@ def _expected(check: RecordingCheck) -> list[Row]:
     sensors = [row for row in check.expected.budget if row.origin in ("assumed", "declared")]
     main = [row for row in sensors if row.std >= MINOR * sensors[0].std > 0]
     named = ", ".join(f"{row.source} {size_text(row)}" for row in main)
-    by_sensors = f"± {best} % by the sensors (std: {named})" if main else "no error of the sensors"
+    by_sensors = f"95 % interval ± {best} % by the sensors (std: {named})" if main else "no error of the sensors"
     training = (
-        "which training mostly makes much smaller"
+        "which training usually makes much smaller"
         if check.half_widths[1] < _USABLE
         else "which is little: record longer, or with larger currents"
     )

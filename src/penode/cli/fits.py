@@ -28,6 +28,7 @@ from penode.report.statements import (
     free_run_text,
     one_step_text,
     relative_error,
+    verdict_notice,
 )
 from penode.report.uncertainty_budget import budget_sentence
 
@@ -82,7 +83,7 @@ def signed(fit: Fit, began: float, entries: Mapping[str, Any] | None = None) -> 
 def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
     """Print parameters with intervals, the horizon and its verdict, free runs, warnings, files."""
     choice = fit.horizon
-    verdict = Text(choice.verdict, style="green" if choice.answered else "red")
+    verdict = Text(verdict_notice(choice).label, style="green" if choice.answered else "red")
     steps = "step" if choice.selected == 1 else "steps"
     budgets = ((n, budget_sentence(estimate)) for n, estimate in fit.parameters.items())
     rows: list[Row] = [
@@ -93,9 +94,8 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
             if line and not _is_too_wide(fit, fit.parameters[name])
         ),
         *_no_current(fit),
-        ("horizon", Text.assemble(f"{choice.selected} {steps}: ", verdict, f". {choice.reason}"))
-        if choice.selected
-        else ("verdict", Text.assemble(verdict, f". {choice.reason}")),
+        ("verdict", Text.assemble(verdict, f". {choice.reason}")),
+        *([("horizon", f"{choice.selected} {steps}")] if choice.selected else []),
         *(("model", reason) for reason in fit.provenance.get("structure", ())),
     ]
     for comparison in fit.recordings:

@@ -150,9 +150,10 @@ class Plateau:
             return Choice(index, "no plateau", reason, tuple(range(len(rungs))))
         others = [str(rung.horizon) for k, rung in enumerate(rungs) if k not in run]
         reason = (
-            f"Estimates agree from H = {low} to {high}, and their weighted mean is the answer"
+            f"Estimates agree from H = {low} to {high}, and their weighted mean is the answer, also "
+            "in what is exported"
             + f" (those at {', '.join(others)} differ by more than chance)" * bool(others)
-            + f". Where one has to stand for them, as in the residuals, that is H = {chosen}."
+            + f". Residuals are looked at over H = {chosen}."
         )
         return Choice(index, "H = 1 suffices" if chosen == 1 else "plateau", reason, run)
 

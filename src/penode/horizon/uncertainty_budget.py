@@ -77,16 +77,22 @@ def raw_shifts(
 ) -> FloatArray:
     """Return what each imperfection moves the estimate by, shape (imperfection, parameter), raw.
 
-    To first order the minimum moves by A^-1 times the change of S'r, the descent.
+    To first order the minimum moves by A^-1 times the change of S'r, the descent. Windows' starts
+    that are far are looked for from the same ones before and after.
     """
     raw, terms = rung.solution.raw, rung.solution.terms
     shifts = np.zeros((len(imperfections), len(raw)))
     moving = problem.objective.layout.members(stage.groups)
+    starts = terms.starts if terms.far else None
+
+    def descent(experiments: Sequence[Experiment]) -> FloatArray:
+        own = replace(problem, experiments=experiments).problem(stage, plan)
+        return own.objective.descent(raw, own.windows, starts)[moving]
+
+    before = descent(problem.experiments) if terms.far else terms.descent
     for shift, one in zip(shifts, imperfections, strict=True):
-        imperfect = [one.applied(e, _SMALL) for e in problem.experiments]
-        changed = replace(problem, experiments=imperfect).problem(stage, plan)
-        descent = changed.objective.descent(raw, changed.windows)[moving]
-        shift[moving] = terms.inverse @ (descent - terms.descent) / _SMALL
+        after = descent([one.applied(e, _SMALL) for e in problem.experiments])
+        shift[moving] = terms.inverse @ (after - before) / _SMALL
     return shifts
 
 

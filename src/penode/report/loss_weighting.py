@@ -69,7 +69,7 @@ def weighting_section(
     title = "The residual has no lines"
     if lines:
         count = "one line," if len(lines) == 1 else f"{len(lines)} lines, the strongest"
-        title = f"The residual has {count} at {lines[0][1]}"
+        title = f"Of all states together the residual has {count} at {lines[0][1]}"
     drawn = picture(title, caption, weighting_figure, view, lines, units)
     tables = [_table(view, names, units)] if lines else []
     return Section(_TITLE, f"{_LEAD} {weighting_sentence(whole, lines)}", [drawn, *tables])

@@ -149,7 +149,8 @@ def spectrum_title(
     if len({unit for _, unit in states}) == 1:
         strongest = max(found, key=lambda line: line.amplitude)
         where = _place(strongest, frequency, lines)
-        return f"The strongest line of the residual lies at {where}"
+        name = states[strongest.signal][0]
+        return f"The strongest line of the residual lies in {name}, at {where}"
     first = {line.signal: line for line in reversed(found)}
     peaks = [
         f"{name} at {_place(first[signal], frequency, lines)}"

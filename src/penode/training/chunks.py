@@ -40,11 +40,11 @@ def summed(
     windows: Windows,
     normal: bool = True,
     guess: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, bool]:
     """Return sums over windows: r'r, S'S (value, value), and S'r of each window, (value, window).
 
     Behind them are the corrections of the windows' starts (free, window), SI units, looked for from
-    a guess of them or from zero. One program serves every horizon and number of windows cut from
+    a guess of them or from zero, and whether a start was too far from there for one step. One program serves every horizon and number of windows cut from
     the same recordings of one time step. Where `normal` is not wanted, what is returned in its
     place means nothing.
     """
@@ -61,12 +61,12 @@ def summed(
     scores, corrections = (
         np.concatenate([sums[k] for _, sums in parts], axis=1)[:, back] for k in (2, 3)
     )
-    return squares, products, scores, corrections
+    return squares, products, scores, corrections, any(sums[4] for _, sums in parts)
 
 
 def _summed(
     error: PredictionError, raw: FloatArray, windows: Windows, normal: bool, guess: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, bool]:
     """Return the sums over windows of one time step."""
     order, batch, length = _laid_out(error, error.predictor, windows)
     with float64():
@@ -90,7 +90,7 @@ def _summed(
     if windows.horizon > 1:
         back = np.argsort(order)
         scores, corrections = scores[:, back], corrections[:, back]
-    return squares, products, scores, corrections
+    return squares, products, scores, corrections, any(part[4] > 1 for part in strands)
 
 
 @lru_cache(maxsize=2)
@@ -173,7 +173,7 @@ def over_blocks(
     yield from _workers().map(of_block, parts[1:])
 
 
-_Totals: TypeAlias = tuple[JaxArray, NormalMatrix, JaxArray, JaxArray]
+_Totals: TypeAlias = tuple[JaxArray, NormalMatrix, JaxArray, JaxArray, JaxArray]
 
 
 @partial(jax.jit, static_argnums=0)
@@ -196,23 +196,25 @@ def _sum_over_chunks(
     def chunk(number: JaxArray, sums: _Totals) -> _Totals:
         batch = windows.part(first + number * width, width)
         guessed = jax.lax.dynamic_slice_in_dim(guess, first + number * width, width, axis=1)
-        squares, scores, normal, corrections = sums_without_starts(
+        squares, scores, normal, corrections, attempts = sums_without_starts(
             error, values[:, None], horizon, batch, sums[1], guessed
         )
         here = (jnp.zeros_like(number), number * width)
         scores = jax.lax.dynamic_update_slice(sums[2], scores, here)
         corrections = jax.lax.dynamic_update_slice(sums[3], corrections, here)
-        return sums[0] + jnp.sum(squares), normal, scores, corrections
+        most = jnp.maximum(sums[4], attempts)
+        return sums[0] + jnp.sum(squares), normal, scores, corrections, most
 
     nothing = (
         jnp.zeros((), values.dtype),
         NormalMatrix.zero(size, values, wanted),
         jnp.zeros((size, capacity), values.dtype),
         jnp.zeros((len(error.free), capacity), values.dtype),
+        jnp.zeros((), int),
     )
     chunks = (count + width - 1) // width
-    squares, normal, scores, corrections = jax.lax.fori_loop(0, chunks, chunk, nothing)
-    return squares, normal.whole, scores, corrections
+    squares, normal, scores, *rest = jax.lax.fori_loop(0, chunks, chunk, nothing)
+    return squares, normal.whole, scores, *rest
 
 
 @cache

@@ -62,19 +62,19 @@ def sums_without_starts(
     batch: Batch,
     normal: NormalMatrix,
     guess: JaxArray,
-) -> tuple[JaxArray, JaxArray, NormalMatrix, JaxArray]:
+) -> tuple[JaxArray, JaxArray, NormalMatrix, JaxArray, JaxArray]:
     """Return squares (batch,), scores (value, batch) and normal matrix, the starts eliminated.
 
     Behind them are the starts' corrections (free, batch), SI units, looked for from a guess of
-    them. The pass that sums them shows as well what is left of each start's way to its minimum,
-    and takes it off. Mostly one step before it is enough; where it is not, the starts are looked
-    for first. Values are (value, 1); S'S is added to `normal`.
+    them, and how often. The pass that sums them shows as well what is left of each start's way to
+    its minimum, and takes it off. Mostly one step before it is enough; where it is not, the starts
+    are looked for first. Values are (value, 1); S'S is added to `normal`.
     """
     width = len(batch.starts)
     each = jnp.broadcast_to(values, (len(values), width))
     if not len(error.free):
         sums = window_sums(error, each, guess, horizon, batch, normal)
-        return sums.squares, sums.scores.shared, sums.normal, guess
+        return sums.squares, sums.scores.shared, sums.normal, guess, jnp.ones((), int)
 
     def attempt(before: _Terms) -> _Terms:
         most = jnp.where(before.attempts == 0, 1, _most_passes(error))
@@ -101,7 +101,7 @@ def sums_without_starts(
     zero = jnp.zeros(width, values.dtype)
     start = _Terms(jnp.zeros((), int), jnp.zeros((), bool), zero, 0.0 * each, normal, guess, guess)
     found = jax.lax.while_loop(unsettled, attempt, start)
-    return found.squares, found.scores, found.normal, found.correction
+    return found.squares, found.scores, found.normal, found.correction, found.attempts
 
 
 def estimated_starts(

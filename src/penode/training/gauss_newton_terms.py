@@ -40,6 +40,9 @@ class GaussNewtonTerms:
         Variance of Gaussian priors, to add to the covariance of the summed scores.
     starts : ndarray, shape (free state, window), or None
         What is added to the windows' starts, SI units; None where none is estimated.
+    far : bool
+        Whether a start was too far from where it was looked for: those near by are looked for from
+        here.
     """
 
     loss: float
@@ -49,6 +52,7 @@ class GaussNewtonTerms:
     scores: FloatArray
     prior: FloatArray | float = 0.0
     starts: FloatArray | None = None
+    far: bool = False
 
     @property
     def finite(self) -> bool:

@@ -67,7 +67,7 @@ class Problem:
 
     def _gauss_newton(self, raw: FloatArray) -> GaussNewtonTerms:
         near = min(self._known.values(), key=lambda terms: terms.loss, default=None)
-        starts = near.starts if near is not None and near.finite else None
+        starts = near.starts if near is not None and near.far and near.finite else None
         terms = self.objective.gauss_newton(raw, self.windows, starts)
         normal = (terms.normal + self._ridge(terms.normal))[np.ix_(self.moving, self.moving)]
         scores = terms.scores[self.moving]
@@ -75,7 +75,7 @@ class Problem:
         if isinstance(prior, np.ndarray):
             prior = prior[np.ix_(self.moving, self.moving)]
         descent = terms.descent[self.moving]
-        moved = (terms.loss, terms.count, normal, descent, scores, prior, terms.starts)
+        moved = (terms.loss, terms.count, normal, descent, scores, prior, terms.starts, terms.far)
         return GaussNewtonTerms(*moved)
 
     def penalties(self, raw: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -130,7 +130,7 @@ class Objective:
         penalties, slopes = self.penalties(raw)
         with float64():
             prior = self._prior(on_device(raw), residuals)
-        squares, normal, scores, starts = self._sums(raw, windows, guess=starts)
+        squares, normal, scores, found, far = self._sums(raw, windows, guess=starts)
         return GaussNewtonTerms(
             loss=float(squares) / residuals + float(penalties @ penalties),
             count=residuals,
@@ -138,10 +138,13 @@ class Objective:
             descent=_summed(scores) - residuals * slopes.T @ penalties,
             scores=scores,
             prior=prior,
-            starts=starts,
+            starts=found,
+            far=far or starts is not None,
         )
 
-    def descent(self, raw: FloatArray, windows: Windows) -> FloatArray:
+    def descent(
+        self, raw: FloatArray, windows: Windows, starts: FloatArray | None = None
+    ) -> FloatArray:
         """Return the descent (parameter,) of the Gauss-Newton terms alone, which costs less.
 
         Parameters
@@ -150,10 +153,12 @@ class Objective:
             Raw parameters.
         windows : Windows
             Served by the same program as those of `gauss_newton`.
+        starts : ndarray, shape (free state, window), optional
+            As `gauss_newton` takes them.
         """
         residuals = int(windows.steps.sum()) * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
-        scores = self._sums(raw, windows, normal=False)[2]
+        scores = self._sums(raw, windows, False, starts)[2]
         return np.asarray(_summed(scores) - residuals * slopes.T @ penalties)
 
     def sample_scores(
@@ -212,14 +217,17 @@ class Objective:
         windows: Windows,
         normal: bool = True,
         guess: FloatArray | None = None,
-    ) -> tuple[FloatArray, ...]:
-        """Return summed squares, normal matrix (if wanted), windows' scores of raw, and starts."""
-        squares, products, scores, corrections = summed(self.error, raw, windows, normal, guess)
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, bool]:
+        """Return summed squares, normal matrix (if wanted), windows' scores of raw, and starts.
+
+        Behind them is whether a start was far.
+        """
+        squares, products, scores, *starts = summed(self.error, raw, windows, normal, guess)
         transposed, unit, bent = self._transposed(raw), self._unit, self._unit
         if normal and self.loss.noise is not None:
-            bent *= self._bend(raw, windows, corrections)
+            bent *= self._bend(raw, windows, starts[0])
         products = transposed @ (transposed @ products).T
-        return unit * squares, bent * products, unit * (transposed @ scores), corrections
+        return unit * squares, bent * products, unit * (transposed @ scores), *starts
 
     def _bend(self, raw: FloatArray, windows: Windows, corrections: FloatArray) -> float:
         """Return the mean curvature of noise with outliers over that of its weighted squares.

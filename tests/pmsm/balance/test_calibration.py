@@ -200,7 +200,7 @@ def test_a_large_angle_is_no_delay_and_no_iron_loss(degrees):
     )
     assert result.deviation["delay"] < 0.04
     assert result.deviation["iron"] < 1e-4
-    assert [reason[:10] for reason in result.reasons] == ["The d axis"]
+    assert [reason[:10] for reason in result.reasons] == ["The voltag", "The d axis"]
 
 
 def with_iron(run, conductance, resistance):
@@ -467,7 +467,7 @@ def test_a_new_imperfection_is_one_object_and_one_line(slow_run, monkeypatch):
     result = calibration_of([run])
     assert result["eccentricity"] == pytest.approx(size, abs=2e-4)
     assert (result["delay"], result["turn"], result["angle"]) == (0.0, 0.0, 0.0)
-    assert result.reasons[0].startswith("eccentricity of the resolver: 0.28")
+    assert result.reasons[1].startswith("eccentricity of the resolver: 0.28")
     apart = result.applied(run).stack(VOLTAGES) - slow_run.stack(VOLTAGES)
     assert np.abs(apart).max() < 0.1 * np.abs(run.stack(VOLTAGES) - slow_run.stack(VOLTAGES)).max()
     rows = [row.source for row in result.rows(Accuracy(), [run])]

@@ -77,7 +77,7 @@ def test_every_map_and_hold_that_is_named_exists():
 
 def test_the_accuracies_are_those_assumed_and_each_can_be_given(study):
     own = re.sub(
-        r"^# (\[(?:accuracy|name_plate)\]|\w+ = [\d.]+  # [\w ,]+)$",
+        r"^# (\[(?:accuracy|name_plate)\]|\w+ = [\d.]+  # [\w ,;]+)$",
         r"\1",
         TEXT,
         flags=re.MULTILINE,

@@ -350,7 +350,7 @@ def test_divergence_is_stated():
 
 
 def test_largest_line_is_named(text):
-    assert "lies at 750\N{NO-BREAK SPACE}Hz, 6×" in text
+    assert ", at 750\N{NO-BREAK SPACE}Hz, 6×" in text
 
 
 def test_the_lines_are_named_with_their_causes(text):

@@ -27,7 +27,7 @@ class Calibration:
     # Of what was estimated; of what was left alone, what it may be off by.
     deviation: Mapping[str, float] = field(default_factory=dict, compare=False)
     # What was estimated, a sentence each.
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = field(default=(), compare=False)
 
     def __getitem__(self, name: str) -> Any:
         """Return a size, 0 for what is not corrected."""

@@ -380,6 +380,13 @@ def _timing_sentences(
             f"The voltage acts {delay[0]:.3f} ± {delay[1]:.3f} samples after it is recorded"
             f"{turned}: taken into account as {', '.join(taken)}."
         )
+    elif delay[1] < IMPERFECTIONS["delay"].near:
+        noise = abs(delay[0]) > _SIGNIFICANT * delay[1]
+        why = ", which the controller's answer to noise may imitate" if noise else ""
+        yield (
+            f"The voltage acts in the sample in which it is recorded, held in {timing.drive.hold}: "
+            f"a delay of {delay[0]:.3f} ± {delay[1]:.3f} samples is seen{why}; none is corrected."
+        )
 
 
 def _at_rest(experiments: Sequence[Experiment], terms: Sequence[Term]) -> Calibration:

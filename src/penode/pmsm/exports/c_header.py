@@ -61,6 +61,7 @@ def encode(
         points=0 if mtpa is None else len(mtpa.torque),
         range=f"i_d {_range(grid.i_d)}, i_q {_range(grid.i_q)} A",
         temperatures=wrap(grid.temperatures.sentences, 90),
+        dead_time=grid.dead_time_voltage is not None,
         constants=_constants(grid, prefix.upper(), written.units(grid.pole_pairs)),
         most_torque="" if mtpa is None else f"{mtpa.torque[-1]:.6g}",
         torque_factor="" if mtpa is None else _float(1.5 * (grid.pole_pairs or 0)),
@@ -180,6 +181,7 @@ def _constants(grid: FluxGrid, prefix: str, units: dict[str, float]) -> str:
         "RESISTANCE_TEMPERATURE": known.resistance,
         "RESISTANCE_COEFFICIENT": known.coefficient,
         "MAGNET_TEMPERATURE": known.magnets,
+        "DEAD_TIME_VOLTAGE": grid.dead_time_voltage,
         **units,
     }
     facts = {key: _float(value) for key, value in floats.items() if value is not None}

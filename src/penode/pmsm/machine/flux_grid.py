@@ -38,6 +38,8 @@ class FluxGrid:
         None if not given.
     temperatures : Temperatures
         That R and psi belong to.
+    dead_time_voltage : float or None
+        Of a phase in V, which an inverter takes beside R; None where none was identified.
     """
 
     i_d: FloatArray
@@ -48,6 +50,7 @@ class FluxGrid:
     resistance: float | None = None
     pole_pairs: int | None = None
     temperatures: Temperatures = UNKNOWN
+    dead_time_voltage: float | None = None
 
     @property
     def mesh(self) -> FloatArray:
@@ -129,6 +132,7 @@ def tabulate(fit: Fit, points: int, pole_pairs: int | None = None) -> FluxGrid:
     mesh = np.stack(np.meshgrid(i_d, i_q, indexing="ij"))
     stored_pole_pairs = fit.provenance.get("pole_pairs")
     known = fit.horizon.answered and "R" in fit.parameters
+    dead_time = fit.parameters.get("dead_time_voltage")
     temperatures = temperatures_of(fit)
     return FluxGrid(
         i_d,
@@ -139,6 +143,7 @@ def tabulate(fit: Fit, points: int, pole_pairs: int | None = None) -> FluxGrid:
         fit.parameters["R"].value if known else None,
         stored_pole_pairs if pole_pairs is None else pole_pairs,
         temperatures if known else temperatures.without_resistance().doubted(fit.horizon.verdict),
+        dead_time.value if known and dead_time else None,
     )
 
 

@@ -12,11 +12,12 @@ from penode.data.time_axis import is_uneven
 from penode.data.units import UNITS, unit_name
 from penode.errors import InputError
 from penode.pmsm.machine.standstill import TURN
+from penode.pmsm.machine.terms import TEMPERATURE
 from penode.pmsm.recording.channel_guess import ChannelGuess
 from penode.pmsm.recording.channels import missing_channels, stationary_kinds
 from penode.pmsm.recording.drive_mapping import MAPPED, OF_SHAFT, TORQUE
 from penode.pmsm.recording.guess_motion import Turning, electrical_turns, motion_of
-from penode.pmsm.recording.guess_names import NameHint, read_name, time_step_of
+from penode.pmsm.recording.guess_names import NameHint, read_name, split_unit, time_step_of
 from penode.pmsm.recording.guess_scale import with_duty_range, with_fractions
 from penode.pmsm.recording.stationary_frame import FORMS, LINK, form_of, phases_of
 
@@ -58,6 +59,8 @@ class StudyGuess:
     time_step : (str, float) or None
         Number of the file that is the time from one sample to the next, and the s it stands for,
         where no column holds the time.
+    heat : mapping of str to str
+        Unit by column of the temperatures that belong to no channel.
     """
 
     channels: Mapping[str, ChannelGuess]
@@ -70,6 +73,7 @@ class StudyGuess:
     counter: str = ""
     uneven: bool = False
     time_step: tuple[str, float] | None = None
+    heat: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def lacks_pole_pairs(self) -> bool:
@@ -117,7 +121,14 @@ def guess_study(table: Table) -> StudyGuess:
         counter=next((name for name in unused if _counts(table.columns[name])), ""),
         uneven=TIME in channels and is_uneven(table.columns[channels[TIME].column]),
         time_step=step,
+        heat={column: unit for column in unused if (unit := _unit_of_heat(table, column))},
     )
+
+
+def _unit_of_heat(table: Table, column: str) -> str:
+    """Return the unit of a column that holds a temperature, empty of another."""
+    unit = unit_name(table.units.get(column, "")) or split_unit(column)[1]
+    return unit if unit and UNITS[unit].si == MAPPED[TEMPERATURE.name] else ""
 
 
 def at_standstill(guess: StudyGuess, table: Table, file: str) -> StudyGuess:

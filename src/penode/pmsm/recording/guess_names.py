@@ -134,7 +134,7 @@ def read_name(column: str) -> NameHint | None:
     array = _ARRAY.fullmatch(column)
     if array:
         column = f"{array[2]}{'dq'[int(array[4])]}{array[3]}"
-    bare, unit = _split_unit(column)
+    bare, unit = split_unit(column)
     # A last letter may be an axis, not a unit: in i_A and u_V it alone names the phase.
     for name, its_unit in ((bare, unit), (column, "")):
         found = (token.lower() for token in _TOKEN.findall(re.split(r"[./]", name)[-1]))
@@ -161,7 +161,7 @@ def time_step_of(numbers: Mapping[str, float]) -> tuple[str, float] | None:
     return None
 
 
-def _split_unit(column: str) -> tuple[str, str]:
+def split_unit(column: str) -> tuple[str, str]:
     """Split ``Id [A]``, ``id_A`` and ``speed_in_rpm`` into name and unit."""
     bracketed = re.fullmatch(r"(.+?)[\s_]*[\[(]([^\])]*)[\])]\s*", column)
     if bracketed:

@@ -3,7 +3,7 @@
 import json
 
 from penode.data.table import TIME
-from penode.pmsm.machine.terms import SPEED
+from penode.pmsm.machine.terms import SPEED, TEMPERATURE
 from penode.pmsm.recording.channel_guess import ChannelGuess
 from penode.pmsm.recording.drive_mapping import BASES, IN_RMS, MAPPED, TIME_STEP
 from penode.pmsm.recording.guess import StudyGuess
@@ -15,6 +15,7 @@ _ACCURACY_UNITS = {
     "current_offset": "as a fraction of the largest current",
     "angle": "electrical degrees, of the d axis",
     "delay": "samples, of the voltages",
+    "voltage_gain": "as a fraction of the reading; of commanded voltages, of u_dc",
 }
 _HEAD = """\
 # Study file, begun by penode init from {recording}. Use it with
@@ -23,7 +24,8 @@ _HEAD = """\
 #
 # What is marked "guess" was guessed: look at it before you trust the result. No recording shows
 # whether it holds peak or rms values: add rms = true for the latter. A column that lags by one
-# sample takes delay = 1 (-1 for one that leads); leave the voltages without, it is estimated.
+# sample takes delay = 1 (-1 for one that leads). Of the voltages parts of a sample are estimated;
+# a whole one is named by penode check, or after training, and is entered here.
 # A channel may have: column, unit, scale, sign, delay, times, rms, mechanical.
 
 """
@@ -31,7 +33,8 @@ _SETTINGS = """\
 flux_map = "coenergy"  # default; or convex, mlp, polynomial, spline
 horizon = "auto"  # default; or a number of steps
 # Decided from the data unless given here; inverter and angle_orders need theta_el:
-# hold = "dq"  # or "stationary": where a voltage is held for a sample; no delay is corrected then
+# hold = "dq"  # or "stationary": frame in which the inverter holds a voltage for a sample; given
+#   here, neither delay nor angle is estimated
 # inverter = true  # identify the dead-time voltage
 # terms = ["temperature_resistance"]  # R over a recorded winding temperature
 # angle_orders = [6, 12]  # harmonics of the angle in the map; [] for none
@@ -84,6 +87,8 @@ def study_text(guess: StudyGuess, recording: str, study: str) -> str:
         parts.append(f'# not found, and needed: {name} in {MAPPED[name]}.\n# {name} = "..."\n')
         if name == SPEED.name:
             parts.append(f"# Of a rotor that stood still: {name} = 0, above [channels].\n")
+    if TEMPERATURE.name not in guess.channels:
+        parts += [_of_winding(column, unit) for column, unit in guess.heat.items()]
     parts.append(_NAME_PLATE)
     parts.append(_accuracy())
     if guess.unused:
@@ -148,6 +153,13 @@ def _channel(name: str, guess: ChannelGuess) -> str:
         entries.append("mechanical = true")
     reasons = [*guess.reasons, *(["peak, as no file shows it"] if name in IN_RMS else [])]
     return f"# guess: {_on_one_line('; '.join(reasons))}.\n{name} = {{ {', '.join(entries)} }}\n"
+
+
+def _of_winding(column: str, unit: str) -> str:
+    return (
+        "# A temperature, perhaps of the winding: with it R is said at its temperature.\n"
+        f"# {TEMPERATURE.name} = {{ column = {_quoted(column)}, unit = {_quoted(unit)} }}\n"
+    )
 
 
 def _on_one_line(text: str) -> str:

@@ -96,7 +96,7 @@ def torque_and_operating_points(fit: Fit) -> Section | None:
     if limit is not None:
         volts = (
             f"Orange: where the voltage is at {with_unit(limit, 'V')} (peak of a phase, the "
-            "recorded u_dc over √3), R included, at the speed written beside it in "
+            "u_dc over √3), R included, at the speed written beside it in "
             f"{operation.speed_unit}; at that speed no current outside of it can be held."
         )
     slow = "" if loci.mtpv.torque.size else ", which is not reached within the current limit"
@@ -105,8 +105,8 @@ def torque_and_operating_points(fit: Fit) -> Section | None:
             f"Most torque for the current: {operation.most_torque}",
             f"Torque in {operation.torque_unit} over the currents, averaged over the angle. MTPA: "
             f"most torque for each current; MTPV: most torque for each flux linkage{slow}. The "
-            f"circle is the current limit, {with_unit(loci.current_limit, 'A')}, as far as "
-            f"recordings back MTPA; penode loci --i-max draws another. {volts} {_STYLES} Grey, "
+            f"circle, {with_unit(loci.current_limit, 'A')}, is as far as recordings back MTPA, and "
+            f"the limit here; penode loci --i-max draws another. {volts} {_STYLES} Grey, "
             "outside the dashed outline, no recording has been.",
             torque_plane,
             operation,
