@@ -135,9 +135,9 @@ def _coverage(check: RecordingCheck) -> list[Row]:
     speeds = ", ".join(dict.fromkeys(number(s * 30 / np.pi) for s in cover.speeds))
     summary = (
         f"Currents up to {number(cover.largest_current)} A, their hull "
-        f"{number(100 * cover.fraction)} % of the disc of that radius; the current vector changes at up to "
-        f"{number(cover.current_rate)} rad/s; electrical speed {speeds} rpm, pole pairs times that "
-        "of the shaft."
+        f"{number(100 * cover.fraction)} % of the disc of that radius; the current vector changes "
+        f"at up to {number(cover.current_rate)} rad/s; electrical speed {speeds} rpm, pole pairs "
+        "times that of the shaft."
     )
     parts = zip(cover.quarters, QUARTERS, strict=True)
     visited = ", ".join(f"{number(100 * part, 2)} % at {name}" for part, name in parts)
@@ -170,7 +170,11 @@ def _expected(check: RecordingCheck) -> list[Row]:
     sensors = [row for row in check.expected.budget if row.origin in ("assumed", "declared")]
     main = [row for row in sensors if row.std >= MINOR * sensors[0].std > 0]
     named = ", ".join(f"{row.source} {size_text(row)}" for row in main)
-    by_sensors = f"95 % interval ± {best} % by the sensors (std: {named})" if main else "no error of the sensors"
+    by_sensors = (
+        f"95 % interval ± {best} % by the sensors (std: {named})"
+        if main
+        else "no error of the sensors"
+    )
     training = (
         "which training usually makes much smaller"
         if check.half_widths[1] < _USABLE

@@ -57,7 +57,11 @@ def export_command(
         ]
     if to in ("c", "c_fixed", "mat", "m", "xlsx"):
         best = torque_per_ampere(fit, grid)
-        said = f"up to ± {number(best.torque[-1])} Nm, backed by recordings of either sign" if best else ""
+        said = (
+            f"up to ± {number(best.torque[-1])} Nm, backed by recordings of either sign"
+            if best
+            else ""
+        )
         if grid.pole_pairs is None:
             said = "left out, as is the torque: the pole pairs are not known; add --pole-pairs"
         rows += [("mtpa", said)] if said else []

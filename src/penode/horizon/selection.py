@@ -150,8 +150,8 @@ class Plateau:
             return Choice(index, "no plateau", reason, tuple(range(len(rungs))))
         others = [str(rung.horizon) for k, rung in enumerate(rungs) if k not in run]
         reason = (
-            f"Estimates agree from H = {low} to {high}, and their weighted mean is the answer, also "
-            "in what is exported"
+            f"Estimates agree from H = {low} to {high}, and their weighted mean is the answer, "
+            "also in what is exported"
             + f" (those at {', '.join(others)} differ by more than chance)" * bool(others)
             + f". Residuals are looked at over H = {chosen}."
         )

@@ -34,19 +34,32 @@ STRANDS = 4
 _PARTS = 10
 
 
+class WindowSums(NamedTuple):
+    """Sums over windows; S = -dr/d(value) is the slope of the residual r."""
+
+    # r'r.
+    squares: FloatArray
+    # S'S, (value, value).
+    normal: FloatArray
+    # S'r of each window, (value, window).
+    scores: FloatArray
+    # Corrections of the windows' starts, (free, window), SI units.
+    starts: FloatArray
+    # Whether one was too far for one step from where it was looked for.
+    far: bool
+
+
 def summed(
     error: PredictionError,
     raw: FloatArray,
     windows: Windows,
     normal: bool = True,
     guess: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, bool]:
-    """Return sums over windows: r'r, S'S (value, value), and S'r of each window, (value, window).
+) -> WindowSums:
+    """Return sums over windows, whose starts are looked for from a guess of them or from zero.
 
-    Behind them are the corrections of the windows' starts (free, window), SI units, looked for from
-    a guess of them or from zero, and whether a start was too far from there for one step. One program serves every horizon and number of windows cut from
-    the same recordings of one time step. Where `normal` is not wanted, what is returned in its
-    place means nothing.
+    One program serves every horizon and number of windows cut from the same recordings of one time
+    step. Where `normal` is not wanted, what is returned in its place means nothing.
     """
     if guess is None:
         guess = np.zeros((len(error.free), len(windows)))
@@ -56,22 +69,25 @@ def summed(
     ]
     if len(parts) == 1:
         return parts[0][1]
-    squares, products = (np.sum([sums[k] for _, sums in parts], axis=0) for k in (0, 1))
     back = np.argsort(np.concatenate([places for places, _ in parts]))
-    scores, corrections = (
-        np.concatenate([sums[k] for _, sums in parts], axis=1)[:, back] for k in (2, 3)
+    alone = [sums for _, sums in parts]
+    return WindowSums(
+        np.sum([sums.squares for sums in alone], axis=0),
+        np.sum([sums.normal for sums in alone], axis=0),
+        np.concatenate([sums.scores for sums in alone], axis=1)[:, back],
+        np.concatenate([sums.starts for sums in alone], axis=1)[:, back],
+        any(sums.far for sums in alone),
     )
-    return squares, products, scores, corrections, any(sums[4] for _, sums in parts)
 
 
 def _summed(
     error: PredictionError, raw: FloatArray, windows: Windows, normal: bool, guess: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, bool]:
+) -> WindowSums:
     """Return the sums over windows of one time step."""
     order, batch, length = _laid_out(error, error.predictor, windows)
     with float64():
         guessed = np.pad(guess[:, order], ((0, 0), (0, len(batch.starts) - len(order))))
-        shared = on_device(raw), on_device(error.scale), batch, on_device(guessed)
+        shared = on_device(raw), on_device(error.scale), (batch, on_device(guessed))
 
     def add_up(first: int, count: int) -> Sequence[FloatArray]:
         with float64():
@@ -86,11 +102,11 @@ def _summed(
     with np.errstate(invalid="ignore"):  # of rollouts that diverge
         squares, products = (np.sum([part[k] for part in strands], axis=0) for k in (0, 1))
     parts = [[part[k][:, :n] for part, n in zip(strands, counts, strict=True)] for k in (2, 3)]
-    scores, corrections = (np.concatenate(part, axis=1) for part in parts)
+    scores, starts = (np.concatenate(part, axis=1) for part in parts)
     if windows.horizon > 1:
         back = np.argsort(order)
-        scores, corrections = scores[:, back], corrections[:, back]
-    return squares, products, scores, corrections, any(part[4] > 1 for part in strands)
+        scores, starts = scores[:, back], starts[:, back]
+    return WindowSums(squares, products, scores, starts, any(part[4] > 1 for part in strands))
 
 
 @lru_cache(maxsize=2)
@@ -181,13 +197,15 @@ def _sum_over_chunks(
     error: PredictionError,
     raw: JaxArray,
     scale: JaxArray,
-    windows: Batch,
-    guess: JaxArray,
+    given: tuple[Batch, JaxArray],
     span: tuple[JaxArray, JaxArray, JaxArray],
     horizon: JaxArray,
 ) -> tuple[JaxArray, ...]:
-    """Sum over a span of windows: the first, how many, and whether the normal matrix is wanted."""
-    first, count, wanted = span
+    """Sum over a span of windows: the first, how many, and whether the normal matrix is wanted.
+
+    Given are all windows, and a guess of the corrections of their starts (free, window).
+    """
+    (windows, guess), (first, count, wanted) = given, span
     error = replace(error, scale=scale)
     values = error.layout.values(raw)
     size, capacity = values.shape[0], windows.starts.shape[0] // STRANDS

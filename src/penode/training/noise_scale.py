@@ -44,7 +44,7 @@ def with_scale(problem: Problem, raw: FloatArray, cold: bool) -> tuple[Problem, 
 def _scaled(problem: Problem, raw: FloatArray) -> Problem:
     """Return the problem with the scale that is most likely at raw (parameter,)."""
     objective, windows = problem.objective, problem.windows
-    corrections = summed(objective.error, raw, windows, normal=False)[3]
+    corrections = summed(objective.error, raw, windows, normal=False).starts
     for _ in range(_PASSES):
         w, squares, _ = moments(objective.error, raw, windows, corrections)
         # J. T. Kent et al., Commun. Stat. Simul. 23 (1994) 441, doi:10.1080/03610919408813180.

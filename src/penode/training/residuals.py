@@ -17,7 +17,7 @@ from penode.models.base import Model
 from penode.models.layout import Layout
 from penode.predictors.base import Predictor
 from penode.predictors.rollout import rollout
-from penode.training.chunks import summed
+from penode.training.chunks import WindowSums, summed
 from penode.training.free_starts import estimated_starts
 from penode.training.gauss_newton_terms import GaussNewtonTerms, squared
 from penode.training.loss import DEFAULT_LOSS, Loss
@@ -130,16 +130,16 @@ class Objective:
         penalties, slopes = self.penalties(raw)
         with float64():
             prior = self._prior(on_device(raw), residuals)
-        squares, normal, scores, found, far = self._sums(raw, windows, guess=starts)
+        sums = self._sums(raw, windows, guess=starts)
         return GaussNewtonTerms(
-            loss=float(squares) / residuals + float(penalties @ penalties),
+            loss=float(sums.squares) / residuals + float(penalties @ penalties),
             count=residuals,
-            normal=normal + residuals * squared(slopes),
-            descent=_summed(scores) - residuals * slopes.T @ penalties,
-            scores=scores,
+            normal=sums.normal + residuals * squared(slopes),
+            descent=_summed(sums.scores) - residuals * slopes.T @ penalties,
+            scores=sums.scores,
             prior=prior,
-            starts=found,
-            far=far or starts is not None,
+            starts=sums.starts,
+            far=sums.far or starts is not None,
         )
 
     def descent(
@@ -158,7 +158,7 @@ class Objective:
         """
         residuals = int(windows.steps.sum()) * len(self.error.compared)
         penalties, slopes = self.penalties(raw)
-        scores = self._sums(raw, windows, False, starts)[2]
+        scores = self._sums(raw, windows, False, starts).scores
         return np.asarray(_summed(scores) - residuals * slopes.T @ penalties)
 
     def sample_scores(
@@ -217,17 +217,18 @@ class Objective:
         windows: Windows,
         normal: bool = True,
         guess: FloatArray | None = None,
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, bool]:
-        """Return summed squares, normal matrix (if wanted), windows' scores of raw, and starts.
-
-        Behind them is whether a start was far.
-        """
-        squares, products, scores, *starts = summed(self.error, raw, windows, normal, guess)
+    ) -> WindowSums:
+        """Return the sums of raw parameters, the normal matrix only if wanted."""
+        sums = summed(self.error, raw, windows, normal, guess)
         transposed, unit, bent = self._transposed(raw), self._unit, self._unit
         if normal and self.loss.noise is not None:
-            bent *= self._bend(raw, windows, starts[0])
-        products = transposed @ (transposed @ products).T
-        return unit * squares, bent * products, unit * (transposed @ scores), *starts
+            bent *= self._bend(raw, windows, sums.starts)
+        products = transposed @ (transposed @ sums.normal).T
+        return sums._replace(
+            squares=unit * sums.squares,
+            normal=bent * products,
+            scores=unit * (transposed @ sums.scores),
+        )
 
     def _bend(self, raw: FloatArray, windows: Windows, corrections: FloatArray) -> float:
         """Return the mean curvature of noise with outliers over that of its weighted squares.

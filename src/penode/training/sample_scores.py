@@ -28,7 +28,7 @@ def sample_scores(
     Their sum over samples is that of the windows' scores. Corrections of the starts (free, window)
     are estimated if left out.
     """
-    corrections = summed(error, raw, windows, normal=False)[3] if starts is None else starts
+    corrections = summed(error, raw, windows, normal=False).starts if starts is None else starts
 
     def of_block(one: Block) -> FloatArray:
         given = on_device(raw), on_device(error.scale), one.corrections, one.batch

@@ -49,7 +49,7 @@ def _blocks(
     error: PredictionError, raw: FloatArray, windows: Windows, known: FloatArray | None
 ) -> Iterator[tuple[IntArray, FloatArray, FloatArray, FloatArray]]:
     """Yield places, starts, summed states and how many were summed, of blocks of windows."""
-    corrections = summed(error, raw, windows, normal=False)[3] if known is None else known
+    corrections = summed(error, raw, windows, normal=False).starts if known is None else known
 
     def of_block(one: Block) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
         own = one.corrections, one.batch, on_device(one.horizon)

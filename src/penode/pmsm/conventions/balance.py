@@ -43,8 +43,8 @@ def judge_delay(
     if not deviation < _DETERMINED or _between(lag, deviation):
         side = "later" if lag < 0 else "earlier"
         why = (
-            f"{name}: a delay of the voltage cannot be determined before training ({abs(lag):.2g} ± "
-            f"{deviation:.2g} (std) samples {side} than recorded) and is taken as none; training "
+            f"{name}: a delay of the voltage cannot be determined before training ({abs(lag):.2g} "
+            f"± {deviation:.2g} (std) samples {side} than recorded) and is taken as none; training "
             "names a whole sample, and faster currents or a higher speed would show it."
         )
         return None, list(stretches), why
