@@ -4,6 +4,7 @@ The position of an oscillator is recorded and its speed is not. The twin is diff
 complex steps, with respect to the parameters and to each window's start.
 """
 
+from dataclasses import replace
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -21,8 +22,10 @@ from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import AB2, EULER
 from penode.training import free_starts
 from penode.training.chunks import CHUNK, _sum_over_chunks
+from penode.training.covariance import Reported
 from penode.training.free_starts import estimated_starts
 from penode.training.loss import DEFAULT_LOSS, Loss, equation
+from penode.training.plan import Problem
 from penode.training.prediction_error import Batch
 from penode.training.residuals import Objective
 
@@ -183,6 +186,52 @@ def compare_with_joint_terms(case, part):
     size = np.abs(descent).max()
     np.testing.assert_allclose(terms.scores, descent, rtol=0, atol=1e-6 * size)
     np.testing.assert_allclose(terms.descent, descent.sum(axis=1), rtol=0, atol=1e-6 * size)
+
+
+@pytest.mark.usefixtures("exact")
+def test_starts_of_near_by_parameters_lead_to_the_same_terms(case, windows):
+    near = case.objective.gauss_newton(1.05 * RAW, windows)
+    plain, led = (case.objective.gauss_newton(RAW, windows, s) for s in (None, near.starts))
+    assert near.far
+    assert led.far
+    assert led.loss == pytest.approx(plain.loss, rel=1e-9)
+    size = np.abs(plain.scores).max()
+    np.testing.assert_allclose(led.scores, plain.scores, rtol=0, atol=1e-6 * size)
+    np.testing.assert_allclose(led.starts, plain.starts, rtol=0, atol=1e-6)
+    one = case.objective.descent(RAW, windows, near.starts)
+    np.testing.assert_allclose(one, led.descent, rtol=0, atol=1e-9 * size)
+
+
+def test_starts_one_step_away_are_not_far(case, windows, monkeypatch):
+    """They are looked for from zero each time, so that what is changed changes nothing else."""
+    monkeypatch.setattr(free_starts, "_ACCEPTED", 1e30)
+    _sum_over_chunks.clear_cache()
+    assert not case.objective.gauss_newton(RAW, windows).far
+    _sum_over_chunks.clear_cache()
+
+
+def test_a_problem_leads_with_the_starts_of_the_better_terms(case, windows):
+    given = []
+
+    class Listening:
+        layout, penalties = case.objective.layout, case.objective.penalties
+
+        def gauss_newton(self, raw, windows, starts=None):
+            given.append(starts)
+            return replace(case.objective.gauss_newton(raw, windows, starts), far=far)
+
+    for far in (True, False):
+        given.clear()
+        moving = np.ones(2, bool)
+        problem = Problem(
+            Listening(), Reported(case.objective.layout, np.zeros((1, 2))), windows, moving
+        )
+        first, second = (problem.gauss_newton(raw) for raw in (RAW, 1.2 * RAW))
+        problem.gauss_newton(0.9 * RAW)
+        best = min((first, second), key=lambda terms: terms.loss)
+        assert given[0] is None
+        assert given[1] is (first.starts if far else None)
+        assert given[2] is (best.starts if far else None)
 
 
 def test_one_step_is_enough_where_squares_are_right_to_a_millionth(case, windows):

@@ -55,9 +55,10 @@ class Problem:
         """Return the terms of the moving parameters at raw (parameter,)."""
         key = raw.tobytes()
         if key not in self._known:
+            terms = self._gauss_newton(raw)
             while len(self._known) > 1:
                 self._known.pop(next(iter(self._known)))
-            self._known[key] = self._gauss_newton(raw)
+            self._known[key] = terms
         return self._known[key]
 
     @cached_property

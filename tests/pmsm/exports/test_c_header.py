@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -166,6 +167,10 @@ def test_the_header_allocates_nothing_and_says_what_is_known(grid, control):
         assert word not in text
     assert "#define MACHINE_RESISTANCE (0.00999999978F)" in text
     assert "#define MACHINE_POLE_PAIRS (5U)" in text
+    assert "DEAD_TIME" not in text
+    beside = encode(replace(grid, dead_time_voltage=4.0), "machine", *control)
+    assert "#define MACHINE_DEAD_TIME_VOLTAGE (4.0F)" in beside
+    assert "Beside R the inverter takes MACHINE_DEAD_TIME_VOLTAGE, in V, off each phase" in beside
     assert len(re.findall(r"static inline", text)) == 12
 
 

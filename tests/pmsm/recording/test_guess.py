@@ -179,6 +179,12 @@ def guess(run, **columns):
     return guess_study(Table({"time": time_of(run), **dq, **columns}))
 
 
+def test_columns_in_a_unit_of_temperature_are_told_apart(run):
+    one = np.full(len(run), 60.0)
+    found = guess(run, **{"Tw [°C]": one, "T_oil (K)": one, "Zeug [V]": one})
+    assert found.heat == {"Tw [°C]": "degC", "T_oil (K)": "K"}
+
+
 @pytest.mark.parametrize(
     ("name", "factor", "unit", "mechanical"),
     [

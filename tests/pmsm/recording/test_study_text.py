@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -99,6 +100,18 @@ def test_any_name_of_a_column_survives(study, odd):
     turning = ChannelGuess(odd, "rad", (f"by its name, before {odd}", "rad, as usual"))
     text = study_text(guessed((odd,), theta_el=turning), f"{odd}.csv", "s.toml")
     assert study(text).mapping.channels["theta_el"].origin.column == odd
+
+
+def test_a_temperature_that_is_not_used_may_be_the_windings(study):
+    """One that was guessed is there already."""
+    heat = {"Tw [°C]": "degC"}
+    text = study_text(replace(guessed(("Tw [°C]",)), heat=heat), "run.csv", "s.toml")
+    line = '# winding_temperature = { column = "Tw [°C]", unit = "degC" }'
+    assert line in text
+    found = study(text.replace(line, line[2:])).mapping.channels["winding_temperature"]
+    assert (found.origin.column, found.origin.unit) == ("Tw [°C]", "degC")
+    known = guessed(winding_temperature=ChannelGuess("T", "degC", ("by its name",)))
+    assert line not in study_text(replace(known, heat=heat), "run.csv", "s.toml")
 
 
 def test_sign_and_shaft_are_written_and_read_back(study):

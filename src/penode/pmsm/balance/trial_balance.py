@@ -182,11 +182,11 @@ def _noise_products(experiment: Experiment, length: int) -> float:
     """Return the product of what noise leaves in an equation and in the lag's regressor, in V^2."""
     inductance = float(np.abs(try_balance(experiment).inductance).max())
     slope = np.linalg.norm(HannWindow(experiment.time_step, length).slope)
-    current, voltage = (_noise(experiment.stack(names)) for names in (CURRENTS, VOLTAGES))
+    current, voltage = (noise_of(experiment.stack(names)) for names in (CURRENTS, VOLTAGES))
     return float(inductance * current * slope * experiment.time_step * voltage * slope)
 
 
-def _noise(values: FloatArray) -> float:
+def noise_of(values: FloatArray) -> float:
     """Return the deviation of white noise from sixth differences, which harmonics hardly have."""
     differences = np.diff(values, _ORDER, axis=0)
     return float(np.median(np.abs(differences)) / 0.6745 / math.sqrt(math.comb(2 * _ORDER, _ORDER)))

@@ -6,6 +6,10 @@ longer are free of that noise.
 """
 
 from collections.abc import Iterator, Sequence
+from functools import cache, partial
+from itertools import count
+
+import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
@@ -13,12 +17,15 @@ from penode.fit.outcome import Objection
 from penode.horizon.ladder import LadderProblem, ignore_events
 from penode.horizon.objections import Check
 from penode.pmsm.balance.calibration import Calibration
+from penode.pmsm.balance.trial_balance import noise_of
+from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.recording.imperfection import UNKNOWN_DRIVE
 from penode.pmsm.recording.imperfections import IMPERFECTIONS
 from penode.training.plan import Plan, Stage
 
-#: Loss of voltages a sample beside over that of them as recorded below which they act there.
-_CLEARLY = 0.95
+#: Loss of voltages so many samples beside over that of them as recorded below which they act there,
+#: and root of it over the noise of the currents up to which nothing but timing was wrong.
+_CLEARLY, _NOISE = 0.95, 1.5
 #: Steps from which predictions hardly have the noise of their start.
 _LONG = 10
 
@@ -37,29 +44,33 @@ def _acts_where_recorded(plan: Plan) -> Check:
         stage = next((stage for stage in stages if stage.horizon >= least), None)
         if stage is None:
             return
-        losses = {late: _loss(fit, experiments, plan, stage, late) for late in (-1, 0, 1)}
-        late = min(losses, key=lambda late: losses[late])
-        if not losses[late] < _CLEARLY * losses[0]:
+        error = cache(partial(_error, fit, experiments, plan, stage))
+        side = min((1, -1), key=error)
+        most = IMPERFECTIONS["delay"].credible[1]
+        late = next(k for k in count(side, side) if abs(k) >= most or error(k + side) > error(k))
+        noise = float(np.mean([noise_of(e.stack(CURRENTS)) for e in experiments]))
+        if not (error(late) ** 2 < _CLEARLY * error(0) ** 2 and error(late) < _NOISE * noise):
             return
-        where = "later" if late > 0 else "earlier"
+        samples = "a sample" if abs(late) == 1 else f"{abs(late)} samples"
         yield Objection(
-            "one-sample delay",
-            f"With voltages that act a sample {where} than recorded, predictions over "
-            f"{stage.horizon} steps err by {losses[late] ** 0.5:.3g} A instead of "
-            f"{losses[0] ** 0.5:.3g} A.",
+            "one-sample delay" if abs(late) == 1 else f"delay of {abs(late)} samples",
+            f"With voltages that act {samples} {'later' if late > 0 else 'earlier'} than recorded, "
+            f"predictions over {stage.horizon} steps err by {error(late):.3g} A instead of "
+            f"{error(0):.3g} A.",
             f"Give the columns of the voltages delay = {-late} in the study file.",
         )
 
     return acts_where_recorded
 
 
-def _loss(
+def _error(
     fit: Fit, experiments: Sequence[Experiment], plan: Plan, stage: Stage, late: int
 ) -> float:
-    """Return the loss to first order at its minimum, in A^2, of voltages that act so much later."""
+    """Return the RMSE at its minimum, to first order, in A, of voltages that act so much later."""
     delay = IMPERFECTIONS["delay"]
     moved = [delay.corrected(e, float(late), UNKNOWN_DRIVE) for e in experiments]
     ladder = LadderProblem.of(fit.model, moved, plan, ignore_events)
     problem = ladder.problem(stage, plan)
     terms = problem.gauss_newton(ladder.objective.layout.raw(fit.model))
-    return float(terms.loss - terms.descent @ terms.inverse @ terms.descent / terms.count)
+    least = terms.loss - terms.descent @ terms.inverse @ terms.descent / terms.count
+    return float(max(least, 0.0) ** 0.5)
