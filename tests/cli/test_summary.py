@@ -101,10 +101,11 @@ def test_a_machine_without_a_band_is_told_flux_linkage_and_inductances_alone(mac
     assert "winding" not in told
     known = {**machine_fit.provenance, RECORDED: {"winding_temperature": (41.0, 40.0, 42.0)}}
     told = dict(lines(print_fit, replace(machine_fit, provenance=known), Path("out")))
-    assert told["winding"] == "R is that of the winding at 41 °C (recorded: 40 to 42)."
+    of = "R is that of the winding, with cable and switches where the voltages are commands,"
+    assert told["winding"] == f"{of} at 41 °C (recorded: 40 to 42)."
     known = {**machine_fit.provenance, RECORDED: {"winding_temperature": (41.0, 41.0, 41.0)}}
     told = dict(lines(print_fit, replace(machine_fit, provenance=known), Path("out")))
-    assert told["winding"] == "R is that of the winding at 41 °C (recorded: 41)."
+    assert told["winding"] == f"{of} at 41 °C."
 
 
 @pytest.mark.parametrize(("verdict", "colour"), [("plateau", 32), ("implausible", 31)])

@@ -15,10 +15,15 @@ _COLOURS = (palette.ONE_STEP, palette.FREE_RUN, palette.MARKER_LINE, palette.GOO
 #: Pixels: height of a panel, space between panels, room for labels of an axis; gap in widths.
 _HEIGHT, _BETWEEN, _LABELS, _GAP = 150.0, 30.0, 36.0, 0.12
 
+#: Least correlation of neighbouring one-step errors that noise at either end gives, with a margin.
+_NOISE = -0.6
+
 
 def correlations_title(tests: Correlations) -> str:
     """Say whether the residual is white and unrelated to the inputs."""
     past = "is correlated with its past" if _beyond_own(tests) else "is white"
+    if _is_noise(tests):
+        past = "is noise, which two samples of one-step predictions share,"
     if not tests.cross.size:
         return f"The residual {past}"
     if not _beyond_cross(tests):
@@ -36,7 +41,12 @@ def correlations_caption(tests: Correlations) -> str:
         "inputs of earlier samples. Bands: 99 % of what white noise, or a residual unrelated to "
         "the input, shows by chance."
     )
-    if _beyond_own(tests):
+    if _is_noise(tests):
+        text += (
+            " White noise of the sensors alone gives -0.5 at a lag of one sample: a prediction "
+            "starts from the noise of the sample before."
+        )
+    elif _beyond_own(tests):
         text += (
             " A residual that is correlated with its past makes textbook deviations too small; "
             "those given here allow for it."
@@ -92,6 +102,12 @@ def _draw_band(figure: go.Figure, limit: float, place: dict[str, Any]) -> None:
 def _beyond_own(tests: Correlations) -> bool:
     """Return whether the residual's autocorrelations are beyond what chance explains."""
     return _often_beyond(tests.own[1:], tests.own_limit)
+
+
+def _is_noise(tests: Correlations) -> bool:
+    """Return whether it is white but for the noise that a prediction's start brings into it."""
+    later = not _often_beyond(tests.own[2:], tests.own_limit)
+    return bool(later and tests.own[1].min() > _NOISE and tests.own[1].max() < -tests.own_limit)
 
 
 def _beyond_cross(tests: Correlations) -> bool:

@@ -202,7 +202,7 @@ def test_of_currents_in_phases_the_phases_are_named(drawn):
     counted = scaled(turned, -1.0, "i_a", "i_b", "i_c")
     (found,) = check_conventions(counted).broken
     assert found.fix.startswith("give i_a, i_b and i_c sign = -1")
-    assert "Rms values of u_d and u_q cannot" in check_conventions(turned).undetermined[-1]
+    assert "Values of u_d and u_q are taken as peak" in check_conventions(turned).undetermined[-1]
 
 
 def test_rms_shows_against_a_name_plate_or_phases_and_not_without(drawn):
@@ -216,7 +216,7 @@ def test_rms_shows_against_a_name_plate_or_phases_and_not_without(drawn):
         assert names_of(changed(rms, **in_phases(run).channels)) == [f"rms for peak ({word})"]
         alone = check_conventions(rms)
         assert alone.broken == ()
-        assert "Rms values cannot be distinguished" in alone.undetermined[-1]
+        assert "Values are taken as peak" in alone.undetermined[-1]
         (given,) = check_conventions(scaled(run, 1 / root, *names), None, plate).broken
         assert given.name == f"peak for rms ({word})"
         assert given.fix.startswith(f"remove rms = true from {' and '.join(names)} where")

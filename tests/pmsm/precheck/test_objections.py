@@ -260,7 +260,7 @@ def test_a_recording_that_cannot_be_mapped_has_its_convention_named(slow_run):
 
 def test_phases_that_dq_was_made_from_are_no_second_measurement(slow_run):
     found, _ = judge([in_phases(slow_run, "u")], hold="stationary")
-    assert any("Rms values cannot be distinguished" in sentence for sentence in found.undetermined)
+    assert any("Values are taken as peak" in sentence for sentence in found.undetermined)
 
 
 @pytest.mark.parametrize("verdict", ["plateau", "fixed", "H = 1 suffices", "predicts best"])

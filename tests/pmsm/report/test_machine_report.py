@@ -453,7 +453,7 @@ def test_slices_are_the_map_with_its_band_where_recordings_have_been():
     ("facts", "words"),
     [
         ({}, ("Nm per pole pair", "set pole_pairs", "No voltage of the DC link is known")),
-        ({"pole_pairs": 5, "link_voltage_v": 350.0}, ("Base speed", "at 202", "Full torque up to")),
+        ({"pole_pairs": 5, "link_voltage_v": 350.0}, ("Base speed", "at 202", "The torque of")),
     ],
 )
 def test_torque_says_what_it_knows(facts, words):
@@ -472,7 +472,7 @@ def test_torque_lines_are_dotted_where_no_recording_has_been():
             if trace.line.dash == "solid":
                 drawn = np.isfinite(np.asarray(trace.y, dtype=float))
                 assert supported(np.stack([trace.x, trace.y], axis=1)[drawn]).all()
-    assert {"MTPA", "current limit", "voltage limit, rpm"} <= set(styles)
+    assert {"MTPA", "current limit", "voltage limit, rpm of the shaft"} <= set(styles)
     assert all(set(dashes) == {"dot", "solid"} for dashes in styles.values())
 
 

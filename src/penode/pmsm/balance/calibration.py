@@ -33,6 +33,10 @@ class Calibration:
         """Return a size, 0 for what is not corrected."""
         return self.sizes.get(name, 0.0)
 
+    def knows(self, name: str) -> bool:
+        """Return whether a size of which multiples are exact is known near enough to one."""
+        return self.deviation.get(name, np.inf) < IMPERFECTIONS[name].near
+
     def applied(self, experiment: Experiment) -> Experiment:
         """Return the recording corrected, cut at its ends where no voltage was recorded."""
         for name, one in IMPERFECTIONS.items():

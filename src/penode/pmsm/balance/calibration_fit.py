@@ -381,11 +381,10 @@ def _timing_sentences(
             f"{turned}: taken into account as {', '.join(taken)}."
         )
     elif delay[1] < IMPERFECTIONS["delay"].near:
-        noise = abs(delay[0]) > _SIGNIFICANT * delay[1]
-        why = ", which the controller's answer to noise may imitate" if noise else ""
         yield (
-            f"The voltage acts in the sample in which it is recorded, held in {timing.drive.hold}: "
-            f"a delay of {delay[0]:.3f} ± {delay[1]:.3f} samples is seen{why}; none is corrected."
+            "The voltage acts when it is recorded, with its delay in the study file where it has "
+            f"one: what the balance shows beside, {np.hypot(*delay):.2f} samples, is no more than "
+            f"noise imitates, and is not corrected. It is held in {timing.drive.hold}."
         )
 
 

@@ -49,7 +49,8 @@ class Doubt:
     @property
     def imperfection(self) -> Imperfection:
         """Its effect by one standard deviation: the root mean square of acting and not acting."""
-        probable = f"left out, {100 * self.weight**2:.2g} % probable"
+        other = "left out" if self.instead is None else "another shape"
+        probable = f"{other}, {100 * self.weight**2:.2g} % probable"
         return Imperfection(self.source, probable, self.remedy, self.applied)
 
     def applied(self, experiment: Experiment, count: float) -> Experiment:

@@ -42,7 +42,10 @@ _ROUNDS, _BETWEEN = 3, 9
 _THIN = 0.1
 #: What is in doubt, and what would settle it.
 _Why: TypeAlias = tuple[str, str]
-_KNEE = "knee of the dead time", "Record slowly, with amplitudes from near zero to the largest."
+_KNEE = (
+    "knee of the dead time",
+    "Record at low speed of the shaft, with amplitudes from near zero to the largest.",
+)
 _TAIL = "tail of the knee", "Give the inverter's data, or measure its voltage over the current."
 #: Largest rise of a device's drop with each e-fold of the current, V, and e-folds between its
 #: saturation current and the largest current that are as likely as the usual ones.

@@ -49,8 +49,8 @@ _JUDGED = 2000
 #: Shorter ones that are asked where there is no longer one.
 _SHORT_ONES = 5
 _RMS_UNDETERMINED = (
-    "Rms values{of} cannot be distinguished from peak values; add magnet_flux_linkage and "
-    "resistance to [name_plate] of the study file, or record phase channels beside."
+    "Values{of} are taken as peak, as nothing shows rms; if they are rms, add rms = true to their "
+    "entries. The data sheet's values in [name_plate], or phases recorded beside, would show it."
 )
 #: Where the phases of one of the two kinds were recorded, whose samples are no amplitudes.
 _OF_OTHER = {"": "", "i": " of u_d and u_q", "u": " of i_d and i_q"}
@@ -154,7 +154,7 @@ def judge(
         calibration = calibration_of(drives, terms)
     corrected = [[_corrected(r, calibration) for r in some] for some in recorded]
     timed = hold is None and stands_still(experiments)
-    placed = [_placed(some, plate, timed) for some in corrected]
+    placed = [_placed(some, plate, timed, calibration.knows("delay")) for some in corrected]
     apart = disagreement_of([r.drive for some in corrected for r in some], terms)
     short = [_few(some) for some in recordings]
     return _sum([*first, *placed, Conventions(apart), *short, _unshown(said)]), calibration
@@ -241,15 +241,18 @@ def _corrected(recorded: _Recorded, calibration: Calibration) -> _Recorded:
     return replace(recorded, drive=replace(drive, channels=kept), kinds="")
 
 
-def _placed(stretches: Sequence[_Recorded], plate: NamePlate, timed: bool = False) -> Conventions:
+def _placed(
+    stretches: Sequence[_Recorded], plate: NamePlate, timed: bool = False, known: bool = False
+) -> Conventions:
     """Return what timing, magnet and scales say of the stretches of one recording.
 
-    At standstill the timing is that of all recordings together, and known before.
+    At standstill the timing is that of all recordings together, and known before; what the
+    calibration knows of it is not said to be undetermined.
     """
     kinds, drives, late = stretches[0].kinds, [r.drive for r in stretches], Conventions()
     if all(r.pole_pairs_known for r in stretches) and not timed:
         finding, drives, why = judge_delay(drives, "u" in kinds)
-        late = Conventions((finding,) if finding else (), (why,) if why else ())
+        late = Conventions((finding,) if finding else (), (why,) if why and not known else ())
     return late + _by_vote([_sized(drive, kinds, plate) for drive in drives])
 
 

@@ -22,6 +22,8 @@ RECORDED = "recorded_temperatures"
 #: How the name of a channel ends that is one, and the one that the map belongs to.
 _CHANNELS, _MAGNET = "_temperature", MAGNETS.name
 
+_OF_WINDING = "R is that of the winding, with cable and switches where the voltages are commands,"
+
 Range = tuple[float, float, float]
 
 
@@ -35,10 +37,7 @@ class Temperatures:
     coefficient: float | None = None
     # That the flux map belongs to, degC.
     magnets: float | None = None
-    of_resistance: str = (
-        "R is that of the winding, with cable and switches where the voltages are commands, at a "
-        "temperature not known."
-    )
+    of_resistance: str = f"{_OF_WINDING} at a temperature not known."
     of_map: str = "The map is that of the magnets as recorded, at a temperature not known."
 
     @property
@@ -120,11 +119,11 @@ def _resistance(
             return REFERENCE, term.alpha, text
     if winding is None:
         return None, None, UNKNOWN.of_resistance
-    return winding[0], None, f"R is that of the winding at {_text(winding)}."
+    return winding[0], None, f"{_OF_WINDING} at {_text(winding)}."
 
 
 def _text(temperature: Range) -> str:
     mean, low, high = temperature
     lowest, highest = f"{low:.4g}", f"{high:.4g}"
-    span = lowest if lowest == highest else f"{lowest} to {highest}"
-    return f"{mean:.4g} degC (recorded: {span})"
+    span = "" if lowest == highest else f" (recorded: {lowest} to {highest})"
+    return f"{mean:.4g} degC{span}"

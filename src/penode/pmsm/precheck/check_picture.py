@@ -111,6 +111,13 @@ def _draw_speeds(axes: Axes, recordings: tuple[Experiment, ...]) -> None:
     axes.set_title("Speed", loc="left", fontsize=10)
 
 
+#: What the maps of the profiles are called.
+_PROFILES = {
+    "reciprocal": "reciprocal map (coenergy, convex)",
+    "unconstrained": "unconstrained map (mlp), for comparison",
+}
+
+
 def _draw_profiles(axes: Axes, identifiability: Identifiability) -> None:
     """Draw what the balance loses with R held: a flat curve does not determine R."""
     chosen = next(p for p in identifiability.profiles if (p.flux_map == "reciprocal"))
@@ -119,9 +126,10 @@ def _draw_profiles(axes: Axes, identifiability: Identifiability) -> None:
     for profile, colour in zip(identifiability.profiles, _LINES, strict=False):
         factor = 1 + profile.rise(resistance)
         axes.semilogy(
-            1e3 * resistance, factor, color=colour, lw=1.6, label=f"{profile.flux_map} map"
+            1e3 * resistance, factor, color=colour, lw=1.6, label=_PROFILES[profile.flux_map]
         )
     axes.set(xlabel="R held at (mΩ)", ylabel="residual over the least")
     axes.set_ylim(bottom=1)
     axes.legend(fontsize=8, frameon=False)
-    axes.set_title("Profile of R: flat where the data cannot determine it", loc="left", fontsize=10)
+    title = "Profile of R: a map whose curve is flat cannot determine it"
+    axes.set_title(title, loc="left", fontsize=10)

@@ -5,6 +5,7 @@ in predictions of a few steps, and may hide whole samples there. Currents that a
 longer are free of that noise.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from functools import cache, partial
 from itertools import count
@@ -32,8 +33,8 @@ _LONG = 10
 
 def voltage_timing(plan: Plan, calibration: Calibration) -> tuple[Check, ...]:
     """Return a check of the timing where the voltage balance does not determine it, else none."""
-    known = calibration.deviation.get("delay", float("inf")) <= IMPERFECTIONS["delay"].near
-    return () if known or calibration["delay"] else (_acts_where_recorded(plan),)
+    known = calibration.knows("delay") or calibration["delay"]
+    return () if known else (_acts_where_recorded(plan),)
 
 
 def _acts_where_recorded(plan: Plan) -> Check:
@@ -44,6 +45,7 @@ def _acts_where_recorded(plan: Plan) -> Check:
         stage = next((stage for stage in stages if stage.horizon >= least), None)
         if stage is None:
             return
+
         error = cache(partial(_error, fit, experiments, plan, stage))
         side = min((1, -1), key=error)
         most = IMPERFECTIONS["delay"].credible[1]
@@ -72,5 +74,5 @@ def _error(
     ladder = LadderProblem.of(fit.model, moved, plan, ignore_events)
     problem = ladder.problem(stage, plan)
     terms = problem.gauss_newton(ladder.objective.layout.raw(fit.model))
-    least = terms.loss - terms.descent @ terms.inverse @ terms.descent / terms.count
-    return float(max(least, 0.0) ** 0.5)
+    least = terms.loss - float(terms.descent @ terms.inverse @ terms.descent) / terms.count
+    return math.sqrt(max(least, 0.0))

@@ -44,7 +44,7 @@ SLOPE, _DEGREE = 51, 3
 #: that is held about its middle may seem to be turned back.
 _COARSE, _RIPPLE = 0.35, 0.1
 _MORE = "Record another speed, or larger currents."
-_STEADY = "Record at a steady temperature, or with the winding's beside."
+_STEADY = "Record for longer, and at a steady temperature of winding and magnets."
 
 
 class _Gain(DriveImperfection):

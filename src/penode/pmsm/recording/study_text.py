@@ -38,7 +38,8 @@ horizon = "auto"  # default; or a number of steps
 # inverter = true  # identify the dead-time voltage
 # terms = ["temperature_resistance"]  # R over a recorded winding temperature
 # angle_orders = [6, 12]  # harmonics of the angle in the map; [] for none
-# u_dc = 400  # V, where no column holds it: for limits of voltage in report and loci
+# u_dc = 400  # V, where no column holds it: samples at the limit of voltage are left out by it, and
+#   report and loci draw that limit
 seed = 0  # default
 """
 

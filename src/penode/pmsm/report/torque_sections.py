@@ -56,7 +56,7 @@ class _Operation:
 
     @property
     def speed_unit(self) -> str:
-        return "rpm" if self.pole_pairs else "Hz, electrical"
+        return "rpm of the shaft" if self.pole_pairs else "Hz, electrical"
 
     def speed(self, speed: FloatArray) -> FloatArray:
         """Return speeds, rad/s, as they are shown: mechanical in rpm, electrical in Hz."""
@@ -73,7 +73,7 @@ class _Operation:
     @property
     def base_speed(self) -> str:
         """The base speed with its unit."""
-        unit = self.speed_unit.removesuffix(", electrical")
+        unit = "rpm" if self.pole_pairs else "Hz"
         return f"{self.speeds[0][1]}\N{NO-BREAK SPACE}{unit}"
 
     @property
@@ -116,7 +116,7 @@ def torque_and_operating_points(fit: Fit) -> Section | None:
     if loci.over_speed is not None:
         figures.append(
             picture(
-                f"Full torque up to {operation.base_speed}",
+                f"The torque of {with_unit(loci.current_limit, 'A')} up to {operation.base_speed}",
                 "Most torque within the limits of current and voltage, and its mechanical power. "
                 f"{_STYLES}",
                 torque_over_speed,
@@ -166,6 +166,7 @@ def _key_values(operation: _Operation) -> KeyValues:
             f"where the voltage of {with_unit(loci.current_limit, 'A')} on MTPA is "
             f"{with_unit(loci.voltage_limit, 'V')}"
         )
+        rest += ", of the shaft" if operation.pole_pairs else ", electrical"
         items.append(KeyValue("Base speed", operation.base_speed, rest, loci.base_speed))
     return KeyValues(tuple(items))
 
