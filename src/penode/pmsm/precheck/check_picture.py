@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogFormatter, MaxNLocator
 
 from penode.arrays import FloatArray
 from penode.data.experiment import Experiment
@@ -113,8 +113,8 @@ def _draw_speeds(axes: Axes, recordings: tuple[Experiment, ...]) -> None:
 
 #: What the maps of the profiles are called.
 _PROFILES = {
-    "reciprocal": "reciprocal map (coenergy, convex)",
-    "unconstrained": "unconstrained map (mlp), for comparison",
+    "reciprocal": "reciprocal (coenergy, convex)",
+    "unconstrained": "unconstrained (mlp), to compare",
 }
 
 
@@ -129,6 +129,8 @@ def _draw_profiles(axes: Axes, identifiability: Identifiability) -> None:
             1e3 * resistance, factor, color=colour, lw=1.6, label=_PROFILES[profile.flux_map]
         )
     axes.set(xlabel="R held at (mΩ)", ylabel="residual over the least")
+    for set_formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+        set_formatter(LogFormatter(minor_thresholds=(1.0, 0.4)))
     axes.set_ylim(bottom=1)
     axes.legend(fontsize=8, frameon=False)
     title = "Profile of R: a map whose curve is flat cannot determine it"
