@@ -333,7 +333,8 @@ def test_the_temperature_of_r_and_of_the_map_is_stated(machine_fit, to, tmp_path
     if plain.facts:
         assert plain.facts["T"] == 63.0
         assert "alpha" not in plain.facts
-        assert "R is that of the winding at 63 degC" in plain.text
+        assert "R is that of the winding, with cable and switches" in plain.text
+        assert "are commands, at 63 degC" in plain.text
     silent = read(machine_fit, to, tmp_path)
     assert "The map is that of the magnets as recorded, at a temperature not known." in silent.text
 
