@@ -435,6 +435,8 @@ def test_a_row_of_units_and_decimal_commas_below_a_title():
 def test_a_row_that_is_too_wide_is_no_recording_below_a_title():
     sentence = refusal(csv.read, "run.csv", b"t,x\n0,1,2\n1,2,3\n")
     assert "has 3 cells where the header names 2 columns" in sentence
+    wide = refusal(csv.read, "run.csv", b"t,x,y\ns,V\n0,1\n0.1,2\n")
+    assert "has 2 cells where the header names 3 columns" in wide
 
 
 @pytest.mark.parametrize("end", ['0.01,"', '0.01,"\n', '0.01," \n', '",0.01'])

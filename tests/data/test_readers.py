@@ -237,9 +237,9 @@ def test_a_cell_of_a_workbook_that_is_no_number_is_named_by_its_row(tmp_path, ce
     path = tmp_path / "run.xlsx"
     rows = [[t, x] for t, x in zip(TIME.tolist(), X.tolist(), strict=True)]
     rows[3][1] = cell
-    workbook(path, [["t", "x"], *rows])
+    workbook(path, [["Bench 4, Monday"], [], ["t", "x"], *rows])
     assert "channel x" in (sentence := refusal(path))
-    assert "line 5" in sentence
+    assert "line 7" in sentence
 
 
 @pytest.mark.parametrize("content", [b"t,x\n0,1\n", b"", b"\xd0\xcf\x11\xe0 an old workbook"])

@@ -44,6 +44,23 @@ def test_a_residual_is_white_as_long_as_chance_explains_it(own, white):
     assert "response that the model lacks" not in caption
 
 
+@pytest.mark.parametrize(
+    ("own", "noise"),
+    [
+        ([(1, -0.5)], True),
+        ([(1, -0.5), (7, -2.1 * LIMIT)], False),
+        ([(1, -0.7)], False),
+        ([(1, 0.5)], False),
+        ((), False),
+    ],
+)
+def test_noise_that_two_predictions_share_is_called_so(own, noise):
+    title, caption = (say(made(own)) for say in (correlations_title, correlations_caption))
+    assert (title == "The residual is the sensors' noise and unrelated to the inputs") == noise
+    assert ("gives -0.5 at a lag of one sample" in caption) == noise
+    assert ("makes textbook deviations too small" in caption) == (bool(own) and not noise)
+
+
 def test_the_input_named_is_the_furthest_beyond_its_own_limit():
     """The speed's correlation is larger; but so is what chance gives it."""
     found = made(cross=[(3, 0, -0.3), (3, 1, 0.35)], limits=(0.1, 0.3))

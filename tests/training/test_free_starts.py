@@ -206,7 +206,9 @@ def test_starts_one_step_away_are_not_far(case, windows, monkeypatch):
     """They are looked for from zero each time, so that what is changed changes nothing else."""
     monkeypatch.setattr(free_starts, "_ACCEPTED", 1e30)
     _sum_over_chunks.clear_cache()
-    assert not case.objective.gauss_newton(RAW, windows).far
+    plain = case.objective.gauss_newton(RAW, windows)
+    assert not plain.far
+    assert case.objective.gauss_newton(RAW, windows, plain.starts).far  # and so are those after it
     _sum_over_chunks.clear_cache()
 
 
@@ -299,14 +301,23 @@ def test_only_the_measured_state_is_compared(fit):
     assert 1.8e-3 < comparison.free_run_rmse < 4e-3  # 2 mm of noise, and the start's own
 
 
-def test_what_changes_nothing_moves_no_parameter():
+def test_what_changes_nothing_moves_no_parameter(monkeypatch):
     """Descents are compared after a step of 1e-5: a start searched elsewhere would be seen."""
     plan = ladder_plan((6, 12))
     problem = LadderProblem.of(Oscillator(1.0, 0.0), [positions()], plan, ignore_events)
     rung = problem.climb(plan, problem.objective.layout.raw(problem.model)).fits[-1]
     assert np.abs(rung.solution.terms.starts).max() > 0.0
+    assert rung.solution.terms.far
     nothing = Imperfection("nothing", "", "", lambda experiment, deviations: experiment)
+    descent, begun = Objective.descent, []
+
+    def listening(objective, raw, windows, starts=None):
+        begun.append(starts)
+        return descent(objective, raw, windows, starts)
+
+    monkeypatch.setattr(Objective, "descent", listening)
     moved = raw_shifts(problem, plan, plan.stages[-1], rung, [nothing])
+    assert [starts is rung.solution.terms.starts for starts in begun] == [True, True]
     np.testing.assert_array_equal(moved, np.zeros((1, 2)))
 
 

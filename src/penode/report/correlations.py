@@ -23,7 +23,7 @@ def correlations_title(tests: Correlations) -> str:
     """Say whether the residual is white and unrelated to the inputs."""
     past = "is correlated with its past" if _beyond_own(tests) else "is white"
     if _is_noise(tests):
-        past = "is noise, which two samples of one-step predictions share,"
+        past = "is the sensors' noise"
     if not tests.cross.size:
         return f"The residual {past}"
     if not _beyond_cross(tests):

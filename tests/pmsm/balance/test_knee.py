@@ -1,5 +1,7 @@
 """The knee of an inverter's voltage: its kind, width and phases from the recording."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -153,6 +155,7 @@ def test_a_doubt_takes_the_voltage_of_its_term_off_the_recording(sharp_run):
     term, other = DeadTime(2.0, 5.0), DeadTime(1.0, 5.0)
     doubt = Doubt("dead time", "Record longer.", term, None, np.sqrt(0.5))
     assert doubt.imperfection.accuracy == "left out, 50 % probable"
+    assert replace(doubt, instead=other).imperfection.accuracy == "another shape, 50 % probable"
     change = doubt.applied(sharp_run, 1.0).stack(VOLTAGES) - sharp_run.stack(VOLTAGES)
     current = sharp_run.stack(("i_d", "i_q"))
     along = np.sum(change * current, axis=1) / np.hypot(*current.T)

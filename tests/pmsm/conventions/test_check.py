@@ -16,13 +16,14 @@ from penode.data.experiment import Experiment
 from penode.pmsm.balance.calibration import AS_RECORDED
 from penode.pmsm.balance.trial_balance import imitated_lag
 from penode.pmsm.balance.voltage_balance import harmonic_window
+from penode.pmsm.conventions import check
 from penode.pmsm.conventions.balance import judge_delay
 from penode.pmsm.conventions.check import check_conventions, judge
 from penode.pmsm.conventions.cures import _scales
-from penode.pmsm.conventions.motion import find_stepped_angle
+from penode.pmsm.conventions.motion import OfShaft, find_stepped_angle
 from penode.pmsm.conventions.phases import find_uneven_phases
 from penode.pmsm.machine.frames import abc_from_dq, dq_from_abc
-from penode.pmsm.recording.name_plate import NamePlate
+from penode.pmsm.recording.name_plate import NO_PLATE, NamePlate
 from penode.pmsm.study import identify
 from penode.pmsm.study_settings import Study
 
@@ -442,6 +443,10 @@ def test_a_delay_that_does_not_show_is_said_to_be_untold():
     found = check_conventions(run)
     assert found.broken == ()
     assert any("a delay of the voltage cannot be determined" in one for one in found.undetermined)
+    recorded = [check._as_recorded(run, OfShaft())]
+    for known in (True, False):
+        said = check._placed(recorded, NO_PLATE, known=known).undetermined
+        assert any("a delay of the voltage" in one for one in said) != known
 
 
 @pytest.mark.parametrize("count", [8, 9, 15])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from penode.errors import InputError
+from penode.fit.outcome import Estimate
 from penode.pmsm.machine.flux_grid import even_axis, interpolation_error, read_grid, tabulate
 from penode.pmsm.result_files import flux_map_csv
 
@@ -32,9 +33,19 @@ def test_table_holds_the_fits_map_and_where_it_is_supported(machine_fit):
     assert grid.supported[(reach < 290) & (i_d < 145)].all()
     assert not grid.supported[reach > 315].any()
     assert grid.pole_pairs == 5
+    assert grid.dead_time_voltage is None
     assert tabulate(machine_fit, 31, pole_pairs=3).pole_pairs == 3
     torque = 1.5 * 5 * (grid.psi[0] * i_q - grid.psi[1] * i_d)
     np.testing.assert_allclose(grid.torque, torque, rtol=1e-12)
+
+
+def test_the_dead_time_is_that_of_a_fit_that_answers(machine_fit):
+    dead_time = Estimate.of(4.0, 0.1, "V")
+    parameters = {**machine_fit.parameters, "dead_time_voltage": dead_time}
+    behind = replace(machine_fit, parameters=parameters)
+    assert tabulate(behind, 5).dead_time_voltage == 4.0
+    lost = replace(behind, horizon=replace(behind.horizon, verdict="no plateau"))
+    assert tabulate(lost, 5).dead_time_voltage is None
 
 
 def test_splines_of_the_table_follow_the_fit(machine_fit, rng):

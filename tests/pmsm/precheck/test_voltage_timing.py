@@ -58,7 +58,7 @@ def test_samples_are_named_where_the_balance_cannot(noisy, samples, name, side):
     assert found.verdict == "implausible"
 
 
-@pytest.mark.parametrize("orders", [None, pytest.param((), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("orders", [pytest.param(None, marks=pytest.mark.slow), ()])
 def test_voltages_in_place_are_left_alone(noisy, orders):
     """Without harmonics the model misfits, and a delay would stand in for some of it."""
     assert not delays(identify([noisy], study=replace(QUICK, angle_orders=orders)))

@@ -36,11 +36,14 @@ def _filled(row: tuple[Any, ...]) -> list[Any]:
 
 
 def _of_one_width(rows: list[list[Any]]) -> list[list[Any]]:
-    """Return the rows with cells as the header has, which is the first of more than one cell."""
+    """Return the rows with cells as the header has, which is the first of more than one cell.
+
+    Those above it are titles, which the text reader passes over.
+    """
     width = next((len(row) for row in rows if len(row) > 1), 0)
     above = next((k for k, row in enumerate(rows) if len(row) > 1), 0)
-    titles = [[f"# {' '.join(map(_text, row))}"] for row in rows[:above]]
-    return titles + [row + [None] * (width - len(row)) if row else [] for row in rows[above:]]
+    below = [row + [None] * (width - len(row)) if row else [] for row in rows[above:]]
+    return rows[:above] + below
 
 
 def _text(cell: Any) -> str:

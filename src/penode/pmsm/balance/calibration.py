@@ -34,7 +34,7 @@ class Calibration:
         return self.sizes.get(name, 0.0)
 
     def knows(self, name: str) -> bool:
-        """Return whether a size of which multiples are exact is known near enough to one."""
+        """Return whether an estimated size is known well enough to tell its exact values apart."""
         return self.deviation.get(name, np.inf) < IMPERFECTIONS[name].near
 
     def applied(self, experiment: Experiment) -> Experiment:

@@ -20,6 +20,8 @@ _HULL = "#c8553d"
 _LINES = ("#1768ac", "#c8553d", "#7a4fb5", "#14734f", "#8f5a00")
 _CELLS, _BARS, _POINTS = 48, 24, 4000
 _TO_RPM = 30 / np.pi
+#: What the maps of the profiles are called.
+_MAPS = {"reciprocal": "reciprocal map, as coenergy", "unconstrained": "unconstrained map, as mlp"}
 
 
 def check_picture(
@@ -111,13 +113,6 @@ def _draw_speeds(axes: Axes, recordings: tuple[Experiment, ...]) -> None:
     axes.set_title("Speed", loc="left", fontsize=10)
 
 
-#: What the maps of the profiles are called.
-_PROFILES = {
-    "reciprocal": "reciprocal (coenergy, convex)",
-    "unconstrained": "unconstrained (mlp), to compare",
-}
-
-
 def _draw_profiles(axes: Axes, identifiability: Identifiability) -> None:
     """Draw what the balance loses with R held: a flat curve does not determine R."""
     chosen = next(p for p in identifiability.profiles if (p.flux_map == "reciprocal"))
@@ -125,9 +120,7 @@ def _draw_profiles(axes: Axes, identifiability: Identifiability) -> None:
     resistance = chosen.resistance + np.linspace(-reach, reach, 301)
     for profile, colour in zip(identifiability.profiles, _LINES, strict=False):
         factor = 1 + profile.rise(resistance)
-        axes.semilogy(
-            1e3 * resistance, factor, color=colour, lw=1.6, label=_PROFILES[profile.flux_map]
-        )
+        axes.semilogy(1e3 * resistance, factor, color=colour, lw=1.6, label=_MAPS[profile.flux_map])
     axes.set(xlabel="R held at (mΩ)", ylabel="residual over the least")
     for set_formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         set_formatter(LogFormatter(minor_thresholds=(1.0, 0.4)))

@@ -34,18 +34,17 @@ _LONG = 10
 def voltage_timing(plan: Plan, calibration: Calibration) -> tuple[Check, ...]:
     """Return a check of the timing where the voltage balance does not determine it, else none."""
     known = calibration.knows("delay") or calibration["delay"]
-    return () if known else (_acts_where_recorded(plan),)
+    return () if known else (_timing_check(plan),)
 
 
-def _acts_where_recorded(plan: Plan) -> Check:
-    def acts_where_recorded(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
+def _timing_check(plan: Plan) -> Check:
+    def timing_of_the_voltages(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
         finished = {rung.horizon for rung in fit.horizon.ladder}
         stages = [stage for stage in plan.stages if stage.horizon in finished]
         least = max(fit.horizon.selected, _LONG)
         stage = next((stage for stage in stages if stage.horizon >= least), None)
         if stage is None:
             return
-
         error = cache(partial(_error, fit, experiments, plan, stage))
         side = min((1, -1), key=error)
         most = IMPERFECTIONS["delay"].credible[1]
@@ -62,7 +61,7 @@ def _acts_where_recorded(plan: Plan) -> Check:
             f"Give the columns of the voltages delay = {-late} in the study file.",
         )
 
-    return acts_where_recorded
+    return timing_of_the_voltages
 
 
 def _error(
