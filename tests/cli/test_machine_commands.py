@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from penode.bench.config import load_config
-from penode.cli.loci import _end_of, _supported
+from penode.cli.loci import _end_of
 from penode.data.save import save
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
@@ -75,14 +75,14 @@ def test_every_range_of_torque_that_recordings_support_is_said():
     none = np.zeros((2, 6))
     supported = np.array([1, 1, 0, 1, 1, 0], dtype=bool)
     locus = Locus(none, none, np.array([0.0, 20.0, 40.0, 60.0, 100.0, 120.0]), supported)
-    assert _supported(locus) == "0 to 20 and 60 to 100"
+    assert locus.supported_torques == "0 to 20 and 60 to 100"
 
 
 @pytest.mark.parametrize(
     ("supported", "words"),
     [
         ([True, True], ""),
-        ([True, False], "; recordings support 0 to 0 Nm"),
+        ([True, False], "; motoring, recordings support 0 to 0 Nm"),
         ([False, False], ", beyond the recordings"),
     ],
 )

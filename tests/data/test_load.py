@@ -62,6 +62,13 @@ def assert_words(sentence: str, *words: str) -> None:
 # --- what a good file gives -------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("name", ["run.txt", "run.tsv"])
+def test_text_with_tabs_is_a_table(tmp_path: Path, name: str) -> None:
+    rows = [row.replace(",", "\t") for row in lines()]
+    run = load(write(tmp_path / name, rows))
+    np.testing.assert_array_equal(run.channels["x"], np.arange(12.0))
+
+
 def test_experiment_holds_channels_time_step_and_source(tmp_path: Path) -> None:
     path = write(tmp_path / "run.csv", lines())
     run = load(path)

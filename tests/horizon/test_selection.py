@@ -123,6 +123,17 @@ def test_horizons_beyond_the_plateau_are_named():
     assert "differ" not in Plateau().select(ladder([1, 2, 4], [0.2] * 3, [0.01] * 3)).reason
 
 
+def test_a_rung_without_an_interval_is_in_no_plateau_and_is_named():
+    made = ladder([1, 2, 4, 8, 16], [0.2] * 5, [0.01] * 5)
+    unknown = np.array([np.inf])
+    made[0] = replace(made[0], deviation=unknown, working=unknown)
+    choice = Plateau().select(made)
+    assert choice.reason.startswith("Estimates agree from H = 2 to 16, ")
+    assert "(at H = 1 it has no interval, and no weight)" in choice.reason
+    assert choice.agreeing == (1, 2, 3, 4)
+    assert "no weight" not in Plateau().select(made[1:]).reason
+
+
 def test_drifting_estimates_are_no_plateau():
     horizons = [1, 2, 4, 8, 16]
     choice = Plateau().select(ladder(horizons, 0.1 * np.arange(5), [0.01] * 5))

@@ -38,7 +38,7 @@ def test_resistance_is_right_and_inside_its_interval(fit):
 
 def test_what_no_recording_shows_is_in_the_result(fit):
     told = " ".join(fit.provenance["structure"])
-    assert "Values are taken as peak, as nothing shows rms" in told
+    assert "Values are taken as peak, which dq values of a controller are" in told
     assert "pole_pairs = 5 is taken as given" in told
 
 

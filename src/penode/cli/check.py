@@ -27,6 +27,7 @@ from penode.report.uncertainty_budget import MINOR, size_text
 
 #: Half width of R by the balance alone, as a part of it, from which training mostly cannot help.
 _USABLE = 0.25
+_NOT_DRAWN = "not drawn: what the recordings cover shows once they can be used"
 
 
 def check_command(
@@ -53,6 +54,7 @@ def check_command(
         _print_points(check_points(alone, asked.study), picture, as_json)
         return
     check = check_recordings(recordings, asked.study)
+    asked_for = picture
     if check.excitation is None or check.identifiability is None:
         picture = None
     elif picture is not None:
@@ -66,7 +68,7 @@ def check_command(
     else:
         verdict = Text(check.verdict, style="green" if check.good else "red")
         rows = [*_recordings(check), *_coverage(check), *_identifiability(check)]
-        drawn_rows = [("picture", str(picture))] if picture else []
+        drawn_rows = [("picture", str(picture or _NOT_DRAWN))] if asked_for else []
         print_rows([*rows, ("verdict", verdict), *drawn_rows])
     if not check.good:
         raise typer.Exit(1)
@@ -132,12 +134,11 @@ def _coverage(check: RecordingCheck) -> list[Row]:
     if check.excitation is None:
         return []
     cover = check.excitation
-    speeds = ", ".join(dict.fromkeys(number(s * 30 / np.pi) for s in cover.speeds))
+    speeds = ", ".join(dict.fromkeys(number(s / (2 * np.pi)) for s in cover.speeds))
     summary = (
-        f"Currents up to {number(cover.largest_current)} A, their hull "
-        f"{number(100 * cover.fraction)} % of the disc of that radius; the current vector changes "
-        f"at up to {number(cover.current_rate)} rad/s; electrical speed {speeds} rpm, pole pairs "
-        "times that of the shaft."
+        f"Currents up to {number(cover.largest_current)} A, peak; around what was recorded a hull "
+        f"has {number(100 * cover.fraction, 2)} % of the disc of that radius. Electrical frequency "
+        f"{speeds} Hz."
     )
     parts = zip(cover.quarters, QUARTERS, strict=True)
     visited = ", ".join(f"{number(100 * part, 2)} % at {name}" for part, name in parts)
@@ -149,10 +150,10 @@ def _identifiability(check: RecordingCheck) -> list[Row]:
     if check.identifiability is None:
         return []
     judged = check.identifiability
-    rhos = ", ".join(f"{name} {rho:.2g}" for name, rho in judged.independence.items())
+    shares = ", ".join(f"{100 * rho:.2g} % of {name}" for name, rho in judged.independence.items())
     summary = (
-        f"With the {judged.flux_map} map: {rhos} "
-        f"(1: nothing in the map looks like it; from {THRESHOLD:g} on enough to tell them apart)."
+        f"Of what they do to the voltage no {judged.flux_map} map can imitate {shares}; "
+        f"{100 * THRESHOLD:g} % is enough to determine it."
     )
     told = filter(None, (summary, judged.alarm, judged.repair and f"Repair: {judged.repair}"))
     return [
@@ -171,17 +172,17 @@ def _expected(check: RecordingCheck) -> list[Row]:
     main = [row for row in sensors if row.std >= MINOR * sensors[0].std > 0]
     named = ", ".join(f"{row.source} {size_text(row)}" for row in main)
     by_sensors = (
-        f"95 % interval ± {best} % by the sensors (std: {named})"
+        f"at best ± {best} % (95 %), which the sensors allow (std: {named})"
         if main
-        else "no error of the sensors"
+        else "no error of the sensors is assumed"
     )
     training = (
-        "which training usually makes much smaller"
+        ""
         if check.half_widths[1] < _USABLE
-        else "which is little: record longer, or with larger currents"
+        else (
+            f" Before training the recording shows R to ± {balance} % only; where training leaves "
+            "much of that, record another speed, longer, or larger currents."
+        )
     )
-    said = (
-        f"R: {by_sensors}; the voltage balance alone shows it to ± {balance} %, {training}; what "
-        "the trained model leaves out adds to it."
-    )
+    said = f"R: {by_sensors}; training shows how much of it these recordings reach.{training}"
     return [("expected", said)]

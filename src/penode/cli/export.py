@@ -58,7 +58,7 @@ def export_command(
     if to in ("c", "c_fixed", "mat", "m", "xlsx"):
         best = torque_per_ampere(fit, grid)
         said = (
-            f"up to ± {number(best.torque[-1])} Nm, backed by recordings of either sign"
+            f"up to ± {number(best.torque[-1])} Nm; recordings support {best.supported_torques} Nm"
             if best
             else ""
         )

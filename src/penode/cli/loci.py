@@ -14,14 +14,19 @@ from penode.cli.options import Json, SavedFit, TrustClasses, require_png, requir
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.control.controlled_machine import ControlledMachine, voltage_limit_of
-from penode.pmsm.control.loci import ControlLoci, Locus, backed_current, control_loci, loci_csv
+from penode.pmsm.control.loci import (
+    BEYOND,
+    ControlLoci,
+    Locus,
+    backed_current,
+    control_loci,
+    loci_csv,
+)
 from penode.pmsm.control.operating_points import OperatingPoints, operating_points
 from penode.report.quantities import number
 
 #: Points of an axis of the table, and the most of them.
 _POINTS, _MOST = 21, 1001
-#: Current limit over the largest recorded current, beyond which a map says nothing.
-_BEYOND = 1.5
 _UNSUPPORTED = ", beyond the recordings"
 
 
@@ -106,7 +111,7 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     else:
         limits = _limits(backed if i_max is None else None, volts, u_max is None)
         nothing = [("note", "nothing is drawn or written without --out, --csv or --table")]
-        print_rows([*limits, *_figures(loci), *(files or nothing)])
+        print_rows([*limits, *_figures(loci, largest), *(files or nothing)])
     end_unless_answered(fit)
 
 
@@ -126,9 +131,9 @@ def _limits(backed: float | None, volts: float | None, recorded: bool) -> list[R
 
 def _require_near(i_max: float | None, largest: float) -> None:
     """Refuse a current limit far beyond the largest recorded current, both A."""
-    if i_max is not None and i_max > _BEYOND * largest:
+    if i_max is not None and i_max > BEYOND * largest:
         raise InputError(
-            f"--i-max must be at most {number(_BEYOND * largest)} A, {_BEYOND} times the largest "
+            f"--i-max must be at most {number(BEYOND * largest)} A, {BEYOND} times the largest "
             f"current that was recorded, got {number(i_max)} A; record larger currents."
         )
 
@@ -174,10 +179,13 @@ def _axis(option: str, text: str) -> FloatArray:
     return np.linspace(*ends, count)
 
 
-def _figures(loci: ControlLoci) -> list[Row]:
-    """Return the main figures; extrapolations are marked."""
+def _figures(loci: ControlLoci, largest: float) -> list[Row]:
+    """Return the main figures; extrapolations from the largest recorded current, A, are marked."""
     short, mtpv = loci.characteristic, loci.mtpv
-    current = f"{number(float(np.hypot(*short.current)[0]))} A"
+    found = float(np.hypot(*short.current)[0])
+    current = f"{number(found)} A"
+    if not found <= BEYOND * largest:
+        current = f"more than {number(BEYOND * largest)} A"
     rows: list[Row] = [
         ("MTPA", _end_of(loci.mtpa)),
         ("characteristic current", current + ("" if short.supported[0] else _UNSUPPORTED)),
@@ -201,7 +209,7 @@ def _end_of(locus: Locus) -> str:
         return most
     if not locus.supported.any():
         return most + _UNSUPPORTED
-    return f"{most}; recordings support {_supported(locus)} Nm"
+    return f"{most}; motoring, recordings support {locus.supported_torques} Nm"
 
 
 def _as_json(loci: ControlLoci) -> dict[str, Any]:
@@ -222,13 +230,3 @@ def _last(locus: Locus) -> dict[str, float | bool] | None:
     i_d, i_q = map(float, locus.current[:, -1])
     torque = float(locus.torque[-1])
     return {"i_d": i_d, "i_q": i_q, "torque": torque, "supported": bool(locus.supported[-1])}
-
-
-def _supported(locus: Locus) -> str:
-    """Return the ranges of torque, Nm, in which recordings support a locus."""
-    edges = np.flatnonzero(np.diff(locus.supported.astype(int), prepend=0, append=0))
-    ranges = [  # + 0.0 takes the sign of a zero away
-        f"{locus.torque[first] + 0.0:.3g} to {locus.torque[end - 1] + 0.0:.3g}"
-        for first, end in edges.reshape(-1, 2)
-    ]
-    return " and ".join(ranges)

@@ -41,6 +41,8 @@ READERS: Mapping[str, Callable[[Content], Table]] = MappingProxyType(
         ".mf4": isolated("mdf"),
         ".tdms": isolated("tdms"),
         ".csv.gz": _csv,
+        ".txt": _csv,
+        ".tsv": _csv,
         ".xlsx": _xlsx,
     }
 )

@@ -137,6 +137,9 @@ class Plateau:
         run = self._run(rungs)
         error = _expected_errors([rungs[k] for k in run])
         index = run[int(np.argmax(error <= self.tie * error.min()))]
+        physical = len(rungs[0].influence)
+        known = [k for k in run if not physical or np.isfinite(rungs[k].working[:physical]).any()]
+        known = known or list(run)
         low, high, chosen = rungs[run[0]].horizon, rungs[run[-1]].horizon, rungs[index].horizon
         if len(rungs) < self.rungs:
             reason = f"{len(rungs)} horizons cannot show a plateau; climb at least {self.rungs}."
@@ -149,13 +152,17 @@ class Plateau:
             )
             return Choice(index, "no plateau", reason, tuple(range(len(rungs))))
         others = [str(rung.horizon) for k, rung in enumerate(rungs) if k not in run]
+        silent = [str(rungs[k].horizon) for k in run if k not in known]
+        low, high = rungs[known[0]].horizon, rungs[known[-1]].horizon
         reason = (
             f"Estimates agree from H = {low} to {high}, and their weighted mean is the answer, "
             "also in what is exported"
             + f" (those at {', '.join(others)} differ by more than chance)" * bool(others)
+            + f" (at H = {', '.join(silent)} it has no interval, and no weight)" * bool(silent)
             + f". Residuals are looked at over H = {chosen}."
         )
-        return Choice(index, "H = 1 suffices" if chosen == 1 else "plateau", reason, run)
+        verdict = "H = 1 suffices" if chosen == 1 else "plateau"
+        return Choice(index, verdict, reason, tuple(known))
 
     def _run(self, rungs: Sequence[HorizonFit]) -> tuple[int, ...]:
         """Return the run to choose in: a plateau if there is one, else the longest."""

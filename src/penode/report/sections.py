@@ -62,7 +62,7 @@ def parameters(fit: Fit) -> Section | None:
             "far ahead the model predicted; that is the plateau. Shaded blue is the 95 % "
             f"interval that the data show: {_CENTRES[fit.horizon.verdict in AVERAGED]}, widened "
             f"by the spread between horizons{moved}. The interval of the answer is wider by the "
-            "other rows of the uncertainty budget.",
+            f"other rows of the uncertainty budget.{_without_interval(fit, name)}",
             parameter_over_ladder,
             fit,
             name,
@@ -75,6 +75,14 @@ def parameters(fit: Fit) -> Section | None:
         "averages them out. The right value is the one neighbouring horizons agree on.",
         [parameter_table(fit), *correlations_of(fit), *figures],
     )
+
+
+def _without_interval(fit: Fit, name: str) -> str:
+    """Return what a point without a bar is, where there is one."""
+    known = (rung.std[name] for rung in fit.horizon.ladder if name in rung.std)
+    if all(map(math.isfinite, known)):
+        return ""
+    return " A point without a bar has no interval, and no weight."
 
 
 def correlations_of(fit: Fit) -> list[Block]:

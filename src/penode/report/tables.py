@@ -140,6 +140,10 @@ def ladder_table(
         ("iterations", [_count(rung.iterations) for rung in ladder]),
         ("outcome", [letters[rung.outcome] for rung in ladder]),
     ]
+    if any(not math.isfinite(std) for rung in ladder for std in rung.std.values()):
+        caption += (
+            "Without an interval (∞), as where its predictions go astray, a horizon has no weight. "
+        )
     ends = " ".join(f"{letter}: {outcome}" for outcome, letter in letters.items())
     marks = [_mark(rung.horizon, choice) for rung in ladder]
     title = "Estimates and errors at each horizon"

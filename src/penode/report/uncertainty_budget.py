@@ -59,7 +59,7 @@ def budget_sentence(estimate: Estimate) -> str:
     whole = f"half width {width(estimate.std)}"
     give = ""
     if any(row.origin == "assumed" for row in main):
-        give = "; give the accuracy of your own sensors in the study file"
+        give = "; give what is assumed as it is of your own sensors, under [accuracy]"
     return f"{whole}: {', '.join([*parts, shown])}{give}"
 
 

@@ -344,7 +344,7 @@ def test_what_is_left_of_the_corrections_joins_the_budget(slow_run):
     assert origins["gain of the speed"] == "declared"
     assert origins["gain of the currents"] == "assumed"
     assert origins["angle of the d axis"] == "estimated"
-    assert origins["iron loss"] == ""
+    assert origins["iron loss"] == "estimated"
     turn, delay, iron = known.rows(Accuracy.exact(), [slow_run])
     assert (turn.source, delay.source, iron.source, iron.accuracy) == (
         "turn of the voltage",

@@ -67,7 +67,7 @@ def test_noise_that_columns_share_with_the_equations_is_not_taken_for_something(
 def test_a_planted_voltage_is_found_with_its_size(run):
     rows = found(less_voltage(run, planted(run)))
     assert {row.source for row in rows} == {LEFT_OUT}
-    assert {row.remedy for row in rows} == {"Record another speed."}
+    assert {row.remedy for row in rows} == {"Train with a recording at another speed as well."}
     size = float(rows[0].accuracy.split(" mV")[0]) / 1e3
     true = np.sqrt(np.mean(planted(run) ** 2))
     assert true / 3 < size < true * 3

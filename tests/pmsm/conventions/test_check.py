@@ -387,7 +387,7 @@ def test_a_delay_that_feedback_of_noise_imitates_is_not_claimed():
     assert imitated_lag([run], harmonic_window) > 1.0
     found, _, why = judge_delay([run], in_phases=False)
     assert found is None
-    assert "cannot be determined before training" in why
+    assert "training refuses them if they stand a whole sample off" in why
     calibration = judge([run])[1]
     assert calibration["delay"] == 0.0
 

@@ -223,6 +223,32 @@ def test_torque_inverse_map_and_mtpa_are_those_of_the_tables(grid, control, look
     np.testing.assert_allclose(least, mtpa.current[:, 0], rtol=1e-6)
 
 
+def test_the_head_says_how_far_both_look_ups_lead_beside(grid, control, look_up, rng):
+    said = re.search(
+        r"off by up to (\S+) A where both look-ups\n \* are supported, (\S+) A rms",
+        encode(grid, "machine", *control),
+    )
+    low, high = grid.mesh.reshape(2, -1).min(axis=1), grid.mesh.reshape(2, -1).max(axis=1)
+    at = rng.uniform(low, high, (200_000, 2))
+    there = look_up(at)
+    back = look_up(there[:, :2])
+    both = (there[:, 6] == 1) & (back[:, 10] == 1)
+    off = np.hypot(*(back[both, 8:10] - at[both]).T)
+    assert both.sum() > 200
+    assert 0.9 * off.max() < float(said[1]) < 1.2 * off.max()
+    assert float(said[2]) == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.05)
+
+
+def test_torques_of_mtpa_that_recordings_support_are_said(machine_fit, grid, control):
+    inverse, mtpa = control
+    np.testing.assert_array_equal(mtpa.supported, machine_fit.supported(mtpa.current.T))
+    supported = np.abs(mtpa.torque) > 0.5 * mtpa.torque[-1]
+    text = encode(grid, "machine", inverse, replace(mtpa, supported=supported))
+    most, least = mtpa.torque[-1], mtpa.torque[supported & (mtpa.torque > 0)][0]
+    said = f"Recordings support {-most:.3g} to {-least:.3g} and {least:.3g} to {most:.3g} Nm"
+    assert said in text
+
+
 def test_mtpa_of_the_table_is_torque_at_the_least_current(machine_fit, control):
     """Nearby currents of the same length have less torque, of either sign."""
     _, mtpa = control

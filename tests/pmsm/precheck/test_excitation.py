@@ -27,6 +27,11 @@ def test_the_share_of_the_disc_is_that_of_the_hull_of_all_recordings_together():
     assert len(found.hull) == 4
 
 
+def without_holes(found):
+    """Return the advice but for that on holes."""
+    return [sentence for sentence in found.advice if "holes" not in sentence]
+
+
 @pytest.mark.parametrize("empty", range(4))
 def test_the_quarter_that_was_not_visited_is_named(empty):
     """Three quarters in shares of 20, 30 and 50 %."""
@@ -37,8 +42,24 @@ def test_the_quarter_that_was_not_visited_is_named(empty):
     shares = np.zeros(4)
     shares[others] = 0.2, 0.3, 0.5
     np.testing.assert_allclose(found.quarters, shares)
-    (sentence,) = found.advice
+    (sentence,) = without_holes(found)
     assert f"with i_{quarters[empty]}, so the map says nothing there" in sentence
+
+
+@pytest.mark.parametrize(("radius", "share"), [(20.0, 0.0), (60.0, 0.16)])
+def test_a_hole_in_the_hull_is_found_where_no_current_is_near(radius, share):
+    """A disc of 100 A without one around (10, -20) A, of which 20 A at the rim are near enough."""
+    random = np.random.default_rng(3)
+    points = random.uniform(-100, 100, 20 * COUNT) + 1j * random.uniform(-100, 100, 20 * COUNT)
+    beside = np.abs(points - (10 - 20j)) > radius
+    currents = points[(np.abs(points) < 100) & beside][:COUNT]
+    found = excitation_of([recording(currents, np.linspace(-300.0, 300.0, COUNT))])
+    assert found.holes.fraction == pytest.approx(share, abs=0.02)
+    named = [sentence for sentence in found.advice if "holes" in sentence]
+    assert len(named) == bool(share)
+    if share:
+        np.testing.assert_allclose(found.holes.middle, [10, -20], atol=5)
+        assert "the largest is around i_d" in named[0]
 
 
 @pytest.mark.parametrize(("rate", "slow"), [(40.0, 20.0), (200.0, 35.0)])
@@ -57,13 +78,13 @@ def test_speeds_are_medians_and_their_range_has_no_spikes():
     found = excitation_of([recording(circle, spiked), recording(circle, -250.0)])
     assert found.speeds == (300.0, -250.0)
     assert found.speed_range == (-250.0, 300.0)
-    assert found.advice == ()
-    (only,) = excitation_of([recording(circle, spiked)]).advice
+    assert without_holes(found) == []
+    (only,) = without_holes(excitation_of([recording(circle, spiked)]))
     assert only.startswith("There is one speed only")
 
 
 @pytest.mark.parametrize(("other", "one_speed"), [(245.0, True), (235.0, False), (-300.0, False)])
 def test_speeds_a_fifth_apart_are_two(other, one_speed):
     circle = 50 * np.exp(300j * TIME)
-    advice = excitation_of([recording(circle), recording(circle, other)]).advice
-    assert bool(advice) == one_speed
+    found = excitation_of([recording(circle), recording(circle, other)])
+    assert bool(without_holes(found)) == one_speed

@@ -443,10 +443,28 @@ def test_slices_are_the_map_with_its_band_where_recordings_have_been():
             inside = supported(points)
             np.testing.assert_allclose(line.y[inside], expected[inside])
             assert np.isnan(line.y[~inside]).all()
-            assert len(band.y) == 2 * inside.sum()
+            (whole,) = outlines(band)
+            assert len(whole) == 2 * inside.sum()
             deviation = 1e-4 * (1 + np.abs(points[inside][0, axis]) / 300)
-            width = band.y[-1] - band.y[0]
+            width = whole[-1] - whole[0]
             assert width == pytest.approx(2 * 1.96 * 1e3 * deviation, rel=1e-3)
+
+
+def outlines(band):
+    """Return the values of each outline of a band."""
+    ends = np.flatnonzero(np.isnan(band.y))
+    assert np.isnan(np.asarray(band.x)[ends]).all()
+    return [part[~np.isnan(part)] for part in np.split(np.asarray(band.y), ends)[:-1]]
+
+
+def test_a_slices_band_does_not_go_through_a_hole():
+    fit = machine_fit()
+    fit.supported = lambda points: supported(points) & (np.abs(points[:, 0] + 60.0) > 30.0)
+    bands = [trace for trace in flux_slice(fit, 0).data if trace.fill]
+    for band, points in zip(bands, slice_currents(fit, 0), strict=True):
+        left = np.sum(fit.supported(points) & (points[:, 0] < -60.0))
+        first, _ = outlines(band)
+        assert len(first) == 2 * left
 
 
 @pytest.mark.parametrize(
@@ -564,6 +582,27 @@ def test_lines_at_orders_that_the_map_follows_are_not_said_to_be_beyond_it():
     page = machine_report(fit)
     assert "of which the map follows the orders 6 and 12" in page
     assert "cannot follow" not in page
+
+
+def test_differential_inductances_have_intervals_where_the_data_answer():
+    fit = machine_fit()
+    table = inductance_table(fit)
+    column = next(k for k, head in enumerate(table.columns) if head.startswith("L_qq"))
+    cell = table.rows[1].cells[column]
+    value, half = map(float, cell.text.split(" ± "))
+    at = [[table.rows[1].cells[k].value for k in (1, 2)]]
+    deviation = fit.learned_deviation(np.array(at), np.array([0.0, 1.0]))[0, 1]
+    assert half == pytest.approx(1e6 * 1.96 * deviation, abs=0.5)
+    assert value == pytest.approx(1e6 * cell.value, abs=0.5)
+    fit.horizon = SimpleNamespace(answered=False)
+    assert "±" not in inductance_table(fit).rows[1].cells[column].text
+
+
+def test_a_characteristic_current_far_beyond_the_recordings_is_no_number():
+    fit = machine_fit()
+    fit.excited = 0.2 * fit.excited
+    most = 1.5 * np.hypot(*fit.excited.T).max()
+    assert f"more than {most:#.3g}\N{NO-BREAK SPACE}A" in machine_report(fit)
 
 
 def test_inductances_are_at_positive_i_q_where_both_signs_were_recorded():

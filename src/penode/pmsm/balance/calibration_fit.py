@@ -382,9 +382,8 @@ def _timing_sentences(
         )
     elif delay[1] < IMPERFECTIONS["delay"].near:
         yield (
-            "The voltage acts when it is recorded, with its delay in the study file where it has "
-            f"one: what the balance shows beside, {np.hypot(*delay):.2f} samples, is no more than "
-            f"noise imitates, and is not corrected. It is held in {timing.drive.hold}."
+            f"Each voltage is taken to be held in {timing.drive.hold} during the sample in which "
+            "it is recorded, beside any delay in the study file."
         )
 
 

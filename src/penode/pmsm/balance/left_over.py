@@ -67,7 +67,7 @@ class LeftOver:
     # A: i_d and i_q where most of it shows.
     place: FloatArray
     # What would narrow it.
-    remedy: str = "Record another speed."
+    remedy: str = "Train with a recording at another speed as well."
     # What they are at recordings: every row asks at the same.
     _known: WeakKeyDictionary[Experiment, FloatArray] = field(default_factory=WeakKeyDictionary)
 

@@ -16,6 +16,8 @@ from penode.pmsm.control.controlled_machine import ControlledMachine
 from penode.pmsm.control.torque_curves import ANGLES, Circles, VoltageCurves, most_torque
 from penode.pmsm.machine.frames import quarter_turned
 
+#: Current over the largest recorded one beyond which a map says nothing.
+BEYOND = 1.5
 #: Angles of a voltage curve that is drawn, rad.
 _DRAWN = np.linspace(-np.pi, np.pi, 481)
 #: Largest speed shown over the base speed.
@@ -47,6 +49,11 @@ class Locus:
     torque: FloatArray
     supported: BoolArray
     speed: FloatArray | None = None
+
+    @property
+    def supported_torques(self) -> str:
+        """The ranges of torque, Nm, in which recordings support it, in words."""
+        return supported_torques(self.torque, self.supported)
 
     def chosen(self, which: BoolArray) -> "Locus":
         """Return some of the points."""
@@ -146,6 +153,15 @@ def mtpa(machine: ControlledMachine, currents: FloatArray) -> Locus:
         Magnitudes in A.
     """
     return _locus(machine, most_torque(machine, Circles(currents)))
+
+
+def supported_torques(torque: FloatArray, supported: BoolArray) -> str:
+    """Return the ranges of rising torques, Nm, that are supported, in words; empty without one."""
+    edges = np.flatnonzero(np.diff(supported.astype(int), prepend=0, append=0))
+    return " and ".join(  # + 0.0 takes the sign of a zero away
+        f"{torque[first] + 0.0:.3g} to {torque[end - 1] + 0.0:.3g}"
+        for first, end in edges.reshape(-1, 2)
+    )
 
 
 def backed_current(machine: ControlledMachine, largest: float) -> float:

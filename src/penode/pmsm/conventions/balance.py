@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from penode.data.experiment import Experiment
+from penode.fit.outcome import NORMAL_95
 from penode.pmsm.balance.trial_balance import mean_lag, try_balance
 from penode.pmsm.conventions.broken_convention import BrokenConvention, with_channels
 from penode.pmsm.machine.holds import turned_voltage
@@ -41,11 +42,14 @@ def judge_delay(
         return None, list(stretches), few
     lag, deviation = mean_lag([e for e in stretches if len(e) >= _SHORTEST], in_phases)
     if not deviation < _DETERMINED or _between(lag, deviation):
-        side = "later" if lag < 0 else "earlier"
+        half, side = f"± {NORMAL_95 * deviation:.2g} samples", "early" if lag < 0 else "late"
+        open_to = f"to {half} (95 %) only"
+        if deviation < _DETERMINED:
+            open_to = f"as {abs(lag):.2g} {half} {side}, which is no whole number"
         why = (
-            f"{name}: a delay of the voltage cannot be determined before training ({abs(lag):.2g} "
-            f"± {deviation:.2g} (std) samples {side} than recorded) and is taken as none; training "
-            "names a whole sample, and faster currents or a higher speed would show it."
+            f"{name}: the voltage balance shows the instant of the voltages {open_to}, so they are "
+            "taken as recorded; training refuses them if they stand a whole sample off. Faster "
+            "currents or a higher speed would show it before."
         )
         return None, list(stretches), why
     if abs(lag) < max(_LATE, _SIGNIFICANT * deviation):

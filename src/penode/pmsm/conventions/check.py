@@ -49,8 +49,9 @@ _JUDGED = 2000
 #: Shorter ones that are asked where there is no longer one.
 _SHORT_ONES = 5
 _RMS_UNDETERMINED = (
-    "Values{of} are taken as peak, as nothing shows rms; if they are rms, add rms = true to their "
-    "entries. The data sheet's values in [name_plate], or phases recorded beside, would show it."
+    "Values{of} are taken as peak, which dq values of a controller are; no recording shows it. "
+    "If yours are rms, add rms = true to their entries; the data sheet's values in [name_plate] "
+    "test it."
 )
 #: Where the phases of one of the two kinds were recorded, whose samples are no amplitudes.
 _OF_OTHER = {"": "", "i": " of u_d and u_q", "u": " of i_d and i_q"}

@@ -20,6 +20,8 @@ from penode.pmsm.machine.flux_grid import FluxGrid
 
 #: Largest count of a table, at which no torque exceeds 16 bits; bits behind the point of a place.
 _MOST, _BITS = 32_000, 32
+#: Points of a cell's side at which the inverse is tested.
+_FINE = 8
 
 
 def encode(
@@ -52,7 +54,7 @@ def encode(
     written = _Counts.of(grid, inverse) if fixed else _Floats()
     prefix = identifier(name)
     made = setup.from_string(text).render(
-        written.facts(grid, inverse),
+        written.facts(grid, inverse) | _there_and_back(grid, inverse),
         name=prefix,
         NAME=prefix.upper(),
         fixed=fixed,
@@ -64,6 +66,7 @@ def encode(
         dead_time=grid.dead_time_voltage is not None,
         constants=_constants(grid, prefix.upper(), written.units(grid.pole_pairs)),
         most_torque="" if mtpa is None else f"{mtpa.torque[-1]:.6g}",
+        supported_torques="" if mtpa is None else mtpa.supported_torques,
         torque_factor="" if mtpa is None else _float(1.5 * (grid.pole_pairs or 0)),
         axes={
             "i_d": written.axis(grid.i_d, "current"),
@@ -88,6 +91,27 @@ def encode(
         },
     )
     return re.sub(r"\n{3,}", "\n\n", made)
+
+
+def _there_and_back(grid: FluxGrid, inverse: InverseMap) -> dict[str, str]:
+    """Return by how much a current is off behind both look-ups, at some points of each cell, A."""
+    # Imported here, as most commands write no header.
+    from scipy.interpolate import RegularGridInterpolator
+
+    def looked_up(axes: tuple[FloatArray, FloatArray], table: FloatArray, at: FloatArray) -> Any:
+        return RegularGridInterpolator(axes, np.moveaxis(table, 0, -1), bounds_error=False)(at)
+
+    currents, fluxes = (grid.i_d, grid.i_q), (inverse.psi_d, inverse.psi_q)
+    fine = [np.linspace(axis[0], axis[-1], _FINE * (len(axis) - 1) + 1) for axis in currents]
+    at = np.stack(np.meshgrid(*fine, indexing="ij"), axis=-1).reshape(-1, 2)
+    backed = looked_up(currents, np.where(grid.supported, grid.psi, np.nan), at)
+    table = np.where(inverse.supported, inverse.current, np.nan)
+    off = np.hypot(*(looked_up(fluxes, table, backed) - at).T)
+    off = off[np.isfinite(off)]
+    if not off.size:
+        return {"back": "", "usual": ""}
+    # Two digits, rounded up.
+    return {"back": f"{1.05 * off.max():.2g}", "usual": f"{np.sqrt(np.mean(off**2)):.2g}"}
 
 
 def identifier(name: str) -> str:

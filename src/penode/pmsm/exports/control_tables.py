@@ -9,7 +9,7 @@ from penode.arrays import BoolArray, FloatArray
 from penode.fit.fit import Fit
 from penode.pmsm.control.controlled_machine import ControlledMachine
 from penode.pmsm.control.inversion import inverse
-from penode.pmsm.control.loci import backed_current, mtpa
+from penode.pmsm.control.loci import backed_current, mtpa, supported_torques
 from penode.pmsm.control.operating_points import mtpa_of_torque
 from penode.pmsm.machine.flux_grid import FluxGrid
 
@@ -44,10 +44,18 @@ class TorquePerAmpere:
         Nm, even, rising, from the negative of the largest.
     current : ndarray, shape (2, point)
         i_d and i_q in A.
+    supported : ndarray of bool, shape (point,)
+        Where recordings have been: between its ends there may be a hole.
     """
 
     torque: FloatArray
     current: FloatArray
+    supported: BoolArray
+
+    @property
+    def supported_torques(self) -> str:
+        """The ranges of torque, Nm, that recordings support, in words."""
+        return supported_torques(self.torque, self.supported)
 
 
 def inverse_map(fit: Fit, grid: FluxGrid) -> InverseMap:
@@ -86,6 +94,7 @@ def torque_per_ampere(fit: Fit, grid: FluxGrid) -> TorquePerAmpere | None:
     torque = most * np.arange(half + 1) / half
     motoring, mirrored = (mtpa_of_torque(side, torque, limit) for side in sides)
     braking = (mirrored * np.array([[1.0], [-1.0]]))[:, :0:-1]
+    current = np.concatenate([braking, motoring], axis=1)
     return TorquePerAmpere(
-        np.concatenate([-torque[:0:-1], torque]), np.concatenate([braking, motoring], axis=1)
+        np.concatenate([-torque[:0:-1], torque]), current, fit.supported(current.T)
     )

@@ -19,9 +19,12 @@ _INK, _MUTED = palette.INK.light, palette.MUTED.light
 _HULL = "#c8553d"
 _LINES = ("#1768ac", "#c8553d", "#7a4fb5", "#14734f", "#8f5a00")
 _CELLS, _BARS, _POINTS = 48, 24, 4000
-_TO_RPM = 30 / np.pi
+_TO_HZ = 1 / (2 * np.pi)
 #: What the maps of the profiles are called.
-_MAPS = {"reciprocal": "reciprocal map, as coenergy", "unconstrained": "unconstrained map, as mlp"}
+_MAPS = {
+    "reciprocal": "reciprocal map, such as coenergy",
+    "unconstrained": "any map, for comparison",
+}
 
 
 def check_picture(
@@ -78,10 +81,15 @@ def _draw_plane(axes: Axes, recordings: tuple[Experiment, ...], excitation: Exci
     if len(excitation.hull):
         closed = np.vstack([excitation.hull, excitation.hull[:1]])
         axes.plot(*closed.T, color=_HULL, lw=1.4)
+    holes, named = excitation.holes, ""
+    if holes.inside.any():
+        inside = holes.inside.T.astype(float)
+        axes.contourf(holes.axis, holes.axis, inside, [0.5, 1.5], colors="none", hatches=["///"])
+        named = f", {100 * holes.fraction:.0f} % of it holes (hatched)"
     axes.axhline(0, color=_MUTED, lw=0.5)
     axes.axvline(0, color=_MUTED, lw=0.5)
     axes.set(aspect="equal", xlabel="i_d (A)", ylabel="i_q (A)")
-    title = f"Currents visited; the hull (red) is {100 * excitation.fraction:.0f} % of the disc"
+    title = f"Currents visited; hull (red) {100 * excitation.fraction:.0f} % of the disc{named}"
     axes.set_title(title, loc="left", fontsize=10)
     return image
 
@@ -98,12 +106,12 @@ def _draw_speeds(axes: Axes, recordings: tuple[Experiment, ...]) -> None:
     for k, experiment in enumerate(recordings):
         every = max(len(experiment) // _POINTS, 1)
         time = np.arange(len(experiment))[::every] * experiment.time_step
-        speed = experiment.channels["omega_el"][::every] * _TO_RPM
+        speed = experiment.channels["omega_el"][::every] * _TO_HZ
         axes.plot(time, speed, color=_LINES[k % len(_LINES)], lw=1.2, label=experiment.name)
     low, high = axes.get_ylim()
     axes.set(
         xlabel="time (s)",
-        ylabel="electrical speed (rpm)",
+        ylabel="electrical frequency (Hz)",
         ylim=(1.1 * min(low, 0), 1.1 * max(high, 0)),
     )
     axes.yaxis.set_major_locator(MaxNLocator(5))
@@ -121,7 +129,7 @@ def _draw_profiles(axes: Axes, identifiability: Identifiability) -> None:
     for profile, colour in zip(identifiability.profiles, _LINES, strict=False):
         factor = 1 + profile.rise(resistance)
         axes.semilogy(1e3 * resistance, factor, color=colour, lw=1.6, label=_MAPS[profile.flux_map])
-    axes.set(xlabel="R held at (mΩ)", ylabel="residual over the least")
+    axes.set(xlabel="R held at (mΩ)", ylabel="residual / least residual")
     for set_formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         set_formatter(LogFormatter(minor_thresholds=(1.0, 0.4)))
     axes.set_ylim(bottom=1)

@@ -335,7 +335,7 @@ class _ResistanceDrift(DriveImperfection):
     """Rise of R from a recording's beginning to its end, ohm; R is that of the middle."""
 
     name, source, remedy = "resistance_drift", "drift of R", _STEADY
-    unit, credible, drifts = (1.0, "ohm"), (2e-3, 0.6), True
+    unit, credible, drifts = (1e3, "mΩ"), (2e-3, 0.6), True
 
     def change(self, experiment: Experiment, size: complex, drive: KnownDrive) -> Change:
         return Change(voltage=-size * (_clock(experiment) * vector_of(experiment, CURRENTS)))
@@ -468,9 +468,12 @@ def budget_rows(
     drive: KnownDrive,
     origins: Mapping[str, str] | None = None,
 ) -> tuple[Imperfection, ...]:
-    """Return the rows of the uncertainty budget of what is left of each, a deviation by name."""
+    """Return the rows of the uncertainty budget of what is left of each, a deviation by name.
+
+    What has no origin of its own is what the recordings leave open.
+    """
     return tuple(
-        replace(row, origin=(origins or {}).get(name, ""))
+        replace(row, origin=(origins or {}).get(name, "estimated"))
         for name, one in IMPERFECTIONS.items()
         if left.get(name) and one.recorded(experiments)
         for row in one.rows(left[name], drive)

@@ -15,7 +15,7 @@ _ACCURACY_UNITS = {
     "current_offset": "as a fraction of the largest current",
     "angle": "electrical degrees, of the d axis",
     "delay": "samples, of the voltages",
-    "voltage_gain": "as a fraction of the reading; of commanded voltages, of u_dc",
+    "voltage_gain": "as a fraction of the reading; for commands that of u_dc",
 }
 _HEAD = """\
 # Study file, begun by penode init from {recording}. Use it with

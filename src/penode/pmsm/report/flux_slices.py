@@ -3,7 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from penode.arrays import FloatArray
+from penode.arrays import BoolArray, FloatArray
 from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95
 from penode.report import palette, panels
@@ -51,6 +51,21 @@ def slice_currents(fit: Fit, axis: int) -> FloatArray:
     return points
 
 
+def _band(
+    current: FloatArray, low: FloatArray, high: FloatArray, known: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the outlines of a band (point,), one of each stretch where it is known."""
+    outlines = []
+    edges = np.flatnonzero(np.diff(known.astype(int), prepend=0, append=0)).reshape(-1, 2)
+    for first, end in edges:
+        part = slice(first, end)
+        there = np.stack([current[part], low[part]])
+        back = np.stack([current[part], high[part]])[:, ::-1]
+        outlines += [there, back, np.full((2, 1), np.nan)]
+    x, y = np.concatenate(outlines or [np.empty((2, 0))], axis=1)
+    return x, y
+
+
 def flux_slice(fit: Fit, axis: int) -> go.Figure:
     """Draw psi of an axis, mVs, over its current at several currents of the other, with band."""
     points = slice_currents(fit, axis)
@@ -64,10 +79,10 @@ def flux_slice(fit: Fit, axis: int) -> go.Figure:
         current, value = points[k, :, axis], points[k, 0, 1 - axis]
         label = f"i<sub>{other}</sub> = {value + 0.0:g} A".replace("-", "−")
         known = np.isfinite(half[k]) & inside[k]
-        ends = np.concatenate([psi[k] - half[k], (psi[k] + half[k])[::-1]])
+        x, y = _band(current, psi[k] - half[k], psi[k] + half[k], known)
         figure.add_scatter(
-            x=np.concatenate([current, current[::-1]])[np.concatenate([known, known[::-1]])],
-            y=ends[np.concatenate([known, known[::-1]])],
+            x=x,
+            y=y,
             line={"width": 0},
             fill="toself",
             fillcolor=palette.INTERVAL.light,

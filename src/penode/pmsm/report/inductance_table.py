@@ -4,6 +4,7 @@ import numpy as np
 
 from penode.arrays import BoolArray, FloatArray
 from penode.fit.fit import Fit
+from penode.fit.outcome import NORMAL_95
 from penode.pmsm.control.controlled_machine import ControlledMachine
 from penode.pmsm.control.loci import mtpa
 from penode.pmsm.machine.standstill import STANDSTILL, excited_axes
@@ -28,7 +29,7 @@ _CAPTION = (
     "L_d = (ψ_d(i_d, i_q) − ψ_d(0, i_q)) / i_d and L_q = (ψ_q(i_d, i_q) − ψ_q(i_d, 0)) / i_q. "
     "Differential: the slope at the current, L_dd, L_qq and the cross-coupling L_dq. Saliency is "
     "q over d; coupling is L_dq over √(L_dd L_qq). Where L_d changes with i_q, or L_q with i_d, "
-    "that is cross-saturation."
+    "that is cross-saturation. ± is half the width of the 95 % interval."
 )
 
 
@@ -47,6 +48,7 @@ def inductance_table(fit: Fit) -> Table:
         "L_dq": (slope[0, 1] + slope[1, 0]) / 2,
         "L_qq": slope[1, 1],
     }
+    halves = {name: NORMAL_95 * one for name, one in _deviations(fit, current).items()}
     with np.errstate(invalid="ignore"):  # no real number where the map is indefinite
         root = np.sqrt(slope[0, 0] * slope[1, 1])
     ratios = {
@@ -60,7 +62,10 @@ def inductance_table(fit: Fit) -> Table:
             (f"{one} in{_SPACE}A", _cells(i))
             for one, i in zip(("i_d", "i_q"), current, strict=True)
         ),
-        *((f"{n} in{_SPACE}{scale.unit}", _cells(v, scale.factor)) for n, v in inductances.items()),
+        *(
+            (f"{n} in{_SPACE}{scale.unit}", _cells(v, scale.factor, halves.get(n)))
+            for n, v in inductances.items()
+        ),
         *((name, _cells(values)) for name, values in ratios.items()),
     ]
     inside: BoolArray = np.asarray(fit.supported(current.T))
@@ -68,13 +73,36 @@ def inductance_table(fit: Fit) -> Table:
     return table("Inductances at a few currents", columns, _CAPTION, marks)
 
 
-def _cells(values: FloatArray, factor: float = 1.0) -> list[Cell | str]:
-    """Return cells of SI values with the decimals that give the largest three digits."""
+def _deviations(fit: Fit, current: FloatArray) -> dict[str, FloatArray]:
+    """Return the deviations (point,) of L_dd and L_qq at currents (2, point), in H."""
+    if not fit.horizon.answered:
+        return {}
+    of_axes = [fit.learned_deviation(current.T, np.eye(2)[k])[:, k] for k in range(2)]
+    return dict(zip(("L_dd", "L_qq"), of_axes, strict=True))
+
+
+def _cells(
+    values: FloatArray, factor: float = 1.0, half: FloatArray | None = None
+) -> list[Cell | str]:
+    """Return cells of SI values with the decimals that give the largest three digits.
+
+    Behind a value stands the half width of its interval, SI, where there is one.
+    """
     shown = values * factor
     largest = float(np.abs(shown[np.isfinite(shown)]).max(initial=0.0))
     decimals = max(decimals_for(0.0, largest) - 1, 0)
     pairs = zip(shown.tolist(), values.tolist(), strict=True)
-    return [numeric(fixed(text, decimals), value) for text, value in pairs]
+    if half is None:
+        return [numeric(fixed(text, decimals), value) for text, value in pairs]
+    widths = (half * factor).tolist()
+    least = min((width for width in widths if 0 < width < np.inf), default=1.0)
+    decimals = max(decimals, min(decimals_for(least, 0.0) - 1, decimals + 2))
+    return [
+        numeric(f"{fixed(text, decimals)} ± {fixed(width, decimals)}", value)
+        if np.isfinite([text, width]).all()
+        else numeric(fixed(text, decimals), value)
+        for (text, value), width in zip(pairs, widths, strict=True)
+    ]
 
 
 def apparent_inductances(fit: Fit, current: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ from penode.arrays import BoolArray, FloatArray
 from penode.fit.fit import Fit
 from penode.pmsm.control.controlled_machine import ControlledMachine, voltage_limit_of
 from penode.pmsm.control.loci import (
+    BEYOND,
     ControlLoci,
     Locus,
     backed_current,
@@ -41,14 +42,18 @@ class _Operation:
     machine: ControlledMachine
     loci: ControlLoci
     pole_pairs: int | None
+    # The largest current that was recorded, A.
+    largest: float
 
     @classmethod
     def of(cls, fit: Fit) -> "_Operation":
         """Return the machine up to the largest current at which recordings back MTPA."""
         pairs = fit.provenance.get("pole_pairs")
         machine = ControlledMachine.of(fit, pairs or 1)
-        limit = backed_current(machine, float(np.hypot(*fit.excited.T).max()))
-        return cls(machine, control_loci(machine, limit, voltage_limit_of(fit), _POINTS), pairs)
+        largest = float(np.hypot(*fit.excited.T).max())
+        limit = backed_current(machine, largest)
+        loci = control_loci(machine, limit, voltage_limit_of(fit), _POINTS)
+        return cls(machine, loci, pairs, largest)
 
     @property
     def torque_unit(self) -> str:
@@ -95,9 +100,9 @@ def torque_and_operating_points(fit: Fit) -> Section | None:
     volts = _NO_LINK
     if limit is not None:
         volts = (
-            f"Orange: where the voltage is at {with_unit(limit, 'V')} (peak of a phase, the "
-            "u_dc over √3), R included, at the speed written beside it in "
-            f"{operation.speed_unit}; at that speed no current outside of it can be held."
+            f"Orange: where the voltage is at {with_unit(limit, 'V')} (peak of a phase, "
+            "u_dc over √3), R included and the inverter's dead time not, at the speed written "
+            f"beside it in {operation.speed_unit}; at that speed no current outside can be held."
         )
     slow = "" if loci.mtpv.torque.size else ", which is not reached within the current limit"
     figures = [
@@ -142,9 +147,11 @@ def _key_values(operation: _Operation) -> KeyValues:
     loci = operation.loci
     torque, backed = float(loci.mtpa.torque[-1]), bool(loci.mtpa.supported[-1])
     current = float(np.hypot(*loci.characteristic.current)[0])
+    most = BEYOND * operation.largest
+    far = "an extrapolation" if current <= most else "1.5 times the largest recorded"
+    short, near = bool(loci.characteristic.supported[0]), bool(current <= most)
     each = "" if operation.pole_pairs else "per pole pair, "
     reach = "as far as recordings back MTPA" if backed else "an extrapolation"
-    short = bool(loci.characteristic.supported[0])
     items = [
         KeyValue(
             "Most torque, MTPA",
@@ -155,9 +162,9 @@ def _key_values(operation: _Operation) -> KeyValues:
         ),
         KeyValue(
             "Characteristic current",
-            with_unit(current, "A"),
-            f"steady short circuit at high speed{'' if short else ', an extrapolation'}",
-            current,
+            with_unit(current, "A") if near else f"more than {with_unit(most, 'A')}",
+            f"steady short circuit at high speed{'' if short else f', {far}'}",
+            current if near else None,
             not short,
         ),
     ]
