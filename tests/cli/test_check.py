@@ -47,7 +47,7 @@ def test_a_good_recording(recording, penode, tmp_path):
     assert (
         "Signs, units, order, timing and angle of the channels agree with physics, but for" in told
     )
-    assert re.search(r"no coenergy map can imitate [\d.]+ % of R[,;]", told)
+    assert re.search(r"No coenergy map can imitate [\d.]+ % of the voltage of R[,;]", told)
     visited = [float(part) for part in re.findall(r"([\d.]+) % at i_d [<>] 0 and i_q", told)]
     assert len(visited) == 4
     assert sum(visited) == pytest.approx(100, abs=1)

@@ -149,10 +149,10 @@ def test_the_summary_has_an_error_a_state_where_units_differ(tmp_path):
     text = printed.getvalue()
     (x, v), (first, second) = run.one_step_errors.values(), run.free_run_errors.values()
     assert (
-        f"run.csv: RMSE one step from a sample position {number(x)} m, speed {number(v)} m/s; "
-        f"free run position {number(first)} m, speed {number(second)} m/s" in text
+        f"run.csv: RMSE one step from a noisy sample position {number(x)} m, speed {number(v)} "
+        f"m/s; free run position {number(first)} m, speed {number(second)} m/s" in text
     )
-    assert "lost.csv: RMSE one step from a sample position" in text
+    assert "lost.csv: RMSE one step from a noisy sample position" in text
     assert "free run diverged" in text
 
 

@@ -63,12 +63,12 @@ def test_a_fit_is_told_in_labelled_lines(fit):
         ("model", "The voltage acts late."),
         (
             "train",
-            "a.csv: RMSE one step from a sample 0.125 A; free run 0.250 A (25 % of the largest "
-            "value)",
+            "a.csv: RMSE one step from a noisy sample 0.125 A; free run 0.250 A (25 % of the "
+            "largest value)",
         ),
         (
             "validation",
-            "b.csv: RMSE one step from a sample i_d 0.125 A, n 0.125 rad/s; "
+            "b.csv: RMSE one step from a noisy sample i_d 0.125 A, n 0.125 rad/s; "
             "free run i_d 0.250 A, n 0.250 rad/s (25 % of the largest value)",
         ),
         ("warning", "First [sic]."),

@@ -53,7 +53,7 @@ def test_a_recording_with_gaps_is_identified_and_the_result_says_so(paused, tmp_
         "a row are left out."
     )
     assert said in shown.output
-    assert "3 stretches of paused.csv: RMSE one step from a sample" in shown.output
+    assert "3 stretches of paused.csv: RMSE one step from a noisy sample" in shown.output
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     low, high = result["parameters"]["R"]["interval_95"]
     assert low < TRACTION_300A.resistance < high

@@ -19,8 +19,10 @@ def test_the_hold_of_the_study_is_that_of_the_check(unseen_run):
     turn = -1j * channels["omega_el"] * run.time_step
     start = (channels["u_d"] + 1j * channels["u_q"]) * turn / np.expm1(turn)
     held = replace(run, channels={**channels, "u_d": start.real, "u_q": start.imag})
-    seen = {"dq": start.real, "stationary": channels["u_d"]}
-    for hold, expected in seen.items():
-        found = check_recordings([held], Study(hold=hold))
+    seen = {"dq": (run, channels["u_d"]), "stationary": (held, channels["u_d"])}
+    for hold, (recording, expected) in seen.items():
+        found = check_recordings([recording], Study(hold=hold))
         assert not any("stationary frame" in reason for reason in found.structure)
         np.testing.assert_allclose(found.drives[0].channels["u_d"], expected, atol=1e-9)
+    (broken,) = check_recordings([held], Study(hold="dq")).broken
+    assert broken.name == "frame of the hold"

@@ -40,7 +40,7 @@ def test_a_residual_is_white_as_long_as_chance_explains_it(own, white):
     title, caption = (say(made(own)) for say in (correlations_title, correlations_caption))
     said = "is white" if white else "is correlated with its past"
     assert title == f"The residual {said} and unrelated to the inputs"
-    assert ("makes textbook deviations too small" in caption) == (not white)
+    assert ("textbook deviations are wrong" in caption) == (not white)
     assert "response that the model lacks" not in caption
 
 
@@ -57,8 +57,8 @@ def test_a_residual_is_white_as_long_as_chance_explains_it(own, white):
 def test_noise_that_two_predictions_share_is_called_so(own, noise):
     title, caption = (say(made(own)) for say in (correlations_title, correlations_caption))
     assert (title == "The residual is the sensors' noise and unrelated to the inputs") == noise
-    assert ("gives -0.5 at a lag of one sample" in caption) == noise
-    assert ("makes textbook deviations too small" in caption) == (bool(own) and not noise)
+    assert ("gives -0.5 at a lag of one sample" in caption) == ((1, -0.5) in own)
+    assert ("textbook deviations are wrong" in caption) == (bool(own) and not noise)
 
 
 def test_the_input_named_is_the_furthest_beyond_its_own_limit():

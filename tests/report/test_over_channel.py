@@ -14,6 +14,8 @@ def along(slope):
 
 
 def test_the_mean_of_noise_is_chance_and_that_of_a_slope_is_not():
-    assert along(0.0).startswith("No mean of the residual is beyond chance, of its rms at most ")
-    assert along(0.0).endswith(" % along theta_el")
+    assert along(0.0).startswith(
+        "The mean of the residual is nowhere beyond chance (of its rms at most "
+    )
+    assert along(0.0).endswith(" % along theta_el)")
     assert along(1.0).startswith("Mean of the residual as a share of its rms: at most ")

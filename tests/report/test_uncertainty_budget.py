@@ -69,7 +69,7 @@ def test_where_an_accuracy_is_from_stands_beside_it(fit, origin):
     assert table.rows[0].cells[1].text == f"0.4 % {origin}"
     sentence = budget_sentence(named)
     assert f"gain of the currents 0.78 % (std 0.4 % {origin})" in sentence
-    assert sentence.endswith("in the study file") == (origin == "assumed")
+    assert sentence.endswith("under [accuracy]") == (origin == "assumed")
     assert named.sensor_std == (0.0 if origin == "estimated" else pytest.approx(4e-5))
 
 

@@ -150,10 +150,11 @@ def _identifiability(check: RecordingCheck) -> list[Row]:
     if check.identifiability is None:
         return []
     judged = check.identifiability
-    shares = ", ".join(f"{100 * rho:.2g} % of {name}" for name, rho in judged.independence.items())
+    named = judged.independence.items()
+    shares = ", ".join(f"{100 * rho:.2g} % of the voltage of {name}" for name, rho in named)
     summary = (
-        f"Of what they do to the voltage no {judged.flux_map} map can imitate {shares}; "
-        f"{100 * THRESHOLD:g} % is enough to determine it."
+        f"No {judged.flux_map} map can imitate {shares}; from {100 * THRESHOLD:g} % on each can be "
+        "determined."
     )
     told = filter(None, (summary, judged.alarm, judged.repair and f"Repair: {judged.repair}"))
     return [

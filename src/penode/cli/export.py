@@ -57,11 +57,13 @@ def export_command(
         ]
     if to in ("c", "c_fixed", "mat", "m", "xlsx"):
         best = torque_per_ampere(fit, grid)
-        said = (
-            f"up to ± {number(best.torque[-1])} Nm; recordings support {best.supported_torques} Nm"
-            if best
-            else ""
-        )
+        said = ""
+        if best:
+            cells = best.supported.replace("-", "\N{MINUS SIGN}")
+            said = (
+                f"{number(best.torque[0])} to {number(best.torque[-1])} Nm, as far as recordings "
+                f"support it; cells of the table do at {cells} Nm"
+            )
         if grid.pole_pairs is None:
             said = "left out, as is the torque: the pole pairs are not known; add --pole-pairs"
         rows += [("mtpa", said)] if said else []

@@ -100,7 +100,9 @@ def print_fit(fit: Fit, folder: Path, console: Console = OUTPUT) -> None:
     ]
     for comparison in fit.recordings:
         one_step, free_run = one_step_text(comparison), free_run_text(comparison)
-        errors = f"{comparison.name}: RMSE one step from a sample {one_step}; free run {free_run}"
+        errors = (
+            f"{comparison.name}: RMSE one step from a noisy sample {one_step}; free run {free_run}"
+        )
         if math.isfinite(share := 100 * relative_error(comparison)):
             errors += f" ({number(share, 2)} % of the largest value)"
         rows.append((comparison.role, errors.replace("\N{NO-BREAK SPACE}", " ")))

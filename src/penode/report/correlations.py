@@ -41,15 +41,15 @@ def correlations_caption(tests: Correlations) -> str:
         "inputs of earlier samples. Bands: 99 % of what white noise, or a residual unrelated to "
         "the input, shows by chance."
     )
-    if _is_noise(tests):
+    if _starts_from_noise(tests):
         text += (
             " White noise of the sensors alone gives -0.5 at a lag of one sample: a prediction "
             "starts from the noise of the sample before."
         )
-    elif _beyond_own(tests):
+    if _beyond_own(tests) and not _is_noise(tests):
         text += (
-            " A residual that is correlated with its past makes textbook deviations too small; "
-            "those given here allow for it."
+            " Where it is correlated with its past, textbook deviations are wrong, too small where "
+            "that is positive; those given here allow for it."
         )
     if _beyond_cross(tests):
         text += (
@@ -106,8 +106,12 @@ def _beyond_own(tests: Correlations) -> bool:
 
 def _is_noise(tests: Correlations) -> bool:
     """Return whether it is white but for the noise that a prediction's start brings into it."""
-    later = not _often_beyond(tests.own[2:], tests.own_limit)
-    return bool(later and tests.own[1].min() > _NOISE and tests.own[1].max() < -tests.own_limit)
+    return _starts_from_noise(tests) and not _often_beyond(tests.own[2:], tests.own_limit)
+
+
+def _starts_from_noise(tests: Correlations) -> bool:
+    """Return whether neighbouring errors are as noise of a prediction's start makes them."""
+    return bool(tests.own[1].min() > _NOISE and tests.own[1].max() < -tests.own_limit)
 
 
 def _beyond_cross(tests: Correlations) -> bool:

@@ -27,7 +27,7 @@ def over_channel_title(shown: Sequence[OverChannel]) -> str:
             texts.append(shares[one.channel])
     if not texts:
         most = listed([*shares.values()])
-        return f"No mean of the residual is beyond chance, of its rms at most {most}"
+        return f"The mean of the residual is nowhere beyond chance (of its rms at most {most})"
     return f"Mean of the residual as a share of its rms: at most {listed(texts)}"
 
 

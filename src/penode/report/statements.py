@@ -243,7 +243,7 @@ def one_step_value(comparisons: Sequence[Comparison]) -> KeyValue | None:
         predicted, key=lambda one: one.one_step_rmse if pooled else relative_error(one, False)
     )
     value = worst.one_step_rmse if pooled else None
-    detail = "root mean square, worst recording"
+    detail = "root mean square from a noisy sample, worst recording"
     return KeyValue("One step ahead", one_step_text(worst), detail, value)
 
 

@@ -225,7 +225,9 @@ def _flat(content: Any, name: str) -> list[tuple[str, str]]:
     if isinstance(content, (list, tuple)) and any(isinstance(item, Mapping) for item in content):
         return [row for k, item in enumerate(content) for row in _flat(item, f"{name}[{k}]")]
     if isinstance(content, (list, tuple)):
-        return [(name, ", ".join(map(_entry, content)))]
+        entries = [_entry(one) for one in content]
+        sentences = all(one.endswith(".") for one in entries)
+        return [(name, (" " if sentences else ", ").join(entries))]
     return [(name, _entry(content))]
 
 

@@ -200,7 +200,7 @@ def test_a_large_angle_is_no_delay_and_no_iron_loss(degrees):
     )
     assert result.deviation["delay"] < 0.04
     assert result.deviation["iron"] < 1e-4
-    assert [reason[:10] for reason in result.reasons] == ["The voltag", "The d axis"]
+    assert [reason[:10] for reason in result.reasons] == ["Each volta", "The d axis"]
 
 
 def with_iron(run, conductance, resistance):

@@ -7,7 +7,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from penode.bench.drive import Drive
-from penode.bench.inverter import DeadTime, Inverter
+from penode.bench.inverter import DeadTime, Inverter, RotorHold, StationaryHold
 from penode.bench.machines import BRUSA_250A, COMSOL_300A, TRACTION_300A
 from penode.bench.references import Lissajous
 from penode.bench.run import simulate
@@ -392,6 +392,26 @@ def test_a_delay_that_feedback_of_noise_imitates_is_not_claimed():
     assert calibration["delay"] == 0.0
 
 
+@pytest.mark.parametrize(("made", "given"), [("dq", "stationary"), ("stationary", "dq")])
+def test_a_hold_that_the_recording_contradicts_is_named(made, given):
+    inverter = Inverter(hold=RotorHold() if made == "dq" else StationaryHold())
+    drive = Drive(current_noise=0.1, inverter=inverter)
+    run = simulate(
+        TRACTION_300A, Lissajous(150.0, 17.0, 11.0), speed_rpm=1500.0, duration=0.5, drive=drive
+    )
+    found, calibration = judge([run], hold=given)
+    (broken,) = found.broken
+    assert broken.name == "frame of the hold"
+    assert (
+        f"as held in the {made} frame, and the study file has hold = {given!r}" in broken.evidence
+    )
+    assert calibration.drive.hold == given
+    for hold in (made, None):
+        found, calibration = judge([run], hold=hold)
+        assert found.broken == ()
+        assert calibration.drive.hold == made
+
+
 def test_reversed_speed(drawn):
     run = scaled(drawn[1], -1.0, "omega_el")
     assert names_of(run) == ["reversed speed"]
@@ -442,11 +462,11 @@ def test_a_delay_that_does_not_show_is_said_to_be_untold():
     run = simulate(TRACTION_300A, reference, speed_rpm=300.0, duration=0.5, drive=drive)
     found = check_conventions(run)
     assert found.broken == ()
-    assert any("a delay of the voltage cannot be determined" in one for one in found.undetermined)
+    assert any("shows the instant of the voltages to ±" in one for one in found.undetermined)
     recorded = [check._as_recorded(run, OfShaft())]
     for known in (True, False):
         said = check._placed(recorded, NO_PLATE, known=known).undetermined
-        assert any("a delay of the voltage" in one for one in said) != known
+        assert any("the instant of the voltages" in one for one in said) != known
 
 
 @pytest.mark.parametrize("count", [8, 9, 15])

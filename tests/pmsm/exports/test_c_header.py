@@ -5,6 +5,7 @@ import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -239,14 +240,50 @@ def test_the_head_says_how_far_both_look_ups_lead_beside(grid, control, look_up,
     assert float(said[2]) == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.05)
 
 
-def test_torques_of_mtpa_that_recordings_support_are_said(machine_fit, grid, control):
-    inverse, mtpa = control
-    np.testing.assert_array_equal(mtpa.supported, machine_fit.supported(mtpa.current.T))
-    supported = np.abs(mtpa.torque) > 0.5 * mtpa.torque[-1]
-    text = encode(grid, "machine", inverse, replace(mtpa, supported=supported))
-    most, least = mtpa.torque[-1], mtpa.torque[supported & (mtpa.torque > 0)][0]
-    said = f"Recordings support {-most:.3g} to {-least:.3g} and {least:.3g} to {most:.3g} Nm"
-    assert said in text
+def test_torques_of_mtpa_that_recordings_support_are_said(machine_fit, grid, control, tmp_path):
+    inverse, _ = control
+    holed = replace(grid, supported=grid.supported & (np.hypot(*grid.mesh) > 60.0))
+    mtpa = torque_per_ampere(machine_fit, holed)
+    header = encode(holed, "machine", inverse, mtpa)
+    look_up = compiled(tmp_path, header, PROGRAM, np.float32)
+    asked = np.linspace(mtpa.torque[0], mtpa.torque[-1], 2001)
+    least = look_up(np.stack([asked, asked], axis=1))[:, 11:]
+    inside = look_up(least)[:, 6] == 1
+    edges = np.flatnonzero(np.diff(inside.astype(int), prepend=0, append=0)).reshape(-1, 2)
+    said = re.findall(r"(-?[\d.]+) to (-?[\d.]+)", mtpa.supported)
+    assert len(said) == len(edges) == 2
+    shown = asked[np.stack([edges[:, 0], edges[:, 1] - 1], axis=1)]
+    np.testing.assert_allclose(np.array(said, float), shown, atol=0.005 * mtpa.torque[-1])
+    assert f" * {mtpa.supported} Nm; in holes between" in header
+
+
+def test_mtpa_of_each_sign_goes_as_far_as_recordings_support_it(machine_fit, grid):
+    def one_sided(points):
+        return machine_fit.supported(points) & ((points[:, 1] > 0) | (np.hypot(*points.T) < 150.0))
+
+    fit = SimpleNamespace(
+        **{
+            name: getattr(machine_fit, name)
+            for name in (
+                "model",
+                "flux_map",
+                "differential_inductance",
+                "excited",
+                "horizon",
+                "parameters",
+            )
+        },
+        supported=one_sided,
+        provenance=machine_fit.provenance,
+    )
+    whole, part = torque_per_ampere(machine_fit, grid), torque_per_ampere(fit, grid)
+    for table, limits in ((whole, (200.0, 200.0)), (part, (130.0, 200.0))):
+        assert 0.0 in table.torque
+        lengths = np.hypot(*table.current[:, [0, -1]])
+        assert (lengths > limits).all()
+    assert np.hypot(*part.current[:, 0]) < 150.0
+    step = part.torque[1] - part.torque[0]
+    np.testing.assert_allclose(np.diff(part.torque), step, rtol=1e-9)
 
 
 def test_mtpa_of_the_table_is_torque_at_the_least_current(machine_fit, control):

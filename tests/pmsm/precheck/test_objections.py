@@ -259,7 +259,7 @@ def test_a_recording_that_cannot_be_mapped_has_its_convention_named(slow_run):
 
 
 def test_phases_that_dq_was_made_from_are_no_second_measurement(slow_run):
-    found, _ = judge([in_phases(slow_run, "u")], hold="stationary")
+    found, _ = judge([in_phases(turned_voltage(slow_run, 0.5), "u")], hold="stationary")
     assert any("Values are taken as peak" in sentence for sentence in found.undetermined)
 
 

@@ -26,6 +26,8 @@ class Calibration:
     drive: KnownDrive = UNKNOWN_DRIVE
     # Of what was estimated; of what was left alone, what it may be off by.
     deviation: Mapping[str, float] = field(default_factory=dict, compare=False)
+    # Samples of rotation by which voltages seem turned, and the deviation, where it shows.
+    turned: tuple[float, float] | None = field(default=None, compare=False)
     # What was estimated, a sentence each.
     reasons: tuple[str, ...] = field(default=(), compare=False)
 

@@ -25,6 +25,7 @@ from penode.pmsm.balance.trial_balance import imitated_lag, mean_lag
 from penode.pmsm.balance.voltage_balance import Window, harmonic_window, joint_equations
 from penode.pmsm.machine.coenergy_map import MEAN, CoenergyPart, columns, roughness
 from penode.pmsm.machine.dead_time import MeanDeadTime, PhaseDeadTime
+from penode.pmsm.machine.holds import STATIONARY_TURN
 from penode.pmsm.machine.linkage import Linkage
 from penode.pmsm.machine.space_vectors import CURRENTS, in_frame_ahead
 from penode.pmsm.machine.term_registry import completed, physical_values
@@ -245,13 +246,13 @@ def calibration_of(experiments: Sequence[Experiment], terms: Sequence[Term] = ()
         return _at_rest(experiments, terms)
     recorded = _Balance.of(experiments, terms)
     balance = _of_slope(recorded)
-    found, free = _placed(balance)
+    found, free, turned = _placed(balance)
     if found["angle"]:  # known to first order: what is left is seen from the frame that is right
         ahead = found["angle"]
-        turned = [in_frame_ahead(e, ahead) for e in balance.experiments]
-        found, free = _placed(replace(balance, experiments=turned))
+        ahead_of = [in_frame_ahead(e, ahead) for e in balance.experiments]
+        found, free, turned = _placed(replace(balance, experiments=ahead_of))
         found = _with(found, angle=ahead + found["angle"])
-    result = _refined(found, free, balance)
+    result = _refined(replace(found, turned=turned), free, balance)
     if balance is recorded:
         return result
     reason = IMPERFECTIONS["speed_lag"].sentence(1.0, 0.0, UNKNOWN_DRIVE)
@@ -279,10 +280,11 @@ def _of_slope(balance: _Balance) -> _Balance:
     return sloped if other < plain - CLEAR else balance
 
 
-def _placed(balance: _Balance) -> tuple[Calibration, _Estimate]:
+def _placed(balance: _Balance) -> tuple[Calibration, _Estimate, tuple[float, float] | None]:
     """Return when and in which frame the voltages act, and the angle, to first order.
 
-    The estimate is that of delay and turn. Iron loss acts beside them where it is credible.
+    The estimate is that of delay and turn. Behind it is the turn with its deviation, chosen or not,
+    where it tells the frames of the hold apart. Iron loss acts beside them where it is credible.
     """
     search = _Search(balance)
     chosen = search.best(_PLACES)
@@ -290,7 +292,10 @@ def _placed(balance: _Balance) -> tuple[Calibration, _Estimate]:
     if _TIMING in chosen and found == AS_RECORDED:
         chosen = search.best(tuple(one for one in chosen if one != _TIMING))
     estimate = search.of(chosen)
-    return _with(found, angle=estimate.sizes.get("angle", 0.0).real), estimate
+    alone = search.of((_TIMING,))
+    turn, deviation = alone["turn"], alone.deviation["turn"]
+    shown = (turn, deviation) if deviation < IMPERFECTIONS["turn"].near else None
+    return _with(found, angle=estimate.sizes.get("angle", 0.0).real), estimate, shown
 
 
 def _timing_of(free: _Estimate, experiments: Sequence[Experiment]) -> Calibration:
@@ -381,9 +386,16 @@ def _timing_sentences(
             f"{turned}: taken into account as {', '.join(taken)}."
         )
     elif delay[1] < IMPERFECTIONS["delay"].near:
+        tested = "In which frame it is held does not show."
+        if timing.turned is not None:
+            turn, own = timing.turned
+            tested = (
+                f"Tested: it seems turned by {turn:.3f} ± {own:.3f} (std) samples of rotation; "
+                f"held in the stationary frame that would be {STATIONARY_TURN}."
+            )
         yield (
-            f"Each voltage is taken to be held in {timing.drive.hold} during the sample in which "
-            "it is recorded, beside any delay in the study file."
+            "Each voltage acts held in dq during the sample in which it is recorded, beside any "
+            f"delay in the study file. {tested}"
         )
 
 

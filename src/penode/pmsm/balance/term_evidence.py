@@ -102,7 +102,7 @@ def _presence(
             "distinguished from R; record several amplitudes."
         )
         return Judged(None, why)
-    why = f"{title} was included: before training the voltage balance shows some {value:.2g} V."
+    why = f"{title} was included: before training the voltage balance shows some {value:.3g} V."
     return Judged(candidate, why, balance)
 
 

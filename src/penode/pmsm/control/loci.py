@@ -156,12 +156,13 @@ def mtpa(machine: ControlledMachine, currents: FloatArray) -> Locus:
 
 
 def supported_torques(torque: FloatArray, supported: BoolArray) -> str:
-    """Return the ranges of rising torques, Nm, that are supported, in words; empty without one."""
+    """Return the ranges of rising torques, Nm, that are supported, in words."""
     edges = np.flatnonzero(np.diff(supported.astype(int), prepend=0, append=0))
-    return " and ".join(  # + 0.0 takes the sign of a zero away
+    ranges = [  # + 0.0 takes the sign of a zero away
         f"{torque[first] + 0.0:.3g} to {torque[end - 1] + 0.0:.3g}"
         for first, end in edges.reshape(-1, 2)
-    )
+    ]
+    return " and ".join(ranges) or "none"
 
 
 def backed_current(machine: ControlledMachine, largest: float) -> float:

@@ -6,9 +6,10 @@ import numpy as np
 
 from penode.data.experiment import Experiment
 from penode.fit.outcome import NORMAL_95
+from penode.pmsm.balance.calibration import Calibration
 from penode.pmsm.balance.trial_balance import mean_lag, try_balance
 from penode.pmsm.conventions.broken_convention import BrokenConvention, with_channels
-from penode.pmsm.machine.holds import turned_voltage
+from penode.pmsm.machine.holds import STATIONARY_TURN, turned_voltage
 from penode.pmsm.machine.standstill import axes_at_rest, stands_still
 
 #: Lag in samples that is one, and its deviation up to which it is reported.
@@ -65,6 +66,28 @@ def judge_delay(
         f"give {', '.join(names)} delay = {samples}",
     )
     return finding, [_in_place(e, samples, in_phases) for e in stretches], ""
+
+
+def judge_hold(
+    stretches: Sequence[Experiment], hold: str, found: Calibration
+) -> BrokenConvention | None:
+    """Find a hold of the study file that the turn of the voltages contradicts; None without one."""
+    if found.turned is None:
+        return None
+    turn, deviation = found.turned
+    expected = {"dq": 0.0, "stationary": STATIONARY_TURN}
+    off = {frame: abs((turn - at + 0.5) % 1.0 - 0.5) for frame, at in expected.items()}
+    other = min(off, key=lambda frame: off[frame])
+    if other == hold or off[other] > _WHOLE or off[hold] < _SIGNIFICANT * deviation:
+        return None
+    return BrokenConvention(
+        "frame of the hold",
+        stretches[0].place.recording,
+        ("u_d", "u_q"),
+        f"the voltages seem turned by {turn:.3f} ± {deviation:.2g} samples of rotation, as held in "
+        f"the {other} frame, and the study file has hold = {hold!r}",
+        "remove hold from the study file, and it is decided from the data",
+    )
 
 
 def _between(lag: float, deviation: float) -> bool:

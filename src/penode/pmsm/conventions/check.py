@@ -18,7 +18,7 @@ from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.trial_balance import try_balance
 from penode.pmsm.conventions.agreement import disagreement_of
-from penode.pmsm.conventions.balance import judge_delay, judge_magnet
+from penode.pmsm.conventions.balance import judge_delay, judge_hold, judge_magnet
 from penode.pmsm.conventions.broken_convention import BrokenConvention, Judge
 from penode.pmsm.conventions.cures import judge_cures
 from penode.pmsm.conventions.motion import (
@@ -146,13 +146,18 @@ def judge(
     said = OfShaft(pole_pairs, of_shaft)
     recorded = [[_as_recorded(e, said) for e in some] for some in recordings]
     first = [_by_vote([r.found for r in some]) for some in recorded]
-    calibration = Calibration(drive=KnownDrive(hold=hold or DEFAULT_HOLD))
+    given = Calibration(drive=KnownDrive(hold=hold or DEFAULT_HOLD))
     if any(one.broken for one in first):
-        return _sum(first), calibration
-    if hold is None and all(r.pole_pairs_known for some in recorded for r in some):
+        return _sum(first), given
+    found = given
+    if all(r.pole_pairs_known for some in recorded for r in some):
         drives = [drive_recording(e) for e in experiments]
         require_channels(drives, terms)
-        calibration = calibration_of(drives, terms)
+        found = calibration_of(drives, terms)
+    other = hold and judge_hold(experiments, hold, found)
+    if other:
+        return _sum([*first, Conventions((other,))]), given
+    calibration = given if hold else found
     corrected = [[_corrected(r, calibration) for r in some] for some in recorded]
     timed = hold is None and stands_still(experiments)
     placed = [_placed(some, plate, timed, calibration.knows("delay")) for some in corrected]

@@ -65,8 +65,8 @@ def encode(
         temperatures=wrap(grid.temperatures.sentences, 90),
         dead_time=grid.dead_time_voltage is not None,
         constants=_constants(grid, prefix.upper(), written.units(grid.pole_pairs)),
-        most_torque="" if mtpa is None else f"{mtpa.torque[-1]:.6g}",
-        supported_torques="" if mtpa is None else mtpa.supported_torques,
+        torques="" if mtpa is None else _range(mtpa.torque),
+        supported_torques="" if mtpa is None else mtpa.supported,
         torque_factor="" if mtpa is None else _float(1.5 * (grid.pole_pairs or 0)),
         axes={
             "i_d": written.axis(grid.i_d, "current"),

@@ -12,6 +12,9 @@ from penode.native.harmonics import harmonics
 from penode.pmsm.machine.space_vectors import VOLTAGES, with_vector
 from penode.predictors.holds import Hold, ZeroOrderHold
 
+#: Samples of rotation by which a voltage held in the stationary frame seems turned in dq.
+STATIONARY_TURN = -0.5
+
 
 @dataclass(frozen=True)
 class StationaryFrame:
@@ -45,7 +48,7 @@ def mean_over_samples(experiment: Experiment) -> Experiment:
 
     u_d and u_q are those at the samples themselves.
     """
-    behind = turned_voltage(experiment, -0.5)
+    behind = turned_voltage(experiment, STATIONARY_TURN)
     half = 0.5 * experiment.time_step * experiment.channels["omega_el"]
     return with_vector(behind, VOLTAGES, lambda voltage: voltage * np.sinc(half / np.pi))
 

@@ -468,10 +468,7 @@ def budget_rows(
     drive: KnownDrive,
     origins: Mapping[str, str] | None = None,
 ) -> tuple[Imperfection, ...]:
-    """Return the rows of the uncertainty budget of what is left of each, a deviation by name.
-
-    What has no origin of its own is what the recordings leave open.
-    """
+    """Return the budget's rows of what is left, deviations by name; estimated unless said."""
     return tuple(
         replace(row, origin=(origins or {}).get(name, "estimated"))
         for name, one in IMPERFECTIONS.items()

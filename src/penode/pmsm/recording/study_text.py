@@ -33,11 +33,13 @@ _SETTINGS = """\
 flux_map = "coenergy"  # default; or convex, mlp, polynomial, spline
 horizon = "auto"  # default; or a number of steps
 # Decided from the data unless given here; inverter and angle_orders need theta_el:
-# hold = "dq"  # or "stationary": frame in which the inverter holds a voltage for a sample; given
-#   here, neither delay nor angle is estimated
+# hold = "dq"  # or "stationary": frame in which a voltage seems to stand still for a sample. Leave
+#   it out: commands that a controller turns ahead act as held in dq; given here, neither delay nor
+#   angle is estimated
 # inverter = true  # identify the dead-time voltage
-# terms = ["temperature_resistance"]  # R over a recorded winding temperature
 # angle_orders = [6, 12]  # harmonics of the angle in the map; [] for none
+# Never decided from the data:
+# terms = ["temperature_resistance"]  # R over a recorded winding temperature, if that moves by 5 K
 # u_dc = 400  # V, where no column holds it: samples at the limit of voltage are left out by it, and
 #   report and loci draw that limit
 seed = 0  # default

@@ -165,7 +165,6 @@ def _key_values(operation: _Operation) -> KeyValues:
             with_unit(current, "A") if near else f"more than {with_unit(most, 'A')}",
             f"steady short circuit at high speed{'' if short else f', {far}'}",
             current if near else None,
-            not short,
         ),
     ]
     if loci.base_speed is not None and loci.voltage_limit is not None:
