@@ -76,10 +76,10 @@ def band_figures(
         f"{name} is known to ±{number(most, 2)}{space}{unit} over half of the area of the "
         f"recorded {over}, to ±{number(nearly_all, 2)}{space}{unit} over 95 % of it"
     )
-    of_several = ", of each point that of the component known less" if len(titles) > 1 else ""
+    of_several = "; at each point the component known less counts" if len(titles) > 1 else ""
     caption = (
-        f"Half the width of the 95 % band; the title's shares are of the area{of_several}. Where "
-        f"it is wider than over 95 % of that area, that value is drawn. {_BAND}"
+        f"Half the width of the 95 % band; the title's shares are of the area{of_several}. Colours "
+        f"stop at the value that 95 % of the area stays below. {_BAND}"
     )
     drawn = _beside(grid, titles, np.minimum(half, nearly_all), unit)
     return [picture(title, caption, region_maps, *shown) for _, *shown in drawn]

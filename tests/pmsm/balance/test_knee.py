@@ -16,7 +16,7 @@ from penode.bench.run import simulate
 from penode.data.load import load
 from penode.pmsm.balance.calibration_fit import calibration_of
 from penode.pmsm.balance.doubt import Doubt, probability
-from penode.pmsm.balance.knee import spread_over_knees, with_knee
+from penode.pmsm.balance.knee import _Search, spread_over_knees, with_knee
 from penode.pmsm.balance.term_evidence import judged
 from penode.pmsm.machine.dead_time import TAILS, DeadTime, PhaseDeadTime
 from penode.pmsm.machine.term_registry import physical_values
@@ -87,6 +87,27 @@ def test_a_tail_that_cannot_be_excluded_is_trained_or_in_doubt():
     assert shaped.term.dead_time_softness is None
     assert float(doubt.term.dead_time_softness) > 0.01
     assert 0.01 < doubt.weight**2 < 0.1
+
+
+def test_another_tail_without_softness_is_in_doubt_as_a_whole(monkeypatch):
+    """Of a knee that is sharp by either tail, half a doubt would be none: both are one shape."""
+    run, best = behind(DeviceDrop(0.5, current_scale=8.0)), _Search.best
+
+    def without_softness(search):
+        sharp, *tails = best(search)
+        for k in (0, 2):
+            tails[k] = replace(tails[k], term=replace(tails[k].term, dead_time_softness=0.0))
+        return sharp, *tails
+
+    monkeypatch.setattr(_Search, "best", without_softness)
+    monkeypatch.setattr(_Search, "share", lambda *_: 0.5)
+    shaped = with_knee([run], ())
+    assert shaped.term.dead_time_softness is not None
+    doubt = next(one for one in shaped.doubts if one.term.junction_voltage is None)
+    assert doubt.term.dead_time_tail != shaped.term.dead_time_tail
+    assert doubt.term.dead_time_softness > 0
+    moved = doubt.applied(run, 1.0).stack(VOLTAGES) - run.stack(VOLTAGES)
+    assert np.abs(moved).max() > 1e-3
 
 
 @pytest.mark.slow

@@ -57,6 +57,14 @@ def test_mechanical_orders_need_the_pole_pairs():
     assert "no multiple" in name(25.0).cause
 
 
+@pytest.mark.parametrize(
+    ("frequency", "words"), [(727.0, "side band of +6×"), (725.0, "mechanical order 29:")]
+)
+def test_beside_a_harmonic_a_mechanical_order_has_to_be_met(frequency, words):
+    """Slow currents smear a harmonic over the mechanical orders around it."""
+    assert words in name(frequency, pole_pairs=5).cause
+
+
 def test_without_a_frequency_nothing_is_named():
     assert [one.cause for one in named_lines([line(10.0)], 0.0)] == [""]
 

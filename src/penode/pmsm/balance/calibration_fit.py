@@ -390,7 +390,7 @@ def _timing_sentences(
         if timing.turned is not None:
             turn, own = timing.turned
             tested = (
-                f"Tested: it seems turned by {turn:.3f} ± {own:.3f} (std) samples of rotation; "
+                f"Tested: it seems turned by {turn:.4f} ± {own:.4f} (std) samples of rotation; "
                 f"held in the stationary frame that would be {STATIONARY_TURN}."
             )
         yield (

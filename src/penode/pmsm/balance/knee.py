@@ -80,7 +80,13 @@ def with_knee(
     bent = [(search.share(free[sharp], free[soft]), soft) for soft in softs]
     bent += [(share(free[whole], free[sharp]), whole) for whole in wholes]
     likeliest = max(bent, key=lambda one: one[0])
-    same, *others = sorted(softs, key=lambda soft: free[soft])
+    same, *_ = sorted(softs, key=lambda soft: free[soft])
+    # Another tail of a knee without any softness is that knee again: it is in doubt as a whole.
+    others = [
+        soft if soft.term.dead_time_softness else whole
+        for soft, whole in zip(softs, wholes, strict=True)
+        if soft.tail != same.tail
+    ]
     rivals = [(share(free[other], free[same]), other) for other in others]
     if likeliest[0] <= _THIN:
         same, rivals = sharp, [likeliest]

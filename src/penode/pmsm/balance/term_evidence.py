@@ -111,7 +111,7 @@ def _shape(term: PhaseSigns) -> str:
     values = list(physical_values((term,)).values())
     phases = f", {', '.join(f'{v:.3g}' for v in values)} V by phase" if len(values) > 1 else ""
     soft = "soft" if term.dead_time_tail == "arctan" else "that of recharged nodes"
-    kind = "sharp" if term.dead_time_softness is None else soft
+    kind = "sharp" if term.dead_time_softness is None else f"{soft} (training finds how much)"
     if term.junction_voltage is not None:
         rise = 1e3 * float(np.asarray(term.junction_voltage))
         kind = f"{kind}, beside it the drop of junctions rises by {rise:.2g} mV an e-fold"

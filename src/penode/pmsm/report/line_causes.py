@@ -16,8 +16,8 @@ from penode.validation.residual_lines import Line
 
 #: A line belongs to an order within this distance, or if the order lies inside the line.
 _NEAR = 0.07
-#: A line as close to a harmonic that no whole or mechanical order explains is a side band of it.
-_BESIDE = 0.25
+#: A line as close to a harmonic is a side band of it, unless a mechanical order is this close.
+_BESIDE, _EXACT = 0.25, 0.02
 _CAUSES = {
     0: "slow errors: resistance, inverter voltage, or map and resistance exchanged (the gauge)",
     1: "offset of a current sensor (at −1; +1 is its mirror by saliency), first order of the angle "
@@ -97,15 +97,17 @@ def _named(line: Line, base: float, pole_pairs: int | None) -> NamedLine:
     if abs(order - whole) <= _NEAR or min(ends) <= whole <= max(ends):
         harmonic = _HARMONICS if whole % 6 == 0 else _UNKNOWN
         return NamedLine(line, float(whole), _CAUSES.get(abs(whole), harmonic))
+    nearest = 6 * round(order / 6)
+    beside = bool(nearest) and abs(order - nearest) <= _BESIDE
     if pole_pairs:
         mechanical = round(order * pole_pairs)
-        if abs(order * pole_pairs - mechanical) <= min(0.25, _NEAR * pole_pairs):
+        near = _EXACT if beside else min(0.25, _NEAR * pole_pairs)
+        if abs(order * pole_pairs - mechanical) <= near:
             cause = (
                 f"mechanical order {mechanical}: resolver, eccentricity, or torque ripple in the "
                 "speed"
             )
             return NamedLine(line, mechanical / pole_pairs, cause.replace("-", "−"))
-    nearest = 6 * round(order / 6)
-    if nearest and abs(order - nearest) <= _BESIDE:
+    if beside:
         return NamedLine(line, order, _SIDE_BAND.format(nearest).replace("-", "−"))
     return NamedLine(line, order, _BETWEEN)
