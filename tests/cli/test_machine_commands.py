@@ -2,16 +2,17 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from penode.bench.config import load_config
-from penode.cli.loci import _end_of
+from penode.cli.loci import _end_of, _figures
 from penode.data.save import save
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
-from penode.pmsm.control.loci import Locus
+from penode.pmsm.control.loci import Locus, supported_torques
 from penode.pmsm.exports.formats import FORMATS
 from penode.pmsm.result_files import flux_map_csv
 from penode.pmsm.simulation.simulated_drive import deviation
@@ -72,10 +73,20 @@ def test_points_are_taken_and_pole_pairs_are_those_of_the_fit(result, penode, tm
 
 
 def test_every_range_of_torque_that_recordings_support_is_said():
-    none = np.zeros((2, 6))
     supported = np.array([1, 1, 0, 1, 1, 0], dtype=bool)
-    locus = Locus(none, none, np.array([0.0, 20.0, 40.0, 60.0, 100.0, 120.0]), supported)
-    assert locus.supported_torques == "0 to 20 and 60 to 100"
+    torque = np.array([0.0, 20.0, 40.0, 60.0, 100.0, 120.0])
+    assert supported_torques(torque, supported) == "0 to 20 and 60 to 100"
+    assert supported_torques(torque, ~supported & supported) == "none"
+
+
+@pytest.mark.parametrize(("largest", "said"), [(100.0, "100 A"), (50.0, "more than 75.0 A")])
+def test_a_characteristic_current_far_beyond_the_recordings_is_no_number(largest, said):
+    point = np.array([[-100.0], [0.0]])
+    locus = Locus(point, point, np.zeros(1), np.ones(1, bool))
+    loci = SimpleNamespace(
+        characteristic=locus, mtpa=locus, mtpv=locus, over_speed=None, base_speed=None
+    )
+    assert dict(_figures(loci, largest))["characteristic current"] == said
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,7 @@ def test_a_fit_has_a_row_for_it_in_the_budget_only_where_the_plan_asks():
         for row in estimate.budget
         if row.source == LEFT_OUT and row.std**2 > 0.5 * estimate.std**2
     ]
-    said = f"Most of the uncertainty of {', '.join(most)} is what the model leaves out, and the"
+    said = f"Most of the uncertainty of {', '.join(most)} is what the model leaves out, which"
     assert "damping" in most
     assert next(one for one in fit.warnings if "leaves out" in one).startswith(said)
     assert not any("leaves out" in one for one in without.warnings)

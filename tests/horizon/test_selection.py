@@ -129,7 +129,7 @@ def test_a_rung_without_an_interval_is_in_no_plateau_and_is_named():
     made[0] = replace(made[0], deviation=unknown, working=unknown)
     choice = Plateau().select(made)
     assert choice.reason.startswith("Estimates agree from H = 2 to 16, ")
-    assert "(at H = 1 predictions go astray; it has no weight)" in choice.reason
+    assert "(at H = 1 it has no interval, and no weight)" in choice.reason
     assert choice.agreeing == (1, 2, 3, 4)
     assert "no weight" not in Plateau().select(made[1:]).reason
 

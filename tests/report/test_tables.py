@@ -8,6 +8,7 @@ import pytest
 
 from penode.fit.fit import Estimate
 from penode.report.quantities import number
+from penode.report.sections import parameters
 from penode.report.statements import (
     estimate_text,
     free_run_text,
@@ -67,6 +68,18 @@ def test_diverged_runs_are_named_and_not_given_a_number(choice, comparison):
     assert free_run_value([lost]).doubtful
 
 
+def test_a_horizon_without_an_interval_is_said_to_have_no_weight(fit, choice):
+    assert "has no weight" not in ladder_table(choice, {"mass": "kg"}, STATES[:1]).caption
+    assert "no weight" not in parameters(fit).blocks[-1].caption
+    first = dataclasses.replace(choice.ladder[0], std={"mass": math.inf})
+    unknown = dataclasses.replace(choice, ladder=(first, *choice.ladder[1:]))
+    assert "(∞)" in ladder_table(unknown, {"mass": "kg"}, STATES[:1]).caption
+    fit.horizon = unknown
+    captions = {block.title: block.caption for block in parameters(fit).blocks}
+    said = [caption.endswith("no interval, and no weight.") for caption in captions.values()]
+    assert sum(said) == 1
+
+
 def test_columns_name_a_unit_only_where_all_states_share_it(comparison):
     assert validation_table([comparison]).columns[3:] == (
         f"one-step rmse of x in{GAP}m",
@@ -116,6 +129,7 @@ def test_ladder_has_a_free_run_error_a_state_where_units_differ(choice):
 
 def test_provenance_is_flat_and_named_by_path():
     table = provenance_table({"versions": {"jax": "1"}, "data": [{"sha": "ab"}], "seeds": [1, 2]})
+    assert texts(provenance_table({"why": ["One.", "Two."]}).rows[0]) == ["why", "One. Two."]
     assert [texts(row) for row in table.rows] == [
         ["versions.jax", "1"],
         ["data[0].sha", "ab"],

@@ -177,7 +177,7 @@ def _expected(check: RecordingCheck) -> list[Row]:
         if main
         else "no error of the sensors is assumed"
     )
-    training = (
+    before = (
         ""
         if check.half_widths[1] < _USABLE
         else (
@@ -185,5 +185,5 @@ def _expected(check: RecordingCheck) -> list[Row]:
             "much of that, record another speed, longer, or larger currents."
         )
     )
-    said = f"R: {by_sensors}; training shows how much of it these recordings reach.{training}"
+    said = f"R: {by_sensors}; training shows how much of it these recordings reach.{before}"
     return [("expected", said)]

@@ -21,6 +21,7 @@ from penode.pmsm.control.loci import (
     backed_current,
     control_loci,
     loci_csv,
+    supported_torques,
 )
 from penode.pmsm.control.operating_points import OperatingPoints, operating_points
 from penode.report.quantities import number
@@ -209,7 +210,8 @@ def _end_of(locus: Locus) -> str:
         return most
     if not locus.supported.any():
         return most + _UNSUPPORTED
-    return f"{most}; motoring, recordings support {locus.supported_torques} Nm"
+    ranges = supported_torques(locus.torque, locus.supported)
+    return f"{most}; motoring, recordings support {ranges} Nm"
 
 
 def _as_json(loci: ControlLoci) -> dict[str, Any]:

@@ -351,7 +351,7 @@ class Assembly:
                     named.setdefault((row.accuracy, row.remedy), []).append(name)
         for (accuracy, remedy), names in named.items():
             size = f" ({accuracy})" if accuracy else ""
-            what = f"is what the model leaves out{size}, and the interval holds it"
+            what = f"is what the model leaves out{size}, which is counted in the interval"
             yield f"Most of the uncertainty of {', '.join(names)} {what}. {remedy}"
 
     def _shortfall(self) -> str:

@@ -158,8 +158,7 @@ class Plateau:
             f"Estimates agree from H = {low} to {high}, and their weighted mean is the answer, "
             "also in what is exported"
             + f" (those at {', '.join(others)} differ by more than chance)" * bool(others)
-            + f" (at H = {', '.join(silent)} predictions go astray; it has no weight)"
-            * bool(silent)
+            + f" (at H = {', '.join(silent)} it has no interval, and no weight)" * bool(silent)
             + f". What needs one horizon, as residuals do, is shown at H = {chosen}."
         )
         verdict = "H = 1 suffices" if chosen == 1 else "plateau"

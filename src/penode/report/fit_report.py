@@ -197,7 +197,7 @@ def _key_values(fit: Fit, names: Sequence[str], page: Page) -> KeyValues:
     if fit.comparisons:
         ahead = 1e3 * min(one.time_step for one in fit.comparisons) * choice.selected
         detail = f"{number(ahead, 2)}\N{NO-BREAK SPACE}ms ahead; {choice.verdict}"
-        if len(choice.plateau) > 1 and choice.answered:
+        if choice.verdict == "plateau":
             detail += f" from H = {min(choice.plateau)} to {max(choice.plateau)}"
     horizon = KeyValue("Horizon", f"H = {choice.selected}", detail, choice.selected)
     values = [_parameter_value(fit, name) for name in names]

@@ -16,7 +16,7 @@ from penode.bench.winding import IronLoss
 from penode.models.inputs import Inputs
 from penode.pmsm import Accuracy
 from penode.pmsm.balance.calibration import Calibration
-from penode.pmsm.balance.calibration_fit import calibration_of
+from penode.pmsm.balance.calibration_fit import _Estimate, _timing_sentences, calibration_of
 from penode.pmsm.machine.holds import HOLDS, mean_over_samples, turned_voltage
 from penode.pmsm.machine.space_vectors import CURRENTS, in_frame_ahead, vector_of
 from penode.pmsm.recording.imperfection import Change, DriveImperfection, KnownDrive
@@ -472,3 +472,17 @@ def test_a_new_imperfection_is_one_object_and_one_line(slow_run, monkeypatch):
     assert np.abs(apart).max() < 0.1 * np.abs(run.stack(VOLTAGES) - slow_run.stack(VOLTAGES)).max()
     rows = [row.source for row in result.rows(Accuracy(), [run])]
     assert rows.count("eccentricity of the resolver") == 2
+
+
+def test_what_the_test_of_the_hold_shows_is_said(slow_run):
+    free = _Estimate({}, {}, 0.0, KnownDrive())
+    said = [
+        next(_timing_sentences(Calibration(turned=turned), (0.0, 0.01), free))
+        for turned in ((0.002, 0.0004), None)
+    ]
+    assert "it seems turned by 0.0020 ± 0.0004 (std) samples of rotation" in said[0]
+    assert said[1].endswith("In which frame it is held does not show.")
+    assert calibration_of([slow_run]).turned[0] == pytest.approx(0.0, abs=0.01)
+    assert calibration_of([turned_voltage(slow_run, 0.5)]).turned[0] == pytest.approx(
+        -0.5, abs=0.01
+    )

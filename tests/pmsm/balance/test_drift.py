@@ -84,6 +84,10 @@ def test_what_is_left_of_a_drift_is_in_the_budget(steady_run):
     assert budget_rows({}, [steady_run], KnownDrive()) == ()
     rows = budget_rows(left, [steady_run], KnownDrive())
     assert [row.source for row in rows] == ["drift of R", "drift of the magnets"]
+    assert [(row.accuracy, row.origin) for row in rows] == [
+        ("0.2 mΩ", "estimated"),
+        ("0.003 mVs", "estimated"),
+    ]
     for row, of_resistance, of_magnet in zip(rows, (2e-4, 0.0), (0.0, 3e-6), strict=True):
         found = row.applied(steady_run, -2.0).stack(VOLTAGES)
         expected = drifting(steady_run, 2 * of_resistance, 2 * of_magnet).stack(VOLTAGES)

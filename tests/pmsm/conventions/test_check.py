@@ -13,11 +13,11 @@ from penode.bench.references import Lissajous
 from penode.bench.run import simulate
 from penode.bench.sensors import CurrentSensors, Resolver, SpeedSensor
 from penode.data.experiment import Experiment
-from penode.pmsm.balance.calibration import AS_RECORDED
+from penode.pmsm.balance.calibration import AS_RECORDED, Calibration
 from penode.pmsm.balance.trial_balance import imitated_lag
 from penode.pmsm.balance.voltage_balance import harmonic_window
-from penode.pmsm.conventions import check
-from penode.pmsm.conventions.balance import judge_delay
+from penode.pmsm.conventions import balance, check
+from penode.pmsm.conventions.balance import judge_delay, judge_hold
 from penode.pmsm.conventions.check import check_conventions, judge
 from penode.pmsm.conventions.cures import _scales
 from penode.pmsm.conventions.motion import OfShaft, find_stepped_angle
@@ -410,6 +410,31 @@ def test_a_hold_that_the_recording_contradicts_is_named(made, given):
         found, calibration = judge([run], hold=hold)
         assert found.broken == ()
         assert calibration.drive.hold == made
+
+
+@pytest.mark.parametrize(
+    ("turned", "hold", "broken"),
+    [
+        ((-0.5, 0.01), "dq", True),
+        ((0.5, 0.01), "dq", True),  # a whole sample of rotation ahead is no frame
+        ((0.02, 0.01), "stationary", True),
+        ((0.02, 0.01), "dq", False),
+        ((-0.5, 0.11), "dq", False),
+        ((-0.5, 0.09), "dq", True),
+        (None, "stationary", False),
+    ],
+)
+def test_a_hold_is_contradicted_by_five_deviations_of_the_turn(slow_run, turned, hold, broken):
+    found = judge_hold([slow_run], hold, Calibration(turned=turned))
+    assert (found is not None) == broken
+
+
+@pytest.mark.parametrize(("lag", "side"), [(1.4, "late"), (-1.4, "early")])
+def test_a_lag_of_no_whole_number_is_said_to_be_none(slow_run, monkeypatch, lag, side):
+    monkeypatch.setattr(balance, "mean_lag", lambda *_: (lag, 0.02))
+    found, _, why = judge_delay([slow_run], in_phases=False)
+    assert found is None
+    assert f"as 1.4 ± 0.039 samples {side}, which is no whole number" in why
 
 
 def test_reversed_speed(drawn):

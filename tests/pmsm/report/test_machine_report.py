@@ -598,6 +598,12 @@ def test_differential_inductances_have_intervals_where_the_data_answer():
     assert "±" not in inductance_table(fit).rows[1].cells[column].text
 
 
+def test_the_horizon_shown_stands_beside_the_plateau_it_is_of():
+    assert "plateau from H = 17 to 128" in machine_report(machine_fit())
+    suffices = replace(answered(), verdict="H = 1 suffices")
+    assert "suffices from H" not in machine_report(machine_fit(suffices))
+
+
 def test_a_characteristic_current_far_beyond_the_recordings_is_no_number():
     fit = machine_fit()
     fit.excited = 0.2 * fit.excited

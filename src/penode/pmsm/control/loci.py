@@ -50,11 +50,6 @@ class Locus:
     supported: BoolArray
     speed: FloatArray | None = None
 
-    @property
-    def supported_torques(self) -> str:
-        """The ranges of torque, Nm, in which recordings support it, in words."""
-        return supported_torques(self.torque, self.supported)
-
     def chosen(self, which: BoolArray) -> "Locus":
         """Return some of the points."""
         speed = None if self.speed is None else self.speed[which]
