@@ -1,18 +1,28 @@
 """What a shell gets of penode: completion, help with examples, plain text in a pipe."""
 
+import importlib
+import inspect
 import os
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_type_hints
 
 import pytest
 from rich.console import Console
 from rich.text import Text
 
+from penode.bench.config import shipped_configs
+from penode.cli import commands
 from penode.cli.console import print_rows
 from penode.cli.main import _reflowed, app
+from penode.horizon.held_out import PURPOSES
+from penode.pmsm.exports.formats import FORMATS
+from penode.pmsm.machine.flux_maps import FLUX_MAPS
+from penode.pmsm.machine.holds import HOLDS
+from penode.pmsm.machine.term_registry import TERMS
 
 COMMANDS = [command.name for command in app.registered_commands]
 TYPED = """
@@ -92,11 +102,53 @@ def test_a_terminal_gets_colour_and_folded_sentences(capsys):
     assert "".join(lines).count("warning") == 1
 
 
-def test_commands_start_without_what_few_of_them_need():
-    """A plotting library takes a third of a second, and few commands draw."""
-    few = {"matplotlib", "plotly", "penode.paper"}
-    code = f"import sys, penode.cli.main; sys.exit(bool({few!r} & set(sys.modules)))"
-    assert subprocess.run([sys.executable, "-c", code], timeout=120).returncode == 0
+HEAVY = {"numpy", "jax", "scipy", "matplotlib", "plotly", "penode.paper", "penode.bench"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "typed"),
+    [
+        (["--help"], None),
+        (["identify", "--help"], None),
+        ([], "penode "),
+        ([], "penode identify run.csv --flux-map "),
+    ],
+)
+def test_help_and_completion_import_nothing_that_computes(arguments, typed):
+    code = (
+        f"import sys, penode.cli.main as cli; sys.argv = ['penode', *{arguments}]\n"
+        f"try: cli.main()\nfinally: assert not {HEAVY} & set(sys.modules)"
+    )
+    asked = {"_PENODE_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": ""}
+    if typed is not None:
+        asked["COMP_CWORD"] = str(len(typed.split(" ")) - 1)
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={**os.environ, **(asked if typed is not None else {})},
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(done.stdout.split()) >= 5
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_what_is_typed_is_what_the_work_is_given(command):
+    """The pages of help stand apart from the work; names and types are the same in both."""
+    work = getattr(importlib.import_module(f"penode.cli.{command}"), f"{command}_command")
+    typed = getattr(commands, command)
+    assert get_type_hints(typed) == get_type_hints(work)
+    assert list(inspect.signature(typed).parameters) == list(inspect.signature(work).parameters)
+
+
+def test_choices_of_the_pages_of_help_are_those_of_the_registries():
+    assert list(FLUX_MAPS) == list(commands._FLUX_MAPS)
+    assert list(TERMS) == list(commands._TERMS)
+    assert list(HOLDS) == list(commands._HOLDS)
+    assert list(PURPOSES) == list(commands._PURPOSES)
+    assert list(FORMATS) == list(commands._FORMATS)
+    assert list(shipped_configs()) == list(commands._SIMULATIONS)
 
 
 @pytest.mark.parametrize(

@@ -15,39 +15,6 @@ It shares no code with the estimator. The records of the rarer imperfections sta
 their modules; a TOML file names them all.
 """
 
-from penode.bench.coenergy_table import true_flux_map
-from penode.bench.config import load_config
-from penode.bench.drive import Drive
-from penode.bench.inverter import DeadTime, Inverter, StationaryHold
-from penode.bench.machines import MACHINES, TRACTION_300A, Machine
-from penode.bench.map_import import identified_machine, import_machine
-from penode.bench.references import Lissajous, Steps, stationary_grid
-from penode.bench.run import record, simulate
-from penode.bench.sensors import CurrentSensors, Resolver
-from penode.bench.winding import Winding
+from lazy_loader import attach_stub
 
-__all__ = [
-    "MACHINES",
-    "TRACTION_300A",
-    "CurrentSensors",
-    "DeadTime",
-    "Drive",
-    "Inverter",
-    "Lissajous",
-    "Machine",
-    "Resolver",
-    "StationaryHold",
-    "Steps",
-    "Winding",
-    "identified_machine",
-    "import_machine",
-    "load_config",
-    "record",
-    "simulate",
-    "stationary_grid",
-    "true_flux_map",
-]
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

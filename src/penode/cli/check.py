@@ -3,14 +3,13 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
 from rich.text import Text
 
 from penode.cli.console import Row, print_rows
-from penode.cli.options import Configs, Json, Recordings, load_studies, require_png
+from penode.cli.options import load_studies, require_png
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.errors import InputError
@@ -31,22 +30,13 @@ _NOT_DRAWN = "not drawn: what the recordings cover shows once they can be used"
 
 
 def check_command(
-    runs: Recordings,
-    config: Configs = None,
-    picture: Annotated[Path | None, typer.Option(help="PNG of what is covered.")] = None,
-    pole_pairs: Annotated[int | None, typer.Option(help="Of the machine.", min=1)] = None,
-    as_json: Json = False,
+    runs: list[Path],
+    config: list[Path] | None,
+    picture: Path | None,
+    pole_pairs: int | None,
+    as_json: bool,
 ) -> None:
-    """Check what recordings determine and what they cannot, before any training: a few seconds.
-
-    Quality of the channels, their conventions tested against physics, what currents and speeds
-    cover, and how far the resistance can be distinguished from the map. Of a table of operating
-    points, which has no column t: what they cover, how sure R is, and what more would bring.
-
-    Exit status: 0 all is well, 1 a convention is broken or the data cannot answer, 2 bad input.
-
-    Example: penode check run.csv --picture cover.png
-    """
+    """Check what recordings determine and what they cannot, before any training: a few seconds."""
     require_png(picture)
     asked = load_studies(config, {} if pole_pairs is None else {"pole_pairs": pole_pairs})
     recordings, alone = load_runs(runs, asked.mapping)

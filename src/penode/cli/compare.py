@@ -2,13 +2,12 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from penode.cli.console import print_rows
 from penode.cli.fits import load_machine
-from penode.cli.options import Json, SavedFit, TrustClasses, require_png
+from penode.cli.options import require_png
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.comparison.map_comparison import compare_maps, compare_resistances
@@ -16,18 +15,13 @@ from penode.pmsm.machine.flux_grid import is_map, read_grid
 
 
 def compare_command(
-    first: SavedFit,
-    second: Annotated[Path, typer.Argument(help="Another one, or a map such as flux_map.csv.")],
-    out: Annotated[Path | None, typer.Option(help="PNG to write.", show_default="none")] = None,
-    as_json: Json = False,
-    trust: TrustClasses = False,
+    first: Path,
+    second: Path,
+    out: Path | None,
+    as_json: bool,
+    trust: bool,
 ) -> None:
-    """Compare a saved fit with another one, or with a map in a CSV file.
-
-    Differences are the second less the first, where both are supported.
-
-    Example: penode compare cold warm --out difference.png
-    """
+    """Compare a saved fit with another one, or with a map in a CSV file."""
     if out is not None:
         require_png(out)
     if is_map(first):

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from penode.cli.console import ERRORS, say
 from penode.cli.fits import print_demo, print_fit, report_beside, signed
-from penode.cli.options import OutFolder
 from penode.cli.progress import watched
 from penode.errors import InputError
 from penode.fit.result_folder import RESULT
@@ -17,11 +16,10 @@ from penode.pmsm.result_files import write_answer
 _RECORDINGS = "recordings"
 
 
-def demo_command(out: OutFolder = Path("penode-demo")) -> None:
-    """Show the whole story on the built-in machine: record, identify, compare with the truth.
-
-    Example: penode demo --out demo
-    """
+def demo_command(
+    out: Path,
+) -> None:
+    """Show the whole story on the built-in machine: record, identify, compare with the truth."""
     if (out / RESULT).exists() and not (out / _RECORDINGS).is_dir():
         raise InputError(f"{out} has a result that is not the demo's: give another --out.")
     began = time.monotonic()

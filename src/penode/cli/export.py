@@ -1,44 +1,26 @@
 """The command ``penode export``."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from penode.arrays import FloatArray
 from penode.cli.console import Row, print_rows
 from penode.cli.fits import end_unless_answered, load_machine, require_same_pole_pairs
-from penode.cli.options import SavedFit, TrustClasses
 from penode.pmsm.exports.control_tables import torque_per_ampere
-from penode.pmsm.exports.formats import FORMATS, export
+from penode.pmsm.exports.formats import export
 from penode.pmsm.exports.motorcad import reference_resistance
 from penode.pmsm.machine.flux_grid import interpolation_error
 from penode.report.quantities import number
 
 
 def export_command(
-    folder: SavedFit,
-    to: Annotated[
-        str,
-        typer.Option(help=f"One of {', '.join(FORMATS)}.", autocompletion=lambda: list(FORMATS)),
-    ],
-    out: Annotated[Path, typer.Option(help="File to write; its suffix is that of the format.")],
-    points: Annotated[
-        int | None, typer.Option(help="Points a side of the grid; 41, but 256 for syre.")
-    ] = None,
-    pole_pairs: Annotated[int | None, typer.Option(help="Of the machine, for the torque.")] = None,
-    trust: TrustClasses = False,
+    folder: Path,
+    to: str,
+    out: Path,
+    points: int | None,
+    pole_pairs: int | None,
+    trust: bool,
 ) -> None:
-    """Write the flux map of a saved fit for a controller or another program.
-
-    csv: flux_map.csv; npz: motulator; syre: SyR-e's fdfq_idiq; xlsx: a workbook;
-    mat, m: tables for Simulink and Simscape, as a file and as a script, with i(psi) and MTPA;
-    motorcad: what reads a saturation map of Motor-CAD; over the rotor's angle too, as is mat;
-    c, c_fixed: a C99 header with look-ups of psi, i(psi), torque and MTPA, in float or 16 bits;
-    onnx: the map itself, as a graph.
-
-    Example: penode export result --to c --out machine.h
-    """
+    """Write the flux map of a saved fit for a controller or another program."""
     fit = load_machine(folder, trust)
     require_same_pole_pairs(fit, pole_pairs)
     replaced = " (replaced)" if out.exists() else ""

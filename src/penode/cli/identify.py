@@ -4,7 +4,6 @@ import time
 import webbrowser
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -16,7 +15,6 @@ from penode.errors import InputError
 from penode.fit.fit import Fit
 from penode.fit.result_folder import REPORT, RESULT, claimed
 from penode.horizon.checkpoint import Checkpoint
-from penode.horizon.held_out import PURPOSES
 from penode.identify import Stopped
 from penode.pmsm.points.identify import identify_points
 from penode.pmsm.points.operating_points import load_runs
@@ -26,81 +24,28 @@ from penode.pmsm.study_file import load_study
 
 
 def identify_command(  # noqa: PLR0913 (an argument an option)
-    runs: options.Recordings,
-    out: options.OutFolder,
-    validate: Annotated[
-        list[Path] | None, typer.Option(help="Recording to predict, not to train on. Repeatable.")
-    ] = None,
-    points: Annotated[
-        Path | None,
-        typer.Option(help="Table of operating points of the same bench, which narrows R and map."),
-    ] = None,
-    points_config: Annotated[
-        Path | None,
-        typer.Option(
-            help="Study file of that table: columns and units.", show_default="that of --config"
-        ),
-    ] = None,
-    config: options.Configs = None,
-    horizon: Annotated[
-        str | None, typer.Option(help="auto, or the number of steps.", show_default="auto")
-    ] = None,
-    flux_map: options.FluxMapOption = None,
-    inverter: options.Inverter = None,
-    terms: options.Terms = None,
-    angle_orders: options.AngleOrders = None,
-    hold: options.HoldOption = None,
-    pole_pairs: Annotated[
-        int | None,
-        typer.Option(help="Of the machine; a speed or angle of the shaft needs them.", min=1),
-    ] = None,
-    purpose: Annotated[
-        str | None,
-        typer.Option(
-            help=f"What the horizon is chosen for: {', '.join(PURPOSES)}.",
-            show_default="parameters",
-            autocompletion=lambda: list(PURPOSES),
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            help="Seed of window placement, and of the draw of a map other than coenergy.",
-            show_default="0",
-            min=0,
-            max=2**63 - 1,
-        ),
-    ] = None,
-    train_anyway: Annotated[
-        bool,
-        typer.Option("--train-anyway", help="Train though a convention of the channels is broken."),
-    ] = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with the fit that was stopped in --out.")
-    ] = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the result that is in --out.")
-    ] = False,
-    show: Annotated[
-        bool, typer.Option("--open", help="Open the report in the browser at the end.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print result.json instead.")] = False,
+    runs: list[Path],
+    out: Path,
+    validate: list[Path] | None,
+    points: Path | None,
+    points_config: Path | None,
+    config: list[Path] | None,
+    horizon: str | None,
+    flux_map: str | None,
+    inverter: bool | None,
+    terms: str | None,
+    angle_orders: str | None,
+    hold: str | None,
+    pole_pairs: int | None,
+    purpose: str | None,
+    seed: int | None,
+    train_anyway: bool,
+    resume: bool,
+    overwrite: bool,
+    show: bool,
+    as_json: bool,
 ) -> None:
-    """Identify resistance and flux-linkage map from recordings of a drive.
-
-    Columns: t (s), u_d and u_q (V), i_d and i_q (A), omega_el (rad/s, electrical), optionally
-    theta_el (rad); or u_a .. u_c, i_a .. i_c and theta_el. Currents and voltages are peak values.
-    A file without t is a table of operating points: torque (Nm) of the shaft counts there too.
-    Anything else is mapped by a study file, given with --config; options override its entries.
-
-    Ctrl-C stops with the best so far, written as a whole result; the same command with --resume
-    added goes on after the last finished horizon. Ctrl-C a second time leaves at once.
-
-    Exit status: 0 done, 1 the data cannot answer, 2 unusable input, 70 a failure of penode, 130
-    stopped.
-
-    Example: penode identify run.csv --validate other.csv --out result
-    """
+    """Identify resistance and flux-linkage map from recordings of a drive."""
     began = time.monotonic()
     checkpoint = _checkpoint(out, resume, overwrite)
     settings = options.given(

@@ -1,9 +1,6 @@
 """`penode init`: begin a study file with what a recording shows of itself."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from penode.cli.console import Row, print_rows
 from penode.data.load import read
@@ -18,22 +15,11 @@ from penode.pmsm.recording.study_text import study_text
 
 
 def init_command(
-    recording: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Recording: csv, xlsx, parquet, mat, mf4, tdms.")
-    ],
-    out: Annotated[Path, typer.Option(help="Study file to write; never overwritten.")] = Path(
-        "study.toml"
-    ),
-    standstill: Annotated[
-        bool, typer.Option("--standstill", help="The rotor stood still: no column has a speed.")
-    ] = False,
+    recording: Path,
+    out: Path,
+    standstill: bool,
 ) -> None:
-    """Write a study file with the best guesses from a recording, each with its reason.
-
-    Then: penode identify FILE --config study.toml --out result
-
-    Example: penode init bench.mf4 --out bench.toml
-    """
+    """Write a study file with the best guesses from a recording, each with its reason."""
     if out.exists() and recording.exists():
         raise InputError(f"{out}: this file exists; remove it, or give another name with --out.")
     if is_map(recording):

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import typer
@@ -10,7 +10,7 @@ import typer
 from penode.arrays import FloatArray
 from penode.cli.console import Row, print_rows
 from penode.cli.fits import end_unless_answered, load_machine, require_same_pole_pairs
-from penode.cli.options import Json, SavedFit, TrustClasses, require_png, require_suffix
+from penode.cli.options import require_png, require_suffix
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
 from penode.pmsm.control.controlled_machine import ControlledMachine, voltage_limit_of
@@ -32,52 +32,19 @@ _UNSUPPORTED = ", beyond the recordings"
 
 
 def loci_command(  # noqa: PLR0913 (an argument an option)
-    folder: SavedFit,
-    i_max: Annotated[
-        float | None,
-        typer.Option(
-            help="Current limit in A, peak value of a phase.",
-            show_default="up to where recordings back MTPA",
-        ),
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="PNG to write.")] = None,
-    u_max: Annotated[
-        float | None,
-        typer.Option(
-            help="Voltage limit in V, peak of a phase: u_dc / sqrt(3).",
-            show_default="that of the recorded u_dc",
-        ),
-    ] = None,
-    pole_pairs: Annotated[int | None, typer.Option(help="Of the machine.")] = None,
-    csv: Annotated[Path | None, typer.Option(help="CSV of the loci to write as well.")] = None,
-    table: Annotated[
-        Path | None, typer.Option(help="CSV of i_d, i_q over torque and speed to write as well.")
-    ] = None,
-    torque: Annotated[
-        str | None,
-        typer.Option(
-            help="Torques of the table in Nm, lowest:highest:points.",
-            show_default="21 up to the most",
-        ),
-    ] = None,
-    speed: Annotated[
-        str | None,
-        typer.Option(
-            help="Speeds of the table in rpm, lowest:highest:points.",
-            show_default="21 up to twice the base speed",
-        ),
-    ] = None,
-    as_json: Json = False,
-    trust: TrustClasses = False,
+    folder: Path,
+    i_max: float | None,
+    out: Path | None,
+    u_max: float | None,
+    pole_pairs: int | None,
+    csv: Path | None,
+    table: Path | None,
+    torque: str | None,
+    speed: str | None,
+    as_json: bool,
+    trust: bool,
 ) -> None:
-    """Compute what a controller needs: MTPA, MTPV, torque over speed, and currents over both.
-
-    Example: penode loci result --pole-pairs 5
-
-    Example: penode loci result --i-max 240 --u-max 230 --pole-pairs 5 --out loci.png
-
-    Example: penode loci result --u-max 230 --table points.csv --torque 0:200:21 --speed 0:9000:31
-    """
+    """Compute what a controller needs: MTPA, MTPV, torque over speed, and currents over both."""
     require_png(out)
     require_suffix(csv, ".csv")
     require_suffix(table, ".csv")

@@ -5,6 +5,8 @@ Exit status 0 done, 1 the data cannot answer, 2 bad input, 70 a failure of penod
 
 import gc
 import sys
+from collections.abc import Callable
+from functools import wraps
 from importlib import import_module
 from importlib.metadata import version
 from typing import Annotated, Any
@@ -12,11 +14,15 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from penode.cli.compilation_cache import use_compilation_cache
+from penode.cli import commands
 from penode.cli.console import Interrupted, Notes, say, why_and_status
 from penode.cli.process import flush_output, raise_lost_interrupts, use_tolerant_streams
 from penode.errors import InputError
 from penode.fit.left_out import LOG
+from penode_launcher import undisturbed
+
+#: New objects between two searches for garbage.
+_GARBAGE = 100_000
 
 
 class _Commands(TyperGroup):
@@ -68,11 +74,32 @@ def _reflowed(text: str) -> str:
     return "\n\n".join(" ".join(one.split()) for one in text.split("\n\n"))
 
 
+def _at_work(typed: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that imports what it does when it is to be done, not for a page of help."""
+    name = typed.__name__
+
+    @wraps(typed)
+    def command(**options: Any) -> None:
+        with undisturbed():
+            from penode.cli.compilation_cache import use_compilation_cache
+
+            work = getattr(import_module(f"penode.cli.{name}"), f"{name}_command")
+            use_compilation_cache()
+        # Modules and programs stay to the end; to search them again and again is 3 % of a fit.
+        if gc.get_freeze_count():  # garbage of a run before, once frozen, would stay for good
+            gc.collect()
+        gc.freeze()
+        gc.set_threshold(_GARBAGE, 10, 10)
+        work(**options)
+
+    return command
+
+
 # In the order in which a person needs them, which is that of --help.
 _NAMES = "demo init check identify report export loci compare simulate sweep reproduce"
 for _name in _NAMES.split():
-    _command = getattr(import_module(f"penode.cli.{_name}"), f"{_name}_command")
-    app.command(_name, help=_reflowed(_command.__doc__))(_command)
+    _typed = getattr(commands, _name)
+    app.command(_name, help=_reflowed(_typed.__doc__))(_at_work(_typed))
 
 
 def _usage(error: Any) -> BaseException:
@@ -87,19 +114,11 @@ def _usage(error: Any) -> BaseException:
     return InputError(f"{message[:1].lower()}{message[1:]}; see {page} --help.")
 
 
-#: New objects between two searches for garbage.
-_GARBAGE = 100_000
 _NOTES = Notes()
 
 
 def main() -> None:
     """Run the command line; bad input is refused in one sentence."""
-    # Modules and compiled programs stay to the end; to search them again and again is 3 % of a fit.
-    if gc.get_freeze_count():  # garbage of a run before, once frozen, would stay for good
-        gc.collect()
-    gc.freeze()
-    gc.set_threshold(_GARBAGE, 10, 10)
-    use_compilation_cache()
     use_tolerant_streams()
     raise_lost_interrupts()
     LOG.addHandler(_NOTES)  # again is as once

@@ -3,82 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from penode.errors import InputError, require_extra
-from penode.pmsm.machine.flux_maps import FLUX_MAPS
-from penode.pmsm.machine.holds import HOLDS
-from penode.pmsm.machine.term_registry import TERMS
 from penode.pmsm.study_file import StudyFile, load_study
-
-_BY_DATA = "decided from the data"
-Recordings = Annotated[
-    list[Path],
-    typer.Argument(help="Recordings: csv, xlsx, parquet, mat, mf4, tdms; with gaps, by stretches."),
-]
-SavedFit = Annotated[Path, typer.Argument(help="Folder that identify or demo wrote.")]
-OutFolder = Annotated[Path, typer.Option(help="Folder for the results; made if absent.")]
-Json = Annotated[bool, typer.Option("--json", help="One JSON document instead.")]
-Config = Annotated[
-    Path | None,
-    typer.Option(help="Study file: columns, units, options. penode init writes one."),
-]
-Configs = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--config",
-        help="Study file: columns, units, options. penode init writes one. Again for recordings "
-        "with other columns: each is read by the first that fits it; all else is the first's.",
-    ),
-]
-FluxMapOption = Annotated[
-    str | None,
-    typer.Option(
-        help=f"One of {', '.join(FLUX_MAPS)}.",
-        show_default="coenergy",
-        autocompletion=lambda: list(FLUX_MAPS),
-    ),
-]
-Inverter = Annotated[
-    bool | None,
-    typer.Option(
-        help="Dead time and on-state drops of the inverter, in the model or not; needs theta_el.",
-        show_default=_BY_DATA,
-    ),
-]
-Terms = Annotated[
-    str | None,
-    typer.Option(
-        help=f"Terms of the voltage equation beside R and rotation, or in place of R: "
-        f"{', '.join(TERMS)}. With commas.",
-        show_default="resistance; dead_time is decided from the data",
-        autocompletion=lambda: list(TERMS),
-    ),
-]
-AngleOrders = Annotated[
-    str | None,
-    typer.Option(
-        help="Harmonics of the angle in the map, such as 6,12, or none; they need theta_el.",
-        show_default=_BY_DATA,
-    ),
-]
-HoldOption = Annotated[
-    str | None,
-    typer.Option(
-        help=f"Frame in which the voltage is held: {' or '.join(HOLDS)}.",
-        show_default=_BY_DATA,
-        autocompletion=lambda: list(HOLDS),
-    ),
-]
-TrustClasses = Annotated[
-    bool,
-    typer.Option(
-        "--trust-classes",
-        help="Import the modules of the fit's own classes, which runs them.",
-    ),
-]
 
 
 def load_studies(paths: list[Path] | None, changes: Mapping[str, Any]) -> StudyFile:

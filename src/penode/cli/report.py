@@ -2,13 +2,10 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from penode.cli.console import print_rows
 from penode.cli.fits import load_machine
-from penode.cli.options import TrustClasses
 from penode.cli.pdf import browser, print_page
 from penode.errors import InputError, require_extra
 from penode.fit.archive import write_atomically
@@ -23,31 +20,12 @@ if TYPE_CHECKING:
 
 
 def report_command(
-    folder: Annotated[
-        Path, typer.Argument(help="Folder that identify, demo, sweep or Fit.save wrote.")
-    ],
-    against: Annotated[
-        Path | None,
-        typer.Option(help="A second map to draw beside: a CSV such as flux_map.csv, or a folder."),
-    ] = None,
-    pdf: Annotated[
-        bool, typer.Option("--pdf", help="Print it to report.pdf too, by Chromium or Chrome.")
-    ] = False,
-    trust: TrustClasses = False,
+    folder: Path,
+    against: Path | None,
+    pdf: bool,
+    trust: bool,
 ) -> None:
-    """Write report.html from a saved fit, of a machine or of any other model, or from a sweep.
-
-    A model of your own is imported from its module with --trust-classes alone, as this runs the
-    module: give the command in that module's folder, or name the folder in PYTHONPATH.
-
-    Example: penode report result
-
-    Example: penode report result --against fem.csv
-
-    Example: penode report fleet
-
-    Example: penode report motor --trust-classes
-    """
+    """Write report.html from a saved fit, of a machine or of any other model, or from a sweep."""
     page, printer = folder / REPORT, browser() if pdf else None
     # Imported here: the plotting library takes a third of a second, and few commands draw.
     from penode.pmsm.report.machine_report import machine_report

@@ -1,34 +1,20 @@
 """The command ``penode reproduce``."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Any
 
-import typer
 from rich.status import Status
 
 from penode.cli.console import ERRORS, Interrupted, Row, print_rows, say
-from penode.cli.options import OutFolder
 
 
 def reproduce_command(
-    study: Annotated[str, typer.Argument(help="all, or the name of one study.")],
-    out: OutFolder,
-    quick: Annotated[
-        bool,
-        typer.Option(
-            "--quick", help="A small part of everything, in a few minutes, to see that it runs."
-        ),
-    ] = False,
+    study: str,
+    out: Path,
+    quick: bool,
 ) -> None:
-    """Rebuild the paper's experiments on the simulated bench, ours beside them.
-
-    Studies: resistance_vs_horizon, flux_error_vs_horizon, generalisation_vs_horizon,
-    testbench_resistance, well_designed, subdomain, solver_dependence, table.
-
-    Every training is kept as it ends. After Ctrl-C the same command goes on.
-
-    Example: penode reproduce all --out studies --quick
-    """
+    """Rebuild the paper's experiments on the simulated bench, ours beside them."""
     # Imported here: the plotting library takes a third of a second, and few commands draw.
     from penode.paper.studies.reproduce import chosen_studies, reproduce
     from penode.paper.studies.variants import FULL, QUICK

@@ -2,11 +2,8 @@
 
 import time
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from penode.bench.config import load_config, shipped_configs
+from penode.bench.config import load_config
 from penode.bench.run import Recording
 from penode.cli.console import Row, print_rows, say
 from penode.cli.options import require_png
@@ -21,42 +18,15 @@ from penode.pmsm.study_file import load_study
 from penode.report.quantities import number
 
 
-def _simulations() -> list[str]:
-    """Return the names of the shipped simulations and the TOML files at hand."""
-    return [*shipped_configs(), *sorted(str(path) for path in Path().glob("*.toml"))]
-
-
 def simulate_command(
-    config: Annotated[
-        str,
-        typer.Argument(
-            help="TOML file, or the name of a shipped one.", autocompletion=_simulations
-        ),
-    ],
-    out: Annotated[Path, typer.Option(help="Recording to write, .csv or .parquet.")],
-    picture: Annotated[
-        Path | None, typer.Option(help="PNG to write as well: trajectory and spectra.")
-    ] = None,
-    over_time: Annotated[
-        Path | None, typer.Option(help="PNG to write as well: currents, voltages, torque.")
-    ] = None,
-    against: Annotated[
-        Path | None,
-        typer.Option(help="Recording on the same reference, to hold the simulation against."),
-    ] = None,
-    study: Annotated[
-        Path | None, typer.Option(help="Study file that maps the columns of --against.")
-    ] = None,
+    config: str,
+    out: Path,
+    picture: Path | None,
+    over_time: Path | None,
+    against: Path | None,
+    study: Path | None,
 ) -> None:
-    """Record a run on the simulated bench, with the truth written beside it.
-
-    Shipped: paper_simulation, paper_testbench, well_designed. In a TOML file of your own the
-    machine may be a built-in one, a flux map in a file, or what penode identify wrote.
-
-    Example: penode simulate paper_testbench --out run.csv
-
-    Example: penode simulate drive.toml --out drive.csv --over-time drive.png --against run.csv
-    """
+    """Record a run on the simulated bench, with the truth written beside it."""
     require_table_suffix(out)
     require_png(picture, over_time)
     replaced = _replaced(out)

@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.table import Table
@@ -22,46 +22,20 @@ if TYPE_CHECKING:
 
 
 def sweep_command(  # noqa: PLR0913 (an argument an option)
-    out: options.OutFolder,
-    runs: Annotated[
-        list[Path] | None,
-        typer.Argument(help="Recordings, each by itself, in place of the study file's."),
-    ] = None,
-    horizons: Annotated[
-        str | None,
-        typer.Option(
-            help="Steps, with commas between them, or auto.", show_default="the study's, or auto"
-        ),
-    ] = None,
-    seeds: Annotated[
-        int | None, typer.Option(help="Seeds at each horizon, from 0.", show_default="one")
-    ] = None,
-    config: options.Config = None,
-    flux_map: options.FluxMapOption = None,
-    inverter: options.Inverter = None,
-    terms: options.Terms = None,
-    angle_orders: options.AngleOrders = None,
-    hold: options.HoldOption = None,
-    jobs: Annotated[
-        int | None, typer.Option(help="Processes side by side.", show_default="one a core")
-    ] = None,
-    dask: Annotated[
-        str | None, typer.Option(help="Scheduler of a Dask cluster to work on, host:port.")
-    ] = None,
+    out: Path,
+    runs: list[Path] | None,
+    horizons: str | None,
+    seeds: int | None,
+    config: Path | None,
+    flux_map: str | None,
+    inverter: bool | None,
+    terms: str | None,
+    angle_orders: str | None,
+    hold: str | None,
+    jobs: int | None,
+    dask: str | None,
 ) -> None:
-    """Identify many recordings, each by itself, at horizons, from seeds, in variants.
-
-    What is swept stands in the table sweep of the study file, or in options. Writes table.jsonl,
-    a line a task as it ends, fits/KEY for penode report and penode export, and at the end
-    table.parquet and report.html.
-
-    Ctrl-C stops; the same command goes on. What is finished is not done again as long as data,
-    settings and penode are the same; to change the study file adds to the table.
-
-    Example: penode sweep run.csv --horizons 1,10,100 --seeds 3 --out sweep
-
-    Example: penode sweep --config fleet.toml --out fleet --jobs 8
-    """
+    """Identify many recordings, each by itself, at horizons, from seeds, in variants."""
     require_extra("polars", "tables", "a sweep")
     from penode.pmsm.sweep.run import sweep
     from penode.pmsm.sweep.table import PARQUET, read_table

@@ -78,13 +78,8 @@ def _line(entries: dict[str, Any]) -> bytes:
 
 
 def _reader(request: dict[str, Any]) -> types.ModuleType:
-    """Import a reader without the rest of the package around it."""
+    """Import a reader, and the libraries that it needs."""
     sys.path[:] = request["path"]
-    folder = Path(__file__).parents[1]
-    for name in ("penode", "penode.data"):
-        if name not in sys.modules:
-            package = sys.modules[name] = types.ModuleType(name)
-            package.__path__ = [str(folder.joinpath(*name.split(".")[1:]))]
     reader = importlib.import_module(f"penode.data.readers.{request['reader']}")
     for library in request["libraries"]:
         try:
