@@ -112,6 +112,16 @@
       format: "png", scale: 2, width: layout.width, height: layout.height,
       filename: element.closest("figure").id });
   };
+  // As a click on an entry of the legend does.
+  const toggle = (element, number) => {
+    const traces = element._fullData;
+    const entry = traces.filter((trace) => trace.showlegend)[number - 1];
+    if (!entry || !element._fullLayout.showlegend) return;
+    const group = entry.legendgroup;
+    const same = traces.filter((trace) => trace === entry || (group && trace.legendgroup === group));
+    const visible = entry.visible === true ? "legendonly" : true;
+    Plotly.restyle(element, { visible }, same.map((trace) => trace.index));
+  };
   const onKey = (event) => {
     const element = event.currentTarget;
     if (event.target !== element || event.ctrlKey || event.metaKey || event.altKey) return;
@@ -127,6 +137,8 @@
     };
     if (event.key === "0") {
       reset(element);
+    } else if (/^[1-9]$/.test(event.key)) {
+      toggle(element, Number(event.key));
     } else if (steps[event.key]) {
       Plotly.relayout(element, steps[event.key]());
     } else {
