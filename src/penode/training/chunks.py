@@ -25,8 +25,8 @@ Result = TypeVar("Result")
 #: Of the few long windows of a short recording two chunks go side by side, hardly padded; from so
 #: many samples on most windows are short and many, for which chunks twice as wide are faster.
 CHUNK, _NEAR, _LONG = 32, 131_072, 100_000
-#: Windows that go through together where each has results of its own: of few, and of many.
-_FEW, _BLOCK = 32, 128
+#: Windows that go through together where each has results of its own, of many windows.
+_BLOCK = 128
 #: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
 #: not depend on the number of cores.
 STRANDS = 4
@@ -168,10 +168,10 @@ def over_blocks(
 ) -> Iterator[Result]:
     """Apply a function of float64 to windows, block by block and side by side.
 
-    Corrections of their starts are (free, window), SI units. Blocks are of one size, or of another
-    where windows are few: two programs serve any number of windows.
+    Corrections of their starts are (free, window), SI units. Blocks are of one size, or as wide as
+    a chunk where windows are few: two programs serve any number of windows.
     """
-    width = _BLOCK if len(windows) > _BLOCK else _FEW
+    width = _BLOCK if len(windows) > _BLOCK else _width(error, 0)
 
     def of_block(given: tuple[IntArray, PredictionError, Windows]) -> Result:
         places, of_step, few = given

@@ -1,10 +1,11 @@
 """What a controller's operating points rest on: flux map, inductance, resistance, pole pairs.
 
-T = 3/2 p (psi_d i_q - psi_q i_d) and, in steady state, u = R i + omega J psi.
+T = 3/2 p (psi_d i_q - psi_q i_d) and, in steady state, u = R i + omega J psi and what the
+inverter takes.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from penode.arrays import BoolArray, FloatArray
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.fit.fit import Fit
+from penode.pmsm.control.inverter_voltage import InverterVoltage
 from penode.pmsm.machine.frames import quarter_turned
 from penode.pmsm.recording.stationary_frame import LINK
 
@@ -52,6 +54,8 @@ class ControlledMachine:
         R of one phase in ohm.
     supported : callable
         Whether currents (point, 2) in A are backed by recordings; by default all are.
+    inverter : InverterVoltage or None
+        What the voltage of the command has beside that of the windings; None for nothing.
     """
 
     flux_map: Callable[..., FloatArray]
@@ -59,10 +63,11 @@ class ControlledMachine:
     pole_pairs: int
     resistance: float = 0.0
     supported: Callable[[FloatArray], BoolArray] = _everywhere
+    inverter: InverterVoltage | None = None
 
     @classmethod
     def of(cls, fit: Fit, pole_pairs: int | None = None) -> "ControlledMachine":
-        """Return the machine of a fit; without R where the recordings do not identify it.
+        """Return the machine of a fit; without R and dead time where recordings do not identify R.
 
         Raises
         ------
@@ -75,8 +80,12 @@ class ControlledMachine:
                 "pole pairs must be a whole number >= 1 for the torque, got "
                 f"{pairs or 'none'}; set --pole-pairs."
             )
-        resistance = fit.parameters["R"].value if fit.horizon.answered else 0.0
-        return cls(fit.flux_map, fit.differential_inductance, pairs, resistance, fit.supported)
+        resistance, inverter = 0.0, None
+        if fit.horizon.answered:
+            resistance = fit.parameters["R"].value
+            inverter = InverterVoltage.of(fit.model, float(np.hypot(*fit.excited.T).max()))
+        inductance = fit.differential_inductance
+        return cls(fit.flux_map, inductance, pairs, resistance, fit.supported, inverter)
 
     def mirrored(self) -> "ControlledMachine":
         """Return the machine with i_q and psi_q reversed, and with them torque and speed."""
@@ -90,9 +99,11 @@ class ControlledMachine:
             slope = self.differential_inductance(i_d, -np.asarray(i_q))
             return np.einsum("a,ab...,b->ab...", turn, slope, turn)
 
-        pairs, resistance = self.pole_pairs, self.resistance
-        return ControlledMachine(
-            flux_map, inductance, pairs, resistance, lambda points: self.supported(points * turn)
+        return replace(
+            self,
+            flux_map=flux_map,
+            differential_inductance=inductance,
+            supported=lambda points: self.supported(points * turn),
         )
 
     def torque(self, current: FloatArray) -> FloatArray:
@@ -108,12 +119,24 @@ class ControlledMachine:
         slope = np.einsum("ab...,a...->b...", inductance, turned) + quarter_turned(psi)
         return np.asarray(1.5 * self.pole_pairs * slope)
 
+    def drop_per_ampere(self, current: FloatArray) -> FloatArray:
+        """Return R and, beside it, what the inverter takes along currents (2, point), ohm."""
+        taken = 0.0 if self.inverter is None else self.inverter.per_ampere(np.hypot(*current))[0]
+        return np.asarray(self.resistance + taken)
+
     def voltage(self, current: FloatArray, speed: FloatArray | float) -> FloatArray:
         """Return the steady u (2, point) in V at an electrical speed in rad/s."""
-        return self.resistance * current + speed * quarter_turned(self.flux_map(*current))
+        return self.drop_per_ampere(current) * current + speed * quarter_turned(
+            self.flux_map(*current)
+        )
 
     def voltage_slope(self, current: FloatArray, speed: FloatArray | float) -> FloatArray:
         """Return du/di (2, 2, point) in ohm."""
         slope: FloatArray = speed * quarter_turned(self.differential_inductance(*current))
-        slope[[0, 1], [0, 1]] += self.resistance
+        slope[[0, 1], [0, 1]] += self.drop_per_ampere(current)
+        if self.inverter is not None:
+            size = np.hypot(*current)
+            taken, rise = self.inverter.per_ampere(size)
+            ahead = current / np.maximum(size, np.finfo(float).tiny)
+            slope += (rise - taken) * ahead[:, None] * ahead[None]
         return slope

@@ -225,17 +225,18 @@ def base_speed(machine: ControlledMachine, current_limit: float, voltage_limit: 
     Raises
     ------
     InputError
-        If the voltage does not even drive the current through R.
+        If the voltage does not even drive the current at standstill.
     """
-    drop = machine.resistance * current_limit
+    current = most_torque(machine, Circles(np.array([current_limit])))[:, 0]
+    still = machine.drop_per_ampere(current) * current
+    drop = float(np.hypot(*still))
     if drop >= voltage_limit:
         raise InputError(
-            f"the voltage limit must be above the drop at R, {drop:.3g} V at {current_limit:g} A, "
-            f"got {voltage_limit:g} V; raise it or lower the current limit."
+            f"the voltage limit must be above the drop at standstill, {drop:.3g} V at "
+            f"{current_limit:g} A, got {voltage_limit:g} V; raise it or lower the current limit."
         )
-    current = most_torque(machine, Circles(np.array([current_limit])))[:, 0]
     psi = machine.flux_map(*current)
-    along = machine.resistance * current @ quarter_turned(psi)
+    along = still @ quarter_turned(psi)
     rest = (voltage_limit**2 - drop**2) * (psi @ psi)
     return float((np.sqrt(along**2 + rest) - along) / (psi @ psi)) / machine.pole_pairs
 

@@ -101,7 +101,7 @@ def torque_and_operating_points(fit: Fit) -> Section | None:
     if limit is not None:
         volts = (
             f"Orange: where the voltage is at {with_unit(limit, 'V')} (peak of a phase, "
-            "u_dc over √3), R included and the inverter's dead time not, at the speed written "
+            "u_dc over √3), R and dead time included, at the speed written "
             f"beside it in {operation.speed_unit}; at that speed no current outside can be held."
         )
     slow = "" if loci.mtpv.torque.size else ", which is not reached within the current limit"
