@@ -7,8 +7,16 @@ import pytest
 from scipy.integrate import quad
 from tests.pmsm.control.test_loci import LIMIT, LINEAR
 
+from penode.errors import InputError
 from penode.pmsm.control.inverter_voltage import InverterVoltage
-from penode.pmsm.control.loci import base_speed, most_torque_over_speed, mtpa
+from penode.pmsm.control.loci import (
+    base_speed,
+    characteristic_current,
+    most_torque_over_speed,
+    mtpa,
+    mtpv,
+    voltage_limit_curve,
+)
 from penode.pmsm.machine.dead_time import DeadTime, MeanDeadTime, PhaseDeadTime
 from penode.pmsm.machine.frames import quarter_turned
 from penode.pmsm.machine.model import Machine
@@ -100,3 +108,28 @@ def test_a_machine_and_its_mirror_take_the_same():
     machine, current = driven(), np.array([[-80.0], [120.0]])
     mirrored = machine.mirrored().voltage(current * [[1.0], [-1.0]], -500.0)
     np.testing.assert_allclose(mirrored * [[1.0], [-1.0]], machine.voltage(current, 500.0))
+
+
+def test_flux_linkage_knows_no_inverter():
+    """What high speed allows, and the steady short circuit, are of the map alone."""
+    machine, fluxes = driven(), np.linspace(0.01, 0.05, 5)
+    plain = replace(LINEAR, resistance=0.02)
+    np.testing.assert_array_equal(
+        mtpv(machine, fluxes, LIMIT).current, mtpv(plain, fluxes, LIMIT).current
+    )
+    np.testing.assert_array_equal(
+        characteristic_current(machine, LIMIT).current, characteristic_current(plain, LIMIT).current
+    )
+
+
+def test_the_limit_of_the_voltage_is_drawn_where_the_command_is_at_it():
+    locus = voltage_limit_curve(driven(), 40.0, 12.0, LIMIT)
+    current = locus.current[:, np.isfinite(locus.current).all(axis=0)]
+    assert current.shape[1] > 100
+    volts = np.hypot(*driven().voltage(current, 40.0 * driven().pole_pairs))
+    np.testing.assert_allclose(volts, 12.0, rtol=1e-6)
+
+
+def test_too_little_voltage_for_the_current_at_standstill_is_refused():
+    with pytest.raises(InputError, match=r"drop at standstill, 13.1 V at 400 A, got 10 V"):
+        base_speed(driven(), LIMIT, 10.0)

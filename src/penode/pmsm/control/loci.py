@@ -178,7 +178,7 @@ def mtpv(machine: ControlledMachine, fluxes: FloatArray, current_limit: float) -
     current_limit : float
         Peak value of a phase in A; points beyond it are left out.
     """
-    lossless = replace(machine, resistance=0.0)
+    lossless = replace(machine, resistance=0.0, inverter=None)
     curves = VoltageCurves(lossless, np.ones(len(fluxes)), fluxes, current_limit)
     locus = _locus(machine, most_torque(lossless, curves))
     return locus.chosen(np.hypot(*locus.current) <= current_limit)
@@ -189,7 +189,7 @@ def characteristic_current(machine: ControlledMachine, current_limit: float) -> 
 
     It may lie beyond the current limit, which only says where the search begins.
     """
-    lossless = replace(machine, resistance=0.0)
+    lossless = replace(machine, resistance=0.0, inverter=None)
     curves = VoltageCurves(lossless, np.ones(1), np.zeros(1), current_limit)
     return _locus(machine, curves(np.zeros((1, 1)))[0][..., 0])
 
