@@ -15,7 +15,7 @@ from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import AB3, EULER
 from penode.validation.comparison import Comparison
-from penode.validation.free_run import compare, free_run_errors, look_ahead
+from penode.validation.free_run import compare, free_run_errors, look_ahead, look_far_ahead
 
 
 def predictor_of(system):
@@ -138,6 +138,25 @@ def test_looking_ahead_is_the_plain_loop(systems, steps):
             x = system.step("rk4", system.raw, x, u)
         expected.append(x)
     found = looked_ahead(predictor_of(system), system, run, steps)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("least", [1, 2, 7, 50, 200])
+def test_looking_far_ahead_is_the_plain_loop(systems, least):
+    """Windows start `least` samples apart; each gives what lies between that and twice as far."""
+    system = systems["duffing"]
+    run = system.experiments[1].part(0, 60)
+    measured, inputs = run.stack(system.model.states), run.stack(system.model.inputs)
+    expected = []
+    for target in range(1, len(run)):
+        origin = max((target - 1) // least - 1, 0) * least
+        x = measured[origin]
+        for u in inputs[origin:target]:
+            x = system.step("rk4", system.raw, x, u)
+        expected.append(x)
+    model, predictor = with_batch_axis(system.model), predictor_of(system)
+    with float64():
+        found = look_far_ahead(predictor, model, measured.T, inputs.T, least).T
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
 
 

@@ -10,7 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
-from penode.arrays import FloatArray, JaxArray, float64, on_device, with_shared_length
+from penode.arrays import (
+    FloatArray,
+    JaxArray,
+    float64,
+    on_device,
+    shared_length,
+    with_shared_length,
+)
 from penode.data.experiment import Experiment
 from penode.errors import InputError
 from penode.models.base import Model
@@ -258,6 +265,51 @@ def _ahead(
         return history[0]
 
     return rollout(step, start, steps, visit, start[0])
+
+
+def look_far_ahead(
+    predictor: Predictor,
+    model: Model,
+    states: FloatArray,
+    inputs: FloatArray,
+    least: int,
+) -> FloatArray:
+    """Predict every sample from the measured ones between `least` and 2 `least` steps before it.
+
+    As `look_ahead`, in twice as many steps as there are samples, however far it looks; the samples
+    of the first window start from fewer steps before.
+    """
+    samples = states.shape[1]
+    windows = shared_length(-(-(samples - predictor.past) // least))
+    first = on_device(predictor.past - 1 + least * np.arange(windows))
+    recorded = [with_shared_length(a) for a in (states, predictor.prepared(np.asarray(inputs).T).T)]
+    ahead = _far_ahead(predictor, model, *recorded, first, least)
+    return np.asarray(ahead)[:, predictor.past : samples]
+
+
+@partial(jax.jit, static_argnums=0)
+def _far_ahead(
+    predictor: Predictor,
+    model: Model,
+    states: JaxArray,
+    inputs: JaxArray,
+    first: JaxArray,
+    least: JaxArray,
+) -> JaxArray:
+    """Let windows of padded rows run side by side, and keep the second half of each."""
+    last = states.shape[1] - 1
+    at = jnp.minimum(first, last)
+    start = jnp.stack([states[:, at - j] for j in range(predictor.past)])
+
+    def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
+        return predictor.step(model, history, Recorded(inputs, jnp.minimum(first + k, last))), None
+
+    def visit(k: JaxArray, history: JaxArray, _: None, path: JaxArray) -> JaxArray:
+        kept = (k >= least) | (jnp.arange(len(first)) == 0)
+        place = jnp.where(kept, first + k + 1, last + 1)
+        return path.at[:, place].set(history[0], mode="drop")
+
+    return rollout(step, start, 2 * least, visit, states)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -32,7 +32,7 @@ from penode.pmsm.machine.terms import ANGLE
 from penode.predictors.base import Predictor
 from penode.training.covariance import bartlett_variance
 from penode.training.weak_form import OVERLAP, HannWindow
-from penode.validation.free_run import look_ahead
+from penode.validation.free_run import look_ahead, look_far_ahead
 
 #: Length over which the process varies, in largest currents; its functions, which have nine tenths
 #: of its variance, and the recorded currents that they are made from.
@@ -136,14 +136,14 @@ def left_over(
 
 
 def _expected(experiment: Experiment, machine: Machine, predictor: Predictor) -> Experiment:
-    """Return a recording with currents predicted from a window before, an instrument for them.
+    """Return a recording with currents predicted from a window or two before: an instrument.
 
     Functions of recorded currents have the noise of an equation in them, which is what it leaves.
     """
     states, inputs = (experiment.stack(n).T for n in (machine.states, machine.inputs))
     length = harmonic_window(experiment)
     with float64():
-        ahead = look_ahead(predictor, with_batch_axis(machine), states, inputs, length)
+        ahead = look_far_ahead(predictor, with_batch_axis(machine), states, inputs, length)
     d, q = np.concatenate([states[:, : predictor.past], ahead], axis=1)
     return with_vector(experiment, CURRENTS, lambda _: d + 1j * q)
 
