@@ -6,6 +6,7 @@ import importlib.util
 import pkgutil
 import shutil
 import subprocess
+import sys
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -31,6 +32,7 @@ from benchmarks import (
     problem,
     roofline,
     scale,
+    start,
     sweep,
 )
 from benchmarks import run as all_benchmarks
@@ -58,7 +60,8 @@ ELSEWHERE = {
 HERE = {
     "bench_speed", "c_lookup", "diffrax_gradient", "fit_machines", "gauss_newton",
     "identification", "long_recording", "memory", "operations", "own_models", "parallel_starts",
-    "peer_models", "peers", "problem", "roofline", "run", "scale", "sweep",
+    "peer_models", "peers", "problem", "roofline", "run", "scale", "start",
+    "sweep",
 }  # fmt: skip
 FOLDER = Path(benchmarks.__file__).parent
 PEER_STARTS = {
@@ -232,6 +235,17 @@ def test_scale_reads_in_pieces_what_was_written(tmp_path, monkeypatch):
     assert scale._against_budget("check", 10_000_000, taken).endswith("reached")
     assert scale._against_budget("check", 10_000_000, replace(taken, clock=40.0)).endswith("MISSED")
     assert scale._against_budget("check", 100, taken) == ""
+
+
+def test_a_start_is_held_against_its_goal(monkeypatch, capsys):
+    assert set(start.ASKED) >= {"penode --help", "penode TAB", "import penode"}
+    monkeypatch.setattr(start, "_RUNS", 1)
+    words = (sys.executable, "-c", "import os; assert os.environ['COMP_CWORD'] == '1'")
+    monkeypatch.setattr(start, "ASKED", {"quick": (words, "penode ", 60.0)})
+    assert start.main() == 0
+    monkeypatch.setattr(start, "ASKED", {"never": (words, "penode ", 0.0)})
+    assert start.main() == 1
+    assert capsys.readouterr().out.split()[-1] == "MISSED"
 
 
 def test_a_sweep_has_its_recordings_and_sizes(tmp_path):

@@ -88,7 +88,10 @@ def browser(tmp_path):
 
 def line(title):
     plot = panels.blank_figure()
-    plot.add_scatter(x=np.arange(5.0), y=np.arange(5.0) ** 2)
+    plot.add_scatter(x=np.arange(5.0), y=np.arange(5.0) ** 2, name="square")
+    for sign in (-1, 1):
+        plot.add_scatter(x=[0.0, 4.0], y=[0.0, 4.0 * sign], name="lines", legendgroup="lines")
+    plot.update_layout(showlegend=title == "One")
     return Figure(title, "Caption.", plot)
 
 
@@ -129,3 +132,15 @@ def test_pictures_are_reached_and_moved_by_keys(browser, tmp_path):
     assert np.ptp(closer) == pytest.approx(0.7 * np.ptp(before))
     browser.press("0", 48)
     assert json.loads(browser.evaluate(ends)) == pytest.approx(before)
+
+    # The digits do what a click on the legend does, to a whole group; a hidden legend has none.
+    shown = "document.activeElement._fullData.map((trace) => trace.visible).join()"
+    browser.press("2", 50)
+    assert browser.evaluate(shown) == "true,legendonly,legendonly"
+    browser.press("2", 50)
+    browser.press("9", 57)
+    assert browser.evaluate(shown) == "true,true,true"
+    while browser.evaluate(FOCUSED) != second:
+        browser.press("Tab", 9)
+    browser.press("1", 49)
+    assert browser.evaluate(shown) == "true,true,true"
