@@ -13,6 +13,7 @@ from benchmarks import (
     memory,
     parallel_starts,
     roofline,
+    start,
 )
 
 HERE = (
@@ -24,6 +25,7 @@ HERE = (
     bench_speed,
     parallel_starts,
     c_lookup,
+    start,
 )
 
 ELSEWHERE = """\
