@@ -68,6 +68,22 @@ def test_ctrl_c_while_closing_down_changes_nothing(tmp_path):
     assert (done.returncode, done.stderr) == (1, "")
 
 
+def test_ctrl_c_while_a_command_imports_what_it_does(tmp_path):
+    code = (
+        "import os, signal, sys, penode.cli.main as cli\n"
+        f"def late(name): {CTRL_C}; sys.exit(0)\n"
+        "cli.import_module = late\n"
+        "sys.argv = ['penode', 'identify', 'run.csv', '--out', 'result']\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "cli.main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, cwd=tmp_path
+    )
+    assert (done.returncode, done.stderr) == STOPPED
+    assert not list(tmp_path.iterdir())
+
+
 def test_where_ctrl_c_is_ignored_it_stays_ignored(tmp_path):
     """As under nohup."""
     done = launched(tmp_path, f"{CTRL_C}; sys.exit(4)", imported="", ignored=True)
