@@ -399,7 +399,7 @@ def sweep(  # noqa: PLR0913 (an argument an option)
 ) -> None:
     """Identify many recordings, each by itself, at horizons, from seeds, in variants.
 
-    What is swept stands in the table sweep of the study file, or in  Writes table.jsonl,
+    What is swept stands in the table sweep of the study file, or in options. Writes table.jsonl,
     a line a task as it ends, fits/KEY for penode report and penode export, and at the end
     table.parquet and report.html.
 
