@@ -115,13 +115,26 @@ def test_errors_leave_the_measured_start_out():
 # --- looking k samples ahead ------------------------------------------------------------------
 
 
-def looked_ahead(predictor, system, run, steps):
+def looked_ahead(predictor, system, run, steps, look=look_ahead):
     """Return the samples (time, state) from `past` on."""
     with float64():
         columns = (run.stack(n).T for n in (system.model.states, system.model.inputs))
         states, inputs = (jnp.asarray(c) for c in columns)
         model = with_batch_axis(system.model)
-        return np.asarray(look_ahead(predictor, model, states, inputs, steps)).T
+        return np.asarray(look(predictor, model, states, inputs, steps)).T
+
+
+def plainly_ahead(system, run, origin_of):
+    """Return what a loop predicts of each sample but the first, from an origin before it."""
+    measured, inputs = run.stack(system.model.states), run.stack(system.model.inputs)
+    expected = []
+    for target in range(1, len(run)):
+        origin = origin_of(target)
+        x = measured[origin]
+        for u in inputs[origin:target]:
+            x = system.step("rk4", system.raw, x, u)
+        expected.append(x)
+    return expected
 
 
 @pytest.mark.parametrize("steps", [1, 2, 5, 200])
@@ -129,14 +142,7 @@ def test_looking_ahead_is_the_plain_loop(systems, steps):
     """From k samples before, or from the first one where there are fewer: then a free run."""
     system = systems["duffing"]
     run = system.experiments[1].part(0, 60)
-    measured, inputs = run.stack(system.model.states), run.stack(system.model.inputs)
-    expected = []
-    for target in range(1, len(run)):
-        origin = max(target - steps, 0)
-        x = measured[origin]
-        for u in inputs[origin:target]:
-            x = system.step("rk4", system.raw, x, u)
-        expected.append(x)
+    expected = plainly_ahead(system, run, lambda target: max(target - steps, 0))
     found = looked_ahead(predictor_of(system), system, run, steps)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
 
@@ -146,17 +152,8 @@ def test_looking_far_ahead_is_the_plain_loop(systems, least):
     """Windows start `least` samples apart; each gives what lies between that and twice as far."""
     system = systems["duffing"]
     run = system.experiments[1].part(0, 60)
-    measured, inputs = run.stack(system.model.states), run.stack(system.model.inputs)
-    expected = []
-    for target in range(1, len(run)):
-        origin = max((target - 1) // least - 1, 0) * least
-        x = measured[origin]
-        for u in inputs[origin:target]:
-            x = system.step("rk4", system.raw, x, u)
-        expected.append(x)
-    model, predictor = with_batch_axis(system.model), predictor_of(system)
-    with float64():
-        found = look_far_ahead(predictor, model, measured.T, inputs.T, least).T
+    expected = plainly_ahead(system, run, lambda target: max((target - 1) // least - 1, 0) * least)
+    found = looked_ahead(predictor_of(system), system, run, least, look_far_ahead)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
 
 

@@ -13,7 +13,11 @@ from penode.cli.fits import end_unless_answered, load_machine, require_same_pole
 from penode.cli.options import require_png, require_suffix
 from penode.errors import InputError
 from penode.fit.archive import write_atomically
-from penode.pmsm.control.controlled_machine import ControlledMachine, voltage_limit_of
+from penode.pmsm.control.controlled_machine import (
+    ControlledMachine,
+    largest_current,
+    voltage_limit_of,
+)
 from penode.pmsm.control.loci import (
     BEYOND,
     ControlLoci,
@@ -52,7 +56,7 @@ def loci_command(  # noqa: PLR0913 (an argument an option)
     fit = load_machine(folder, trust)
     require_same_pole_pairs(fit, pole_pairs)
     machine = ControlledMachine.of(fit, pole_pairs)
-    largest = float(np.hypot(*fit.excited.T).max())
+    largest = largest_current(fit)
     _require_near(i_max, largest)
     backed = backed_current(machine, largest)
     volts = voltage_limit_of(fit) if u_max is None else u_max

@@ -274,10 +274,11 @@ def look_far_ahead(
     inputs: FloatArray,
     least: int,
 ) -> FloatArray:
-    """Predict every sample from the measured ones between `least` and 2 `least` steps before it.
+    """Predict every sample from measured ones more than `least` steps before it, twice at most.
 
-    As `look_ahead`, in twice as many steps as there are samples, however far it looks; the samples
-    of the first window start from fewer steps before.
+    As `look_ahead` does, states (state, time) and inputs (input, time) to (state, time - past), but
+    in twice as many steps as there are samples, however far it looks. The first `least` samples
+    start from the first one.
     """
     samples = states.shape[1]
     windows = shared_length(-(-(samples - predictor.past) // least))

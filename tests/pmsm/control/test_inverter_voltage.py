@@ -1,6 +1,7 @@
 """The voltage along the current that an inverter takes: closed forms, and what follows from it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy.integrate import quad
 from tests.pmsm.control.test_loci import LIMIT, LINEAR
 
 from penode.errors import InputError
+from penode.pmsm.control.controlled_machine import ControlledMachine
 from penode.pmsm.control.inverter_voltage import InverterVoltage
 from penode.pmsm.control.loci import (
     base_speed,
@@ -133,3 +135,21 @@ def test_the_limit_of_the_voltage_is_drawn_where_the_command_is_at_it():
 def test_too_little_voltage_for_the_current_at_standstill_is_refused():
     with pytest.raises(InputError, match=r"drop at standstill, 13.1 V at 400 A, got 10 V"):
         base_speed(driven(), LIMIT, 10.0)
+
+
+@pytest.mark.parametrize("answered", [True, False])
+def test_a_fit_brings_its_dead_time_where_r_is_answered(answered):
+    fit = SimpleNamespace(
+        provenance={"pole_pairs": 4},
+        horizon=SimpleNamespace(answered=answered),
+        parameters={"R": SimpleNamespace(value=0.02)},
+        model=Machine(flux=None, terms=(Resistance(0.02), KNEE)),
+        excited=np.array([[0.0, 100.0], [-240.0, 320.0]]),
+        flux_map=LINEAR.flux_map,
+        differential_inductance=LINEAR.differential_inductance,
+        supported=LINEAR.supported,
+    )
+    machine, current = ControlledMachine.of(fit), np.array([[0.0], [300.0]])
+    expected = 0.02 * 300.0 + taken(300.0) if answered else 0.0
+    np.testing.assert_allclose(machine.drop(current), [[0.0], [expected]], rtol=1e-4, atol=1e-9)
+    assert not answered or machine.inverter.size[-1] == 400.0

@@ -34,6 +34,11 @@ def voltage_limit_of(fit: Fit) -> float | None:
     return float(link) / np.sqrt(3) if link and link > 0 else None
 
 
+def largest_current(fit: Fit) -> float:
+    """Return the largest current of the recordings, peak of a phase in A."""
+    return float(np.hypot(*fit.excited.T).max())
+
+
 def _everywhere(points: FloatArray) -> BoolArray:
     return np.ones(len(points), dtype=bool)
 
@@ -83,7 +88,7 @@ class ControlledMachine:
         resistance, inverter = 0.0, None
         if fit.horizon.answered:
             resistance = fit.parameters["R"].value
-            inverter = InverterVoltage.of(fit.model, float(np.hypot(*fit.excited.T).max()))
+            inverter = InverterVoltage.of(fit.model, largest_current(fit))
         inductance = fit.differential_inductance
         return cls(fit.flux_map, inductance, pairs, resistance, fit.supported, inverter)
 
@@ -119,24 +124,25 @@ class ControlledMachine:
         slope = np.einsum("ab...,a...->b...", inductance, turned) + quarter_turned(psi)
         return np.asarray(1.5 * self.pole_pairs * slope)
 
-    def drop_per_ampere(self, current: FloatArray) -> FloatArray:
-        """Return R and, beside it, what the inverter takes along currents (2, point), ohm."""
-        taken = 0.0 if self.inverter is None else self.inverter.per_ampere(np.hypot(*current))[0]
-        return np.asarray(self.resistance + taken)
+    def drop(self, current: FloatArray) -> FloatArray:
+        """Return u (2, point) in V at standstill: R i, and along it what the inverter takes."""
+        return self._per_ampere(current)[0] * current
 
     def voltage(self, current: FloatArray, speed: FloatArray | float) -> FloatArray:
         """Return the steady u (2, point) in V at an electrical speed in rad/s."""
-        return self.drop_per_ampere(current) * current + speed * quarter_turned(
-            self.flux_map(*current)
-        )
+        return self.drop(current) + speed * quarter_turned(self.flux_map(*current))
 
     def voltage_slope(self, current: FloatArray, speed: FloatArray | float) -> FloatArray:
         """Return du/di (2, 2, point) in ohm."""
         slope: FloatArray = speed * quarter_turned(self.differential_inductance(*current))
-        slope[[0, 1], [0, 1]] += self.drop_per_ampere(current)
-        if self.inverter is not None:
-            size = np.hypot(*current)
-            taken, rise = self.inverter.per_ampere(size)
-            ahead = current / np.maximum(size, np.finfo(float).tiny)
-            slope += (rise - taken) * ahead[:, None] * ahead[None]
-        return slope
+        aside, ahead = self._per_ampere(current)
+        along = current / np.maximum(np.hypot(*current), np.finfo(float).tiny)
+        slope[[0, 1], [0, 1]] += aside
+        return slope + (ahead - aside) * along[:, None] * along
+
+    def _per_ampere(self, current: FloatArray) -> tuple[FloatArray | float, FloatArray | float]:
+        """Return the drop over the current, and its slope along the current, (point,) in ohm."""
+        if self.inverter is None:
+            return self.resistance, self.resistance
+        taken, rise = self.inverter.per_ampere(np.hypot(*current))
+        return self.resistance + taken, self.resistance + rise

@@ -50,6 +50,6 @@ class InverterVoltage:
     def per_ampere(self, size: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return V/abs(i) and dV/d abs(i) in ohm at sizes of the current in A."""
         known, largest = PchipInterpolator(self.size, self.voltage), self.size[-1]
-        inside = np.maximum(np.minimum(size, largest), 1e-9 * largest)
+        inside = np.clip(size, 1e-9 * largest, largest)
         slope = np.where(size < largest, known(inside, 1), 0.0)
-        return known(inside) / np.maximum(size, 1e-9 * largest), slope
+        return known(inside) / np.maximum(size, inside), slope

@@ -228,7 +228,7 @@ def base_speed(machine: ControlledMachine, current_limit: float, voltage_limit: 
         If the voltage does not even drive the current at standstill.
     """
     current = most_torque(machine, Circles(np.array([current_limit])))[:, 0]
-    still = machine.drop_per_ampere(current) * current
+    still = machine.drop(current)
     drop = float(np.hypot(*still))
     if drop >= voltage_limit:
         raise InputError(

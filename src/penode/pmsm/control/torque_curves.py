@@ -83,7 +83,7 @@ class VoltageCurves:
     @cached_property
     def _trees(self) -> dict[float, cKDTree]:
         """The voltages of the first guesses at each speed, V."""
-        still = self.machine.voltage(self._cloud, 0.0)
+        still = self.machine.drop(self._cloud)
         flux = quarter_turned(self.machine.flux_map(*self._cloud))
         return {w: cKDTree((still + w * flux).T) for w in set(self.speed.tolist())}
 

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from penode.arrays import BoolArray, FloatArray
 from penode.fit.fit import Fit
-from penode.pmsm.control.controlled_machine import ControlledMachine
+from penode.pmsm.control.controlled_machine import ControlledMachine, largest_current
 from penode.pmsm.control.inversion import inverse
 from penode.pmsm.control.loci import backed_current, mtpa, supported_torques
 from penode.pmsm.control.operating_points import mtpa_of_torque
@@ -90,7 +90,7 @@ def torque_per_ampere(fit: Fit, grid: FluxGrid) -> TorquePerAmpere | None:
         return None
     machine = ControlledMachine.of(fit, grid.pole_pairs)
     sides = (machine, machine.mirrored())
-    largest = float(np.hypot(*fit.excited.T).max())
+    largest = largest_current(fit)
     limits = [backed_current(side, largest) for side in sides]
     most = [
         float(mtpa(side, np.array([limit])).torque[0])

@@ -5,7 +5,7 @@ import numpy as np
 from penode.arrays import BoolArray, FloatArray
 from penode.fit.fit import Fit
 from penode.fit.outcome import NORMAL_95
-from penode.pmsm.control.controlled_machine import ControlledMachine
+from penode.pmsm.control.controlled_machine import ControlledMachine, largest_current
 from penode.pmsm.control.loci import mtpa
 from penode.pmsm.machine.standstill import STANDSTILL, excited_axes
 from penode.report.document import Cell, Table
@@ -128,7 +128,7 @@ def _currents(fit: Fit) -> tuple[list[str], FloatArray]:
     largest = np.where(-low > np.array([0.5, 2.0]) * high, low, high)
     points = [(name, *(largest * (d, q))) for name, d, q in _AT]
     if excited_axes(fit).all() and not fit.provenance.get(STANDSTILL):
-        radii = np.array(_ON_MTPA) * np.hypot(*fit.excited.T).max()
+        radii = np.array(_ON_MTPA) * largest_current(fit)
         on_mtpa = mtpa(ControlledMachine.of(fit, 1), radii).current.T
         points += [("MTPA", *one) for one in on_mtpa]
     points = [one for one in points if np.isfinite(one[1:]).all()]

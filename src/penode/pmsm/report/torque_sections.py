@@ -7,7 +7,11 @@ import plotly.graph_objects as go
 
 from penode.arrays import BoolArray, FloatArray
 from penode.fit.fit import Fit
-from penode.pmsm.control.controlled_machine import ControlledMachine, voltage_limit_of
+from penode.pmsm.control.controlled_machine import (
+    ControlledMachine,
+    largest_current,
+    voltage_limit_of,
+)
 from penode.pmsm.control.loci import (
     BEYOND,
     ControlLoci,
@@ -50,7 +54,7 @@ class _Operation:
         """Return the machine up to the largest current at which recordings back MTPA."""
         pairs = fit.provenance.get("pole_pairs")
         machine = ControlledMachine.of(fit, pairs or 1)
-        largest = float(np.hypot(*fit.excited.T).max())
+        largest = largest_current(fit)
         limit = backed_current(machine, largest)
         loci = control_loci(machine, limit, voltage_limit_of(fit), _POINTS)
         return cls(machine, loci, pairs, largest)
@@ -101,7 +105,7 @@ def torque_and_operating_points(fit: Fit) -> Section | None:
     if limit is not None:
         volts = (
             f"Orange: where the voltage is at {with_unit(limit, 'V')} (peak of a phase, "
-            "u_dc over √3), R and dead time included, at the speed written "
+            "u_dc over √3), with R and any identified dead time, at the speed written "
             f"beside it in {operation.speed_unit}; at that speed no current outside can be held."
         )
     slow = "" if loci.mtpv.torque.size else ", which is not reached within the current limit"
