@@ -13,6 +13,9 @@ from penode.data.rates import steps_in, time_steps
 from penode.data.stretches import check_lengths
 from penode.errors import InputError
 
+#: Windows that hold a sample at most, where they overlap so that there are more of them.
+_DEEPEST = 4
+
 
 class Placement(Protocol):
     """Where windows start within one recording."""
@@ -39,7 +42,8 @@ class Jittered:
     shortest : int
         Of a stratum as long as the horizon: short horizons then leave samples between windows.
     fewest : int
-        Windows that are wanted of a recording: where the horizon leaves fewer, they overlap.
+        Windows that are wanted of a recording: where the horizon leaves fewer, they overlap, until
+        four of them hold a sample; more would add next to nothing.
 
     Raises
     ------
@@ -62,7 +66,9 @@ class Jittered:
 
     def starts(self, first: int, last: int, horizon: int) -> IntArray:
         """Place one window in each stratum; the last stratum may be shorter than the others."""
-        room = max((last - first + 1) // self.fewest, 1)
+        room = last - first + 1
+        apart = min(-(-horizon // _DEEPEST), room // _DEEPEST)
+        room = max(room // self.fewest, apart, 1)
         stratum = self.stride or min(max(horizon, self.shortest), room)
         lower = np.arange(first, last + 1, stratum, dtype=np.int64)
         upper = np.minimum(lower + stratum, last + 1)
