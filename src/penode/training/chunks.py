@@ -24,7 +24,8 @@ Result = TypeVar("Result")
 #: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
 #: Of the few long windows of a short recording two chunks go side by side, hardly padded; from so
 #: many samples on most windows are short and many, for which chunks twice as wide are faster.
-CHUNK, _NEAR, _LONG = 32, 131_072, 100_000
+#: Of models of many states or parameters not even half as many stay near, and windows are few.
+CHUNK, _NARROW, _NEAR, _LONG = 32, 4, 131_072, 100_000
 #: Windows that go through together where each has results of its own, of many windows.
 _BLOCK = 128
 #: Parts of the windows that are summed side by side: as many on every machine, so that a sum does
@@ -145,7 +146,7 @@ def _width(error: PredictionError, samples: int) -> int:
     """Return how many windows a chunk has, of recordings padded to so many samples."""
     each = 8 * len(error.model.states) * (error.layout.size + len(error.free))
     widest = 2 * CHUNK if samples > _LONG else CHUNK
-    return next((n for n in (widest, CHUNK) if n * each <= _NEAR), CHUNK // 2)
+    return next((n for n in (widest, CHUNK, CHUNK // 2) if n * each <= _NEAR), _NARROW)
 
 
 class Block(NamedTuple):

@@ -76,6 +76,7 @@ def compare(
     experiment: Experiment,
     role: str = "validation",
     free: Sequence[str] | None = None,
+    begin: FloatArray | None = None,
 ) -> Comparison:
     """Predict one recording step by step and in free run.
 
@@ -92,6 +93,9 @@ def compare(
         States whose initial value the free run estimates, by least squares over the whole
         recording (NOE with estimated initial state); by default the model's unmeasured ones, and
         all of a model with outputs.
+    begin : ndarray, shape (state,), optional
+        Where that estimation begins, such as a similar model's `Comparison.start`; by default at
+        what was recorded, by the first samples first.
 
     Raises
     ------
@@ -113,7 +117,7 @@ def compare(
         measured = _measured(batched, experiment, states)
         padded = with_shared_length(predictor.prepared(inputs.T).T)
         if freed:
-            start = _estimated_start(predictor, batched, (start, measured, padded), freed)
+            start = _estimated_start(predictor, batched, (start, measured, padded), freed, begin)
         samples = len(experiment) - predictor.past
         run = np.asarray(run_freely(predictor, batched, start, padded, samples))[:, :samples]
         if batched.covariances:
@@ -181,11 +185,13 @@ def _free_run_squares(
     predictor: Predictor, models: Sequence[Model], experiment: Experiment
 ) -> FloatArray:
     """Return the sums of squared free-run errors of each model on a recording, (model, row)."""
-    if free_states(models[0]):  # each estimates its own start
-        runs = [compare(predictor, model, experiment) for model in models]
-        gaps = np.stack([(run.measured - run.free_run)[predictor.past :] for run in runs])
+    if free_states(models[0]):  # each estimates its own start, from the last one's
+        last = compare(predictor, models[-1], experiment)
+        begin = None if last.diverged else last.start
+        others = [compare(predictor, model, experiment, begin=begin) for model in models[:-1]]
+        gaps = [(run.measured - run.free_run)[predictor.past :] for run in (*others, last)]
         with np.errstate(over="ignore"):
-            return np.asarray(np.sum(gaps**2, axis=1))
+            return np.asarray(np.sum(np.square(gaps), axis=1))
     with float64():
         names = (models[0].states, driving_channels(models[0]))
         experiment = with_unmeasured(experiment, models[0])
@@ -353,6 +359,7 @@ def _estimated_start(
     model: Model,
     recording: tuple[JaxArray, FloatArray, JaxArray],
     freed: list[int],
+    guess: FloatArray | None,
 ) -> JaxArray:
     """Return the first state (1, state), its free rows fitted to what was measured of the run."""
     start, measured, inputs = recording
@@ -366,10 +373,10 @@ def _estimated_start(
 
     first, ahead = on_device(np.asarray(start)[0]), measured.shape[1] - 1
     scale = scale_of_errors(model, measured)[:, None]
-    free = np.asarray(first)[freed]
+    free = np.asarray(first if guess is None else guess)[freed]
     # A long run of a nonlinear model has several minima; its beginning leads to the right one.
     lengths = [n for n in (_BEGINNING * 4**k for k in range(20)) if n < ahead / 4]
-    for length in (*lengths, ahead):
+    for length in (*(lengths if guess is None else ()), ahead):
         fixed = predictor, tuple(freed), model, first, (inputs, jnp.asarray(length))
         part = slice(begin, length + 1)
 
