@@ -93,6 +93,10 @@ class SingleShooting:
 
     def solve(self) -> Problem:
         """Return the problem with the parameters found."""
+        return self.known(self.fitted())
+
+    def fitted(self) -> FloatArray:
+        """Return theta of the least squares."""
         found = least_squares(
             self.residual,
             self.theta,
@@ -102,7 +106,33 @@ class SingleShooting:
             ftol=1e-5,
             xtol=1e-6,
         )
-        return self.known(found.x)
+        return np.asarray(found.x)
+
+
+class SeveralRecordings(SingleShooting):
+    """The same of several recordings, each with its time step and its own first state."""
+
+    def __init__(self, problems: list[Problem]):
+        self.problem, self.parts = problems[0], [SingleShooting(one) for one in problems]
+        states, _, parameters = self.problem.sizes
+        shared, own = np.arange(parameters), np.arange(states)
+        count = len(problems)
+        self.places = [np.append(shared, parameters + states * k + own) for k in range(count)]
+        self.theta = np.zeros(parameters + states * count)
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        """Return the scaled errors of all."""
+        pairs = zip(self.parts, self.places, strict=True)
+        return np.concatenate([part.residual(theta[at]) for part, at in pairs])
+
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        """Return the slopes of the scaled errors of all."""
+        rows = []
+        for part, at in zip(self.parts, self.places, strict=True):
+            slopes = part.jacobian(theta[at])
+            rows.append(np.zeros((len(slopes), len(theta))))
+            rows[-1][:, at] = slopes
+        return np.concatenate(rows)
 
 
 def free_run(problem: Problem) -> FloatArray:

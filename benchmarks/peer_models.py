@@ -79,6 +79,36 @@ def lotka_volterra(m, x, u, p):
     return [prey * (birth - predator), predator * (growth * prey - death)]
 
 
+def wiener_hammerstein(m, x, u, p):
+    omega1, zeta1, level, omega2, zeta2 = p
+    x1, v1, x2, v2 = x
+    first = omega1**2 * (u[0] - x1) - 2 * zeta1 * omega1 * v1
+    held = level * m.tanh(x1 / level)
+    return [v1, first, v2, omega2**2 * (held - x2) - 2 * zeta2 * omega2 * v2]
+
+
+def ship(m, x, u, p):
+    thrust, drag, leeway, side, damping, weather, turn, loss, stiffness, arm, steering, engine = p
+    surge, sway, yaw, _, rolling, roll, rudder, shaft = x
+    return [
+        thrust * shaft**2 - drag * surge**2 + sway * yaw,
+        surge * (side * surge * rudder - leeway * sway - 0.6 * yaw),
+        surge * (weather * sway - damping * yaw - turn * surge * rudder),
+        yaw,
+        arm * surge * yaw - loss * rolling - stiffness * roll,
+        rolling,
+        (u[0] - rudder) / steering,
+        (u[1] - shaft) / engine,
+    ]
+
+
+def servo(m, x, u, p):
+    R, L, k, J, coulomb = p
+    _, speed, current = x
+    torque = k * current - coulomb * m.tanh(speed)
+    return [speed, torque / J, (u[0] - R * current - k * speed) / L]
+
+
 @dataclass(frozen=True)
 class ByHand:
     """What a peer needs beside the equation.
@@ -92,6 +122,8 @@ class ByHand:
         Inputs go on straight between samples, else they stand still.
     rate_of : mapping of str to str
         States that are the rate of a measured one.
+    reads : mapping of str to str
+        The channel of a measured state, where it has another name.
     zero : float
         Scale of a parameter that starts at zero.
     exact, simulated : bool
@@ -103,6 +135,7 @@ class ByHand:
     unmeasured: dict[str, tuple[float, float]]
     straight: bool = False
     rate_of: Mapping[str, str] = field(default_factory=dict)
+    reads: Mapping[str, str] = field(default_factory=dict)
     zero: float = 1.0
     exact: bool = False
     simulated: bool = False
@@ -122,6 +155,24 @@ MODELS = {
     "two_mass": ByHand(two_mass, {"twist": (0.0, 0.01), "load": (0.0, 5.0)}),
     "van_de_vusse": ByHand(van_de_vusse, {"a": (2.0, 1.0)}),
     "lotka_volterra": ByHand(lotka_volterra, {"predator": (1.0, 1.0)}),
+    "wiener_hammerstein": ByHand(
+        wiener_hammerstein,
+        {"x1": (0.0, 1.0), "v1": (0.0, 50.0), "v2": (0.0, 50.0)},
+        rate_of={"v2": "x2"},
+        reads={"x2": "y"},
+    ),
+    "ship": ByHand(
+        ship,
+        {"sway": (0.0, 1.0), "rolling": (0.0, 0.02), "rudder": (0.0, 0.2), "shaft": (1.5, 0.3)},
+        rate_of={"rolling": "roll"},
+        reads={"surge": "log", "yaw": "gyroscope", "heading": "compass", "roll": "inclinometer"},
+    ),
+    "two_rates": ByHand(
+        servo,
+        {"speed": (0.0, 50.0)},
+        rate_of={"speed": "angle"},
+        reads={"angle": "encoder", "amperes": "current"},
+    ),
 }
 
 
@@ -177,7 +228,8 @@ def problem_of(name: str, one: PublicSet, run: Experiment) -> Problem:
     start = np.array([float(getattr(model, key)) for key in names])
     positive = [isinstance(settings[key].transform, Positive) for key in names]
     measured = [key for key in model.states if key not in by_hand.unmeasured]
-    first = {key: (run.channels[key][0], np.std(run.channels[key])) for key in measured}
+    read = {key: run.channels[by_hand.reads.get(key, key)] for key in measured}
+    first = {key: (values[0], np.std(values)) for key, values in read.items()}
     guess, spread = np.array([{**by_hand.unmeasured, **first}[s] for s in model.states]).T
     columns = [run.channels[key] for key in model.inputs] or [np.zeros(len(run))]
     rates = {model.states.index(v): measured.index(y) for v, y in by_hand.rate_of.items()}
@@ -188,7 +240,7 @@ def problem_of(name: str, one: PublicSet, run: Experiment) -> Problem:
         positive=np.array(positive),
         time_step=run.time_step,
         inputs=np.stack(columns, axis=1),
-        outputs=np.stack([run.channels[key] for key in measured], axis=1),
+        outputs=np.stack([*read.values()], axis=1),
         rows=tuple(model.states.index(key) for key in measured),
         guess=guess,
         spread=spread,

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from validate.public_sets import FOLDER, SETS, PublicSet, errors, scaled_errors
+from validate.public_sets import FOLDER, PLAIN, SETS, PublicSet, errors, scaled_errors
 
 from penode import identify
 
@@ -60,7 +60,7 @@ def by_penode(one: PublicSet) -> tuple[list[float], list[float], list[int]]:
     seconds = []
     for _ in range(2):
         began = time.perf_counter()
-        fit = identify(one.start, [one.train], purpose="simulation")
+        fit = identify(one.start, [one.train, *one.beside], purpose="simulation")
         seconds.append(time.perf_counter() - began)
     return errors(one, fit), seconds, [lines_of(type(one.start)), 1]
 
@@ -85,7 +85,12 @@ def by_peer(
         }[method]
         parts = [*{make, *make.__mro__[:-1]}, peer_casadi.field]
         parts += [] if method == "collocation" else [peer_casadi.step]
-    problem = problem_of(name, one, one.train)
+    problem: Any = problem_of(name, one, one.train)
+    if one.beside:
+        if method != "scipy":
+            raise SystemExit("written for one recording")
+        make = peer_casadi.SeveralRecordings
+        problem = [problem, *(problem_of(name, one, run) for run in one.beside)]
     seconds, began = [], time.perf_counter()
     solver = make(problem)
     for _ in range(2):
@@ -129,7 +134,7 @@ def main(arguments: list[str]) -> None:
         work(Path(arguments[1]), *arguments[2:])
         return
     folder = Path(arguments[0]) if arguments else FOLDER
-    names = arguments[1:] or [name for name in SETS if "+" not in name]
+    names = arguments[1:] or list(PLAIN)
     methods = [name for name in names if name in METHODS] or list(METHODS)
     print(f"{'set':15s} {'method':42s} {'error on the test':18s} {'cold':>9s} {'warm':>9s}")
     for name in names:

@@ -5,8 +5,9 @@ official splits. FOLDER holds ``tanks/dataBenchmark.csv`` (Schoukens and Noël),
 multisine.csv`` (Wigren and Schoukens), ``bouc_wen/{train,test}.h5`` (Noël and Schoukens) and
 ``emps/DATA_EMPS{,_PULSES}.mat`` (Janot, Gautier and Brunot), all of nonlinearbenchmark.org,
 ``tclab/data.csv`` (APMonitor) and ``rlc/RLC_data_{id,test}.csv`` (forgi86), as the scripts of
-examples/ read them. Three more are simulated by SciPy. Names with a plus have a learned part beside
-the textbook's law, and run only when they are named; ``all`` names every set.
+examples/ read them. Six more are simulated by SciPy, three of them with sensors that read outputs.
+Names with a plus have a learned part beside the textbook's law, those that end in ``/outputs`` have
+outputs in place of measured states; they run only when they are named; ``all`` names every set.
 
 Printed are horizon, verdict, hold, seconds, the free run's error on the test with its start
 estimated, one per measured channel, of the model reported and of the one for simulation
@@ -33,7 +34,7 @@ from penode.engine import (
     compare,
 )
 from penode.predictors.tableaus import RK4
-from validate import simulated_sets
+from validate import output_sets, simulated_sets
 from validate.examples import example
 from validate.learned_sets import LEARNED
 
@@ -53,6 +54,8 @@ class PublicSet:
         By which the error of each measured channel is divided, SI units; 0 leaves one out.
     known : mapping of str to float
         Parameters that are known, SI units.
+    beside : tuple of Experiment
+        Recordings trained on beside.
     """
 
     start: Model
@@ -60,6 +63,7 @@ class PublicSet:
     test: Experiment
     units: tuple[float, ...] = (1.0,)
     known: Mapping[str, float] = field(default_factory=dict)
+    beside: tuple[Experiment, ...] = ()
 
 
 def _official(script: str, units: tuple[float, ...], **known: float) -> Callable[[Path], PublicSet]:
@@ -76,8 +80,9 @@ def _simulated(name: str) -> Callable[[Path], PublicSet]:
     """Return the function that simulates a set, wherever the others' files are."""
 
     def make(_: Path) -> PublicSet:
-        start, (train, test), known = getattr(simulated_sets, name)()
-        return PublicSet(start, train, test, known=known)
+        start, (train, test, *beside), known = (simulated_sets.SETS | output_sets.SETS)[name]()
+        count = len(start.outputs) or len(start.states) - len(start.unmeasured)
+        return PublicSet(start, train, test, (1.0,) * count, known, tuple(beside))
 
     return make
 
@@ -94,7 +99,17 @@ def _with_part(name: str) -> Callable[[Path], PublicSet]:
     return read
 
 
-SETS: dict[str, Callable[[Path], PublicSet]] = {
+def _with_outputs(name: str) -> Callable[[Path], PublicSet]:
+    """Return the function that reads a set and writes its sensors as outputs."""
+
+    def read(folder: Path) -> PublicSet:
+        plain = SETS[name](folder)
+        return replace(plain, start=output_sets.with_outputs(plain.start))
+
+    return read
+
+
+PLAIN: dict[str, Callable[[Path], PublicSet]] = {
     "tanks": _official("06_tanks", (1.0,)),
     "silverbox": _official("07_silverbox", (1e-3,)),
     "bouc_wen": _official(
@@ -105,10 +120,12 @@ SETS: dict[str, Callable[[Path], PublicSet]] = {
     "rlc": _official(
         "01_rlc", (1.0, 1.0), R=3.0, C=270e-9, L=50e-6, share=0.9, knee=5.0, steep=5.0
     ),
-    "two_mass": _simulated("two_mass"),
-    "van_de_vusse": _simulated("van_de_vusse"),
-    "lotka_volterra": _simulated("lotka_volterra"),
+    **{name: _simulated(name) for name in (*simulated_sets.SETS, *output_sets.SETS)},
+}
+SETS: dict[str, Callable[[Path], PublicSet]] = {
+    **PLAIN,
     **{name: _with_part(name) for name in LEARNED},
+    **{f"{name}/outputs": _with_outputs(name) for name in PLAIN if name not in output_sets.SETS},
 }
 
 
@@ -144,7 +161,7 @@ def line_of(name: str, one: PublicSet) -> str:
     """Identify a set by default and return its line."""
     began = time.monotonic()
     try:
-        fit = identify(one.start, [one.train])
+        fit = identify(one.start, [one.train, *one.beside])
     except Exception as error:  # a line for each set, whatever it meets
         return f"{name:19s} !! {type(error).__name__}: {error}"
     seconds = time.monotonic() - began
@@ -169,7 +186,7 @@ def line_of(name: str, one: PublicSet) -> str:
 def main(arguments: list[str]) -> None:
     """Print a line a set."""
     folder = Path(arguments[0]) if arguments else FOLDER
-    names = arguments[1:] or [name for name in SETS if "+" not in name]
+    names = arguments[1:] or list(PLAIN)
     for name in SETS if names == ["all"] else names:
         print(line_of(name, SETS[name](folder)), flush=True)
 

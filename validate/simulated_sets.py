@@ -106,7 +106,7 @@ def simulated(
     return np.array(path).T
 
 
-def _steps(seed: int, low: float, high: float, each: int, samples: int) -> FloatArray:
+def steps(seed: int, low: float, high: float, each: int, samples: int) -> FloatArray:
     """Return a signal of random steps."""
     levels = np.random.default_rng(seed).uniform(low, high, samples // each + 1)
     return np.repeat(levels, each)[:samples]
@@ -134,7 +134,7 @@ def two_mass(
     """Return the start, a recording and one to test, 2 s each, and the truth."""
     runs = []
     for seed in (1, 2):
-        u = _steps(seed, -2.0, 2.0, 25, samples)
+        u = steps(seed, -2.0, 2.0, 25, samples)
         motor = simulated(_two_mass, TWO_MASS, [0.0, 0.0, 0.0], 1e-3, u)[0]
         motor = _noisy("two_mass", motor, seed, draw)
         runs.append(Experiment(f"two_mass {seed}", 1e-3, {"torque": u, "motor": motor}))
@@ -147,7 +147,7 @@ def van_de_vusse(
     """Return the start, a recording and one to test, 100 min each, and the truth."""
     runs = []
     for seed in (1, 2):
-        u = _steps(seed, 5 / 3600, 60 / 3600, 20, samples)
+        u = steps(seed, 5 / 3600, 60 / 3600, 20, samples)
         b = simulated(_reactor, REACTOR, [2.0, 1.0], 10.0, u)[1]
         b = _noisy("van_de_vusse", b, seed, draw)
         runs.append(Experiment(f"reactor {seed}", 10.0, {"dilution": u, "b": b}))

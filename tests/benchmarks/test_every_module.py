@@ -46,7 +46,7 @@ from penode.pmsm.study_settings import Study
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import RK4_38
 from penode.validation.free_run import compare
-from validate import learned_sets, public_sets, simulated_sets
+from validate import learned_sets, output_sets, public_sets, simulated_sets
 
 #: Modules that need packages of an environment of their own.
 ELSEWHERE = {
@@ -74,6 +74,9 @@ PEER_STARTS = {
     "two_mass": simulated_sets.TwoMass(**simulated_sets.TWO_MASS),
     "van_de_vusse": simulated_sets.VanDeVusse(**simulated_sets.REACTOR),
     "lotka_volterra": simulated_sets.PredatorPrey(**simulated_sets.SPECIES),
+    "wiener_hammerstein": output_sets.WienerHammerstein(**output_sets.FILTERS),
+    "ship": output_sets.Ship(**output_sets.SHIP),
+    "two_rates": output_sets.Servo(**output_sets.SERVO),
 }
 
 
@@ -342,6 +345,14 @@ def test_a_peer_is_given_the_recording_and_where_to_begin():
     assert given.rows == (1,)
     theta = np.log(np.array(list(truth.values())) / given.start)
     np.testing.assert_allclose(given.fixed(theta).start, list(truth.values()))
+
+
+def test_a_peer_reads_outputs_by_the_names_of_their_channels():
+    start, (run, *_), _ = output_sets.ship(20)
+    given = peer_models.problem_of("ship", public_sets.PublicSet(start, run, run), run)
+    assert given.rows == (0, 2, 3, 5)
+    np.testing.assert_array_equal(given.outputs, run.stack(tuple(start.outputs)))
+    assert given.rates == {4: 3}
 
 
 def test_lines_of_code_are_neither_blank_nor_comments_nor_docstrings():

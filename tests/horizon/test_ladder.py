@@ -3,11 +3,23 @@
 import gc
 import weakref
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from penode import Contiguous, InputError, Jittered, Plan, Stage, ladder_plan
+from penode import (
+    Contiguous,
+    Experiment,
+    InputError,
+    Jittered,
+    Model,
+    Plan,
+    Stage,
+    ladder_plan,
+    physical,
+)
 from penode.horizon.ladder import HORIZONS, LadderProblem, fitting_plan, strayed
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import EULER
@@ -114,6 +126,41 @@ def test_after_a_rung_that_did_not_converge_the_better_start_is_taken(
     system, script = systems["linear machine"], Scripted([step, 0.0], outcome)
     problem.climb(Plan(tuple(Stage(h, script) for h in (1, 3))), system.raw)
     np.testing.assert_allclose(script.calls[1][1], system.raw + goes_on, rtol=1e-12)
+
+
+class Saturated(Model):
+    """v' = rate (u - v), read as tanh(v), which far away shows nothing of v."""
+
+    states: ClassVar = ("v",)
+    inputs: ClassVar = ("u",)
+    outputs: ClassVar = {"y": "V"}
+    state_units: ClassVar = ("V",)
+
+    rate: object = physical("1/s")
+
+    def derivative(self, x, u):
+        return self.rate * (u[0] - x)
+
+    def output(self, x, u):
+        return jnp.tanh(x)
+
+
+@pytest.mark.parametrize(("guess", "kept"), [(20.0, False), (0.3, True)])
+def test_hidden_states_that_lead_astray_are_forgotten(guess, kept):
+    """Where windows search from, after a rung that did not converge, is what leaves less loss."""
+    u, v = np.sin(0.2 * np.arange(60)), np.zeros(60)
+    for k in range(59):
+        v[k + 1] = u[k] + (v[k] - u[k]) * np.exp(-0.1)
+    run = Experiment("run", 0.1, {"u": u, "y": np.tanh(v)})
+    script = Scripted([0.3, 0.0], "Lost.")
+    plan = Plan(tuple(Stage(h, script) for h in (3, 6)), Contiguous())
+    ladder = LadderProblem.of(Saturated(1.0), [run], plan, lambda event: None)
+    found = [{"v": np.full(60, guess)}]
+    object.__setattr__(ladder, "hidden_states", lambda *given: found)
+    list(ladder.solutions(plan, ladder.objective.layout.raw(Saturated(1.0))))
+    assert (ladder.guesses.get(6) is found) == kept
+    assert script.calls[1][0].windows.states[0, 0] == (guess if kept else 0.0)
+    np.testing.assert_array_equal(script.calls[1][1], script.calls[0][1])
 
 
 def test_a_rung_carries_its_values_deviations_and_influences(systems, problem):

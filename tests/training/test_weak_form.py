@@ -5,9 +5,16 @@ import pytest
 from scipy.integrate import quad
 from scipy.linalg import expm
 
-from penode.training.weak_form import HannWindow, WeakRegression, join, weak_regression
+from penode.training.weak_form import HannWindow, WeakRegression, join
 
 STEP, LENGTH = 1e-2, 200
+
+
+def weak_regression(stored, supplied, held, time_step, length):
+    """Return the equations of one recording; stored and supplied are (time, state, column)."""
+    window = HannWindow(time_step, length)
+    balance = window.of_supply(supplied) + window.of_store(stored)
+    return WeakRegression(balance.reshape(-1, balance.shape[-1]), -window.of_held(held).ravel())
 
 
 def smooth_system(samples=2001):

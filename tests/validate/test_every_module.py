@@ -63,6 +63,7 @@ from validate import (
     misfitting_drives,
     noise_models,
     operating_points,
+    output_sets,
     processes,
     public_sets,
     random_starts,
@@ -90,7 +91,8 @@ HERE = {
     "drives_without_angle", "examples",
     "exports_read", "flux_maps", "full_disk", "horizon_choice", "identified", "imperfect_drives",
     "imperfections", "imported_machine", "interruption", "learned_sets", "ledger", "map_errors",
-    "misfitting_drives", "noise_models", "operating_points", "other_simulators", "processes",
+    "misfitting_drives", "noise_models", "operating_points", "other_simulators", "output_sets",
+    "processes",
     "public_sets", "random_starts", "recordings_as_they_are", "repetition", "simulated_sets",
     "sweep_interruption",
 }  # fmt: skip
@@ -541,6 +543,29 @@ def test_a_simulated_set_follows_its_model_with_the_true_parameters(name):
         free = compare(predictor, model, guessed, free=model.states)
         gap = np.std(free.measured - free.free_run)
         assert 0.5 < gap / simulated_sets.NOISE[name] < 1.3
+
+
+@pytest.mark.parametrize("name", output_sets.SETS)
+def test_a_set_of_outputs_follows_its_model_with_the_true_parameters(name):
+    start, runs, truth = output_sets.SETS[name](150)
+    assert truth.keys() == vars(start).keys()
+    assert len(runs) == 2 + (name == "two_rates")
+    for run in runs:
+        predictor = Predictor(run.time_step, Substeps(RungeKutta(RK4), 4))
+        free = compare(predictor, type(start)(**truth), run)
+        noise = [*output_sets.NOISE[name].values()]
+        gap = np.std(free.measured - free.free_run, axis=0) / noise
+        assert ((gap > 0.5) & (gap < 1.3)).all()
+
+
+def test_a_set_written_with_outputs_has_the_same_errors():
+    start, (train, _), truth = simulated_sets.two_mass(400)
+    known = type(start)(**truth)
+    other = output_sets.with_outputs(known)
+    assert (dict(other.outputs), other.unmeasured) == ({"motor": "rad/s"}, ())
+    runs = [compare(Predictor(1e-3), model, train, free=start.states) for model in (known, other)]
+    errors = [np.std(run.measured - run.free_run) for run in runs]
+    assert errors == pytest.approx([simulated_sets.NOISE["two_mass"]] * 2, rel=0.1)
 
 
 def test_simulated_sets_draw_their_noise_anew_and_count_what_covers(monkeypatch, capsys):

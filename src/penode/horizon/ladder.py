@@ -87,9 +87,9 @@ def fitting_plan(plan: Plan, experiments: Sequence[Experiment]) -> Plan:
 _FEW = "one or two windows decide it; record longer, or excite more evenly"
 #: Error of a horizon over that of the first from which predictions have exploded.
 _EXPLODED = 1e6
-
-#: Loss of the longest rung, over the least, from which the path may have led to another minimum.
-_STRAYED = 3.0
+#: Loss of the longest rung, over the least, from which the path may have led to another minimum;
+#: and a share of a loss that is clearly less.
+_STRAYED, _CLEARLY = 3.0, 0.99
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +262,7 @@ class LadderProblem:
             if stage.horizon in begun:
                 raw = begun.pop(stage.horizon)
             elif done and _astray(problem, raw, done):
-                raw = problem.better(raw, first)
+                problem, raw = self._nearest(stage, plan, problem, (raw, first))
             problem, raw = with_scale(problem, raw, cold)
             if plan.learned_prior:
                 problem, raw = plan.learned_prior.joined(problem, raw, cold)
@@ -279,6 +279,18 @@ class LadderProblem:
             done.append(solution)
             yield problem, solution
             raw = np.where(self._lost(problem, solution), first, raw)
+
+    def _nearest(
+        self, stage: Stage, plan: Plan, guided: Problem, starts: tuple[FloatArray, FloatArray]
+    ) -> tuple[Problem, FloatArray]:
+        """Return problem and start of least loss: too short windows guess hidden states wrongly."""
+        both = [guided, replace(self, guesses={}).problem(stage, plan)]
+        ends = [problem.better(*starts) for problem in both]
+        losses = [p.gauss_newton(raw).loss for p, raw in zip(both, ends, strict=True)]
+        best = int(not losses[0] <= np.nan_to_num(losses[1], nan=np.inf) / _CLEARLY)
+        if best:
+            self.guesses.pop(stage.horizon, None)
+        return both[best], ends[best]
 
     def problem(self, stage: Stage, plan: Plan) -> Problem:
         """Return the problem of one stage: its windows, and which parameters move."""

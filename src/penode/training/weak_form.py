@@ -118,38 +118,6 @@ def join(parts: Sequence[WeakRegression]) -> WeakRegression:
     return WeakRegression(matrix, np.concatenate([part.target for part in parts]))
 
 
-def weak_regression(
-    stored: FloatArray,
-    supplied: FloatArray,
-    held: FloatArray,
-    time_step: float,
-    length: int,
-) -> WeakRegression:
-    """Set up the equations of one recording, windows overlapping by three quarters.
-
-    Parameters
-    ----------
-    stored : ndarray, shape (time, state, coefficient)
-        s_j, the stored quantity of each coefficient.
-    supplied : ndarray, shape (time, state, coefficient)
-        r_j, the supply of each coefficient, smooth between samples.
-    held : ndarray, shape (time, state)
-        r_0, known and held from each sample to the next; s_0 is zero.
-    time_step : float
-        s.
-    length : int
-        Samples in a window, at most time - 1.
-
-    Returns
-    -------
-    WeakRegression
-        One row a window and state.
-    """
-    window = HannWindow(time_step, length)
-    balance = window.of_supply(supplied) + window.of_store(stored)
-    return WeakRegression(balance.reshape(-1, balance.shape[-1]), -window.of_held(held).ravel())
-
-
 @dataclass(frozen=True)
 class HannWindow:
     """The test function w of the weak form, moved along a recording by quarters of its length.

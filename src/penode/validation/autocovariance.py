@@ -35,7 +35,9 @@ def score_covariance(slopes: FloatArray, residual: FloatArray) -> FloatArray:
     for lag in range(min(lags, samples)):
         early, late = slice(0, samples - lag), slice(lag, samples)
         gamma = residual[:, early] @ residual[:, late].T / samples
-        part = np.einsum("qft,qr,rgt->fg", slopes[..., early], gamma, slopes[..., late])
+        part = np.einsum(
+            "qft,qr,rgt->fg", slopes[..., early], gamma, slopes[..., late], optimize=True
+        )
         total += (1 - lag / lags) * (part if lag == 0 else part + part.T)
     return total
 

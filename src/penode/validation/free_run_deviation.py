@@ -102,7 +102,7 @@ class _Run:
             return np.zeros_like(self.residual)
         noise = score_covariance(self._weighed, self.residual / self.scale)
         covariance = self._inverse @ noise @ self._inverse
-        return np.einsum("qft,fg,qgt->qt", self._slopes, covariance, self._slopes)
+        return np.einsum("qft,fg,qgt->qt", self._slopes, covariance, self._slopes, optimize=True)
 
     @cached_property
     def _slopes(self) -> FloatArray:
@@ -117,7 +117,7 @@ class _Run:
 
     @cached_property
     def _inverse(self) -> FloatArray:
-        root = _inverse_root(np.einsum("qft,qgt->fg", self._weighed, self._weighed))
+        root = _inverse_root(np.tensordot(self._weighed, self._weighed, axes=[(0, 2), (0, 2)]))
         return root @ root.T
 
 

@@ -35,7 +35,7 @@ from penode.pmsm.machine.term_registry import (
     with_physical,
 )
 from penode.pmsm.machine.terms import Channel, Resistance, Rotation, TemperatureResistance
-from penode.training.weak_form import weak_regression
+from penode.training.weak_form import HannWindow
 
 RANDOM = np.random.default_rng(7)
 COUNT = 60
@@ -264,11 +264,8 @@ def test_a_known_voltage_without_parameters_is_taken_off(slow_run):
     np.testing.assert_allclose(known.matrix, plain.matrix, rtol=0, atol=1e-12)
     # The same by hand: u less the known voltage, as smooth as the drops are.
     extra = 0.02 * currents + 0.7
-    shape = (*currents.shape, 1)
-    weak = weak_regression(
-        np.zeros(shape), -extra[..., None], 0.0 * currents, slow_run.time_step, 20
-    )
-    np.testing.assert_allclose(known.target, plain.target - weak.matrix[:, 0], rtol=0, atol=1e-12)
+    weak = HannWindow(slow_run.time_step, 20).of_supply(-extra)
+    np.testing.assert_allclose(known.target, plain.target - weak.ravel(), rtol=0, atol=1e-12)
 
 
 # --- each by its formula ----------------------------------------------------------------------

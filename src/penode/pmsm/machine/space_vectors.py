@@ -65,15 +65,6 @@ def with_mismatch(experiment: Experiment, mismatch: complex) -> Experiment:
     )
 
 
-def with_offset(experiment: Experiment, offset: complex) -> Experiment:
-    """Return a recording whose currents have an offset alpha + j beta, A, in the stationary frame.
-
-    It needs theta_el.
-    """
-    rotor = rotor_of(experiment)
-    return with_vector(experiment, CURRENTS, lambda current: current + offset / rotor)
-
-
 def rotor_of(experiment: Experiment) -> Vector:
     """Return the d axis seen from the stationary frame, of length 1."""
     return np.asarray(np.exp(1j * experiment.channels[ANGLE.name]))
