@@ -83,7 +83,7 @@ def _deviation(
 
     Residuals are (output, time), their slopes (output, free, time), S'S_theta (free, parameter).
     """
-    normal = np.tensordot(own, own, axes=[(0, 2), (0, 2)])
+    normal = np.tensordot(own, own, axes=((0, 2), (0, 2)))
     inverse = inverse_normal(normal)
     noise = score_covariance(own, residual)
     follow = inverse @ mixed

@@ -117,7 +117,7 @@ class _Run:
 
     @cached_property
     def _inverse(self) -> FloatArray:
-        root = _inverse_root(np.tensordot(self._weighed, self._weighed, axes=[(0, 2), (0, 2)]))
+        root = _inverse_root(np.tensordot(self._weighed, self._weighed, axes=((0, 2), (0, 2))))
         return root @ root.T
 
 
