@@ -284,13 +284,15 @@ class LadderProblem:
         self, stage: Stage, plan: Plan, guided: Problem, starts: tuple[FloatArray, FloatArray]
     ) -> tuple[Problem, FloatArray]:
         """Return problem and start of least loss: too short windows guess hidden states wrongly."""
-        both = [guided, replace(self, guesses={}).problem(stage, plan)]
-        ends = [problem.better(*starts) for problem in both]
-        losses = [p.gauss_newton(raw).loss for p, raw in zip(both, ends, strict=True)]
-        best = int(not losses[0] <= np.nan_to_num(losses[1], nan=np.inf) / _CLEARLY)
-        if best:
-            self.guesses.pop(stage.horizon, None)
-        return both[best], ends[best]
+        both = [guided]
+        if stage.horizon in self.guesses:
+            both.append(replace(self, guesses={}).problem(stage, plan))
+        ends = [(problem, problem.better(*starts)) for problem in both]
+        losses = np.nan_to_num([p.gauss_newton(raw).loss for p, raw in ends], nan=np.inf)
+        if losses[-1] < _CLEARLY * losses[0]:
+            del self.guesses[stage.horizon]
+            return ends[-1]
+        return ends[0]
 
     def problem(self, stage: Stage, plan: Plan) -> Problem:
         """Return the problem of one stage: its windows, and which parameters move."""
@@ -396,11 +398,7 @@ class LadderProblem:
         return [list(dict.fromkeys(names[row])) for row in parts]
 
     def _lost(self, problem: Problem, solution: Solution) -> BoolArray:
-        """Return which raw parameters (parameter,) no prediction depends on where a rung ended.
-
-        A positive one may have run to zero or beyond all bounds, from where no slope leads back to
-        what longer horizons show.
-        """
+        """Return which raw parameters (parameter,) nothing depends on, such as one run to 0."""
         jacobian = problem.reported_jacobian(solution.raw)[: len(self.objective.layout.physical)]
         blind = self._blind(problem, solution, jacobian)
         alone = [names[0] for names in blind if len(names) == 1]
