@@ -90,7 +90,7 @@ def other_chunks():
     forget()
 
 
-@pytest.mark.parametrize(("free", "width"), [(0, CHUNK), (8, CHUNK // 2), (44, 4)])
+@pytest.mark.parametrize(("free", "width"), [(0, CHUNK), (14, CHUNK // 2), (44, 4)])
 def test_starts_that_are_estimated_make_chunks_narrower(free, width):
     """Their sensitivities lie in the caches beside those of the parameters."""
     model, layout = SimpleNamespace(states=("x",) * 50), SimpleNamespace(size=2)
