@@ -14,6 +14,7 @@ from validate.public_sets import PublicSet
 from penode import Experiment
 from penode.arrays import BoolArray, FloatArray
 from penode.models.transforms import Positive
+from validate import output_sets
 
 
 def tanks(m, x, u, p):
@@ -79,36 +80,6 @@ def lotka_volterra(m, x, u, p):
     return [prey * (birth - predator), predator * (growth * prey - death)]
 
 
-def wiener_hammerstein(m, x, u, p):
-    omega1, zeta1, level, omega2, zeta2 = p
-    x1, v1, x2, v2 = x
-    first = omega1**2 * (u[0] - x1) - 2 * zeta1 * omega1 * v1
-    held = level * m.tanh(x1 / level)
-    return [v1, first, v2, omega2**2 * (held - x2) - 2 * zeta2 * omega2 * v2]
-
-
-def ship(m, x, u, p):
-    thrust, drag, leeway, side, damping, weather, turn, loss, stiffness, arm, steering, engine = p
-    surge, sway, yaw, _, rolling, roll, rudder, shaft = x
-    return [
-        thrust * shaft**2 - drag * surge**2 + sway * yaw,
-        surge * (side * surge * rudder - leeway * sway - 0.6 * yaw),
-        surge * (weather * sway - damping * yaw - turn * surge * rudder),
-        yaw,
-        arm * surge * yaw - loss * rolling - stiffness * roll,
-        rolling,
-        (u[0] - rudder) / steering,
-        (u[1] - shaft) / engine,
-    ]
-
-
-def servo(m, x, u, p):
-    R, L, k, J, coulomb = p
-    _, speed, current = x
-    torque = k * current - coulomb * m.tanh(speed)
-    return [speed, torque / J, (u[0] - R * current - k * speed) / L]
-
-
 @dataclass(frozen=True)
 class ByHand:
     """What a peer needs beside the equation.
@@ -156,19 +127,19 @@ MODELS = {
     "van_de_vusse": ByHand(van_de_vusse, {"a": (2.0, 1.0)}),
     "lotka_volterra": ByHand(lotka_volterra, {"predator": (1.0, 1.0)}),
     "wiener_hammerstein": ByHand(
-        wiener_hammerstein,
+        output_sets.filters,
         {"x1": (0.0, 1.0), "v1": (0.0, 50.0), "v2": (0.0, 50.0)},
         rate_of={"v2": "x2"},
         reads={"x2": "y"},
     ),
     "ship": ByHand(
-        ship,
+        output_sets.course,
         {"sway": (0.0, 1.0), "rolling": (0.0, 0.02), "rudder": (0.0, 0.2), "shaft": (1.5, 0.3)},
         rate_of={"rolling": "roll"},
         reads={"surge": "log", "yaw": "gyroscope", "heading": "compass", "roll": "inclinometer"},
     ),
     "two_rates": ByHand(
-        servo,
+        output_sets.servo,
         {"speed": (0.0, 50.0)},
         rate_of={"speed": "angle"},
         reads={"angle": "encoder", "amperes": "current"},

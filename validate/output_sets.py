@@ -128,30 +128,52 @@ NOISE = {
 }
 
 
-def _filters(x: Any, u: Any, p: Any) -> list[Any]:
-    first = p["omega1"] ** 2 * (u - x[0]) - 2 * p["zeta1"] * p["omega1"] * x[1]
-    held = p["level"] * np.tanh(x[0] / p["level"])
-    second = p["omega2"] ** 2 * (held - x[2]) - 2 * p["zeta2"] * p["omega2"] * x[3]
-    return [x[1], first, x[3], second]
+def filters(m: Any, x: Any, u: Any, p: Any) -> list[Any]:
+    """Return the rates of both filters by the functions of a module, parameters in order."""
+    omega1, zeta1, level, omega2, zeta2 = p
+    x1, v1, x2, v2 = x
+    first = omega1**2 * (u[0] - x1) - 2 * zeta1 * omega1 * v1
+    held = level * m.tanh(x1 / level)
+    return [v1, first, v2, omega2**2 * (held - x2) - 2 * zeta2 * omega2 * v2]
 
 
-def _ship(x: Any, u: Any, p: Any) -> list[Any]:
+def course(m: Any, x: Any, u: Any, p: Any) -> list[Any]:
+    """Return the same of the ship."""
+    thrust, drag, leeway, side, damping, weather, turn, loss, stiffness, arm, steering, engine = p
     surge, sway, yaw, _, rolling, roll, rudder, shaft = x
     return [
-        p["thrust"] * shaft**2 - p["drag"] * surge**2 + sway * yaw,
-        p["side"] * surge**2 * rudder - p["leeway"] * surge * sway - 0.6 * surge * yaw,
-        p["weather"] * surge * sway - p["damping"] * surge * yaw - p["turn"] * surge**2 * rudder,
+        thrust * shaft**2 - drag * surge**2 + sway * yaw,
+        surge * (side * surge * rudder - leeway * sway - 0.6 * yaw),
+        surge * (weather * sway - damping * yaw - turn * surge * rudder),
         yaw,
-        p["arm"] * surge * yaw - p["roll_damping"] * rolling - p["roll_stiffness"] * roll,
+        arm * surge * yaw - loss * rolling - stiffness * roll,
         rolling,
-        (u[0] - rudder) / p["steering"],
-        (u[1] - shaft) / p["engine"],
+        (u[0] - rudder) / steering,
+        (u[1] - shaft) / engine,
     ]
 
 
-def _servo(x: Any, u: Any, p: Any) -> list[Any]:
-    torque = p["k"] * x[2] - p["coulomb"] * np.tanh(x[1])
-    return [x[1], torque / p["J"], (u - p["R"] * x[2] - p["k"] * x[1]) / p["L"]]
+def servo(m: Any, x: Any, u: Any, p: Any) -> list[Any]:
+    """Return the same of the servo."""
+    R, L, k, J, coulomb = p
+    _, speed, current = x
+    torque = k * current - coulomb * m.tanh(speed)
+    return [speed, torque / J, (u[0] - R * current - k * speed) / L]
+
+
+def _path(
+    rates: Callable[..., list[Any]],
+    truth: dict[str, float],
+    first: list[float],
+    step: float,
+    *u: FloatArray,
+) -> FloatArray:
+    """Return the states (state, time) that SciPy makes of inputs (time,)."""
+
+    def plain(x: Any, now: Any, p: dict[str, float]) -> list[Any]:
+        return rates(np, x, now, p.values())
+
+    return simulated(plain, truth, first, step, np.stack(u, axis=1))
 
 
 def _read(
@@ -169,7 +191,7 @@ def wiener_hammerstein(samples: int = 4000) -> Simulated:
     runs = []
     for seed in (1, 2):
         u = steps(seed, -2.0, 2.0, 20, samples)
-        y = simulated(_filters, FILTERS, [0.0] * 4, 2e-3, u)[2]
+        y = _path(filters, FILTERS, [0.0] * 4, 2e-3, u)[2]
         runs.append(_read("wiener_hammerstein", 2e-3, seed, {"y": y}, {"u": u}))
     return WienerHammerstein(80.0, 0.5, 1.5, 80.0, 0.5), runs, FILTERS
 
@@ -183,7 +205,7 @@ def ship(samples: int = 1500) -> Simulated:
             "telegraph": steps(5 + seed, 1.2, 2.0, 150, samples),
         }
         first = [6.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.5]
-        x = simulated(_ship, SHIP, first, 0.5, np.stack([*given.values()], axis=1))
+        x = _path(course, SHIP, first, 0.5, *given.values())
         clean = {"log": x[0], "gyroscope": x[2], "compass": x[3], "inclinometer": x[5]}
         runs.append(_read("ship", 0.5, seed, clean, given))
     guess = (0.05, 0.003, 0.03, 0.006, 0.03, 2e-4, 5e-4, 0.1, 0.5, 0.03, 5.0, 5.0)
@@ -195,7 +217,7 @@ def two_rates(samples: int = 2000) -> Simulated:
     runs = []
     for seed, step, count in ((1, 1e-3, samples), (2, 1e-3, samples), (3, 5e-3, 3 * samples // 5)):
         u = steps(seed, -10.0, 10.0, round(0.05 / step), count)
-        x = simulated(_servo, SERVO, [0.0, 0.0, 0.0], step, u)
+        x = _path(servo, SERVO, [0.0, 0.0, 0.0], step, u)
         clean = {"encoder": x[0], "current": x[2]}
         runs.append(_read("two_rates", step, seed, clean, {"voltage": u}))
     return Servo(2.0, 0.02, 0.03, 1e-4, 0.01), runs, SERVO

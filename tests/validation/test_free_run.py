@@ -14,6 +14,7 @@ from penode.models.parameters import with_batch_axis
 from penode.predictors.multistep import AdamsBashforth
 from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import AB3, EULER
+from penode.validation import free_run
 from penode.validation.comparison import Comparison
 from penode.validation.free_run import compare, free_run_errors, look_ahead, look_far_ahead
 
@@ -275,6 +276,21 @@ def test_where_the_estimation_of_a_start_begins_does_not_matter():
     errors = free_run_errors(Predictor(STEP), [[model] for model in models], [run])
     gaps = [(each.measured - each.free_run)[1:] for each in alone]
     np.testing.assert_allclose(errors[:, 0], [np.sqrt(np.mean(gap**2)) for gap in gaps], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("last", "begins"), [(2.1, True), (1e6, False)])
+def test_free_runs_begin_where_the_last_one_did_unless_it_diverged(monkeypatch, last, begins):
+    given = []
+
+    def noted(*args, begin=None):
+        given.append(begin)
+        return compare(*args, begin=begin)
+
+    monkeypatch.setattr(free_run, "compare", noted)
+    run = without_speed(recorded()[0])
+    free_run_errors(Predictor(STEP), [[Hidden(2.5)], [Hidden(last)]], [run])
+    assert given[0] is None
+    assert (given[1] is not None) == begins
 
 
 def test_one_step_ahead_of_an_unmeasured_state_without_a_guess_is_unknown():

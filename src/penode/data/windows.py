@@ -68,8 +68,8 @@ class Jittered:
         """Place one window in each stratum; the last stratum may be shorter than the others."""
         room = last - first + 1
         apart = min(-(-horizon // _DEEPEST), room // _DEEPEST)
-        room = max(room // self.fewest, apart, 1)
-        stratum = self.stride or min(max(horizon, self.shortest), room)
+        widest = max(room // self.fewest, apart, 1)
+        stratum = self.stride or min(max(horizon, self.shortest), widest)
         lower = np.arange(first, last + 1, stratum, dtype=np.int64)
         upper = np.minimum(lower + stratum, last + 1)
         # `first` sets the draws of recordings apart, the horizon those of a ladder's rungs.

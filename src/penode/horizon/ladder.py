@@ -283,7 +283,7 @@ class LadderProblem:
     def _nearest(
         self, stage: Stage, plan: Plan, guided: Problem, starts: tuple[FloatArray, FloatArray]
     ) -> tuple[Problem, FloatArray]:
-        """Return problem and start of least loss: too short windows guess hidden states wrongly."""
+        """Return the problem and start of least loss, with or without a guess of hidden states."""
         both = [guided]
         if stage.horizon in self.guesses:
             both.append(replace(self, guesses={}).problem(stage, plan))

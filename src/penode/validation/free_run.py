@@ -95,7 +95,7 @@ def compare(
         all of a model with outputs.
     begin : ndarray, shape (state,), optional
         Where that estimation begins, such as a similar model's `Comparison.start`; by default at
-        what was recorded, by the first samples first.
+        what was recorded, and the first samples lead on to the whole recording.
 
     Raises
     ------
@@ -375,8 +375,8 @@ def _estimated_start(
     scale = scale_of_errors(model, measured)[:, None]
     free = np.asarray(first if guess is None else guess)[freed]
     # A long run of a nonlinear model has several minima; its beginning leads to the right one.
-    lengths = [n for n in (_BEGINNING * 4**k for k in range(20)) if n < ahead / 4]
-    for length in (*(lengths if guess is None else ()), ahead):
+    shorter = () if guess is not None else (_BEGINNING * 4**k for k in range(20))
+    for length in (*(n for n in shorter if n < ahead / 4), ahead):
         fixed = predictor, tuple(freed), model, first, (inputs, jnp.asarray(length))
         part = slice(begin, length + 1)
 
