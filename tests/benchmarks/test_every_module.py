@@ -347,12 +347,19 @@ def test_a_peer_is_given_the_recording_and_where_to_begin():
     np.testing.assert_allclose(given.fixed(theta).start, list(truth.values()))
 
 
-def test_a_peer_reads_outputs_by_the_names_of_their_channels():
-    start, (run, *_), _ = output_sets.ship(20)
-    given = peer_models.problem_of("ship", public_sets.PublicSet(start, run, run), run)
-    assert given.rows == (0, 2, 3, 5)
+@pytest.mark.parametrize(
+    ("name", "rows", "rates"),
+    [
+        ("wiener_hammerstein", (2,), {3: 0}),
+        ("ship", (0, 2, 3, 5), {4: 3}),
+        ("two_rates", (0, 2), {1: 0}),
+    ],
+)
+def test_a_peer_reads_outputs_by_the_names_of_their_channels(name, rows, rates):
+    start, (run, *_), _ = output_sets.SETS[name](20)
+    given = peer_models.problem_of(name, public_sets.PublicSet(start, run, run), run)
+    assert (given.rows, given.rates) == (rows, rates)
     np.testing.assert_array_equal(given.outputs, run.stack(tuple(start.outputs)))
-    assert given.rates == {4: 3}
 
 
 def test_lines_of_code_are_neither_blank_nor_comments_nor_docstrings():
