@@ -40,15 +40,22 @@ def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Pl
 
     By minimax regret: of each hold counts the horizon at which its loss exceeds the least of all
     holds most. That may be the first, or one in the middle, where noise hides it in the first. The
-    solver is as fine as the longest of these horizons wants.
+    solver is as fine as the longest of these horizons wants. Horizons at which training does not
+    converge with constant inputs compare nothing; with none left the plan's hold stays, and the
+    climb's end is asked instead (`better_hold`).
     """
     if not start.model.inputs:
         return plan
     middle = len(plan.stages) // 2
     stages = tuple(plan.stages[k] for k in sorted({0, (middle + 1) // 2, middle}))
+    first = _Trial.of(replace(plan, stages=stages), start, experiments)
+    trained = [k for k, (_, solution) in enumerate(first.ends) if solution.converged]
+    if not trained:
+        return plan
     plans = [plan, *(replace(plan, hold=hold) for hold in _HOLDS[1:])]
-    trials = [_Trial.of(replace(p, stages=stages), start, experiments) for p in plans]
-    losses = np.array([trial.log_losses for trial in trials])
+    others = [_Trial.of(replace(p, stages=stages), start, experiments) for p in plans[1:]]
+    trials = [first, *others]
+    losses = np.array([trial.log_losses for trial in trials])[:, trained]
     regret = np.max(losses - losses.min(axis=0), axis=1)
     chance = _TIE / _values(start.model, experiments)
     best = int(np.argmax(regret <= regret.min() + chance))
