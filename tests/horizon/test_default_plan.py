@@ -161,6 +161,21 @@ def test_a_hold_whose_predictions_diverge_is_not_taken(run, monkeypatch):
     assert with_hold(plan, start, [run]).hold != ZeroOrderHold()
 
 
+def test_training_that_did_not_converge_compares_no_holds(run, monkeypatch):
+    """Which end of several minima is nearest says nothing of the input."""
+    start, tried, solutions = Start(Tanks(OUTFLOW, INFLOW)), [], LadderProblem.solutions
+
+    def unfinished(problem, plan, raw):
+        tried.append(plan.hold)
+        for stage, end in solutions(problem, plan, raw):
+            yield stage, replace(end, outcome="The evaluations are used up.")
+
+    monkeypatch.setattr(LadderProblem, "solutions", unfinished)
+    plan = default_plan(start.model, [run])
+    assert with_hold(plan, start, [run]) is plan
+    assert tried == [ZeroOrderHold()]
+
+
 class Lag(Model):
     """x' = a (u - x)."""
 
@@ -236,7 +251,8 @@ def test_the_horizon_that_speaks_most_against_a_hold_decides(run, monkeypatch, s
     }
 
     def trial(plan, *given):
-        return SimpleNamespace(log_losses=logarithms[plan.hold], fine_solver=plan.solver)
+        losses = logarithms[plan.hold]
+        return SimpleNamespace(log_losses=losses, comparable=[0, 1, 2], fine_solver=plan.solver)
 
     monkeypatch.setattr(hold_check._Trial, "of", trial)
     start = Start(Tanks(OUTFLOW, INFLOW))

@@ -110,9 +110,9 @@ def test_it_is_not_looked_for_where_starts_may_take_of_the_noisiest_sensor():
     """A start of two states spends two of eight values, and of unlike sensors the larger errors."""
     problem, (rung,) = climbed(recorded(friction=0.0))
 
-    def grows(short, long):
+    def grows(short, long, between=1.0):
         rungs = []
-        for horizon, loss in ((4, short), (80, long)):
+        for horizon, loss in ((4, short), (20, between), (80, long)):
             terms = replace(rung.solution.terms, loss=loss)
             solution = replace(rung.solution, terms=terms)
             rungs.append(replace(rung, horizon=horizon, solution=solution))
@@ -120,6 +120,7 @@ def test_it_is_not_looked_for_where_starts_may_take_of_the_noisiest_sensor():
 
     assert not grows(1.0 - 0.9 * 2 / 8, 1.0)
     assert grows(1.0 - 0.9 * 2 / 8, 1.2)
+    assert not grows(1.0 - 0.9 * 2 / 8, 1.0, between=9.0)  # training fell short there
 
 
 def test_a_fit_has_a_row_for_it_in_the_budget_only_where_the_plan_asks():

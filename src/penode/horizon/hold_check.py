@@ -40,22 +40,21 @@ def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Pl
 
     By minimax regret: of each hold counts the horizon at which its loss exceeds the least of all
     holds most. That may be the first, or one in the middle, where noise hides it in the first. The
-    solver is as fine as the longest of these horizons wants. Horizons at which training does not
-    converge with constant inputs compare nothing; with none left the plan's hold stays, and the
-    climb's end is asked instead (`better_hold`).
+    solver is as fine as the longest of these horizons wants. Horizons at which training with
+    constant inputs ends before it has converged compare nothing; with none left the plan's hold
+    stays, and the climb's end is asked instead (`better_hold`).
     """
     if not start.model.inputs:
         return plan
     middle = len(plan.stages) // 2
     stages = tuple(plan.stages[k] for k in sorted({0, (middle + 1) // 2, middle}))
     first = _Trial.of(replace(plan, stages=stages), start, experiments)
-    trained = [k for k, (_, solution) in enumerate(first.ends) if solution.converged]
-    if not trained:
+    if not first.comparable:
         return plan
     plans = [plan, *(replace(plan, hold=hold) for hold in _HOLDS[1:])]
     others = [_Trial.of(replace(p, stages=stages), start, experiments) for p in plans[1:]]
     trials = [first, *others]
-    losses = np.array([trial.log_losses for trial in trials])[:, trained]
+    losses = np.array([trial.log_losses for trial in trials])[:, first.comparable]
     regret = np.max(losses - losses.min(axis=0), axis=1)
     chance = _TIE / _values(start.model, experiments)
     best = int(np.argmax(regret <= regret.min() + chance))
@@ -82,6 +81,12 @@ class _Trial:
         """The logarithm of the loss at each horizon."""
         known = [math.log(solution.terms.loss + _EXACT) for _, solution in self.ends]
         return known + [_DIVERGED] * (len(self.plan.stages) - len(known))
+
+    @property
+    def comparable(self) -> list[int]:
+        """Indices of the horizons at which training converged, or predictions diverged."""
+        unfinished = {k for k, (_, end) in enumerate(self.ends) if not end.converged}
+        return [k for k in range(len(self.plan.stages)) if k not in unfinished]
 
     @property
     def fine_solver(self) -> Solver:
