@@ -143,13 +143,27 @@ def coarse():
 def test_a_shift_is_what_training_with_a_finer_solver_gives(coarse):
     plan, climbed = coarse
     found = climbed(plan)
-    step, moved, _ = solver_check._doubled(found.problem, plan, found.climb.fits[2])
+    _, step, moved, _ = solver_check._doubled(found.problem, plan, found.climb.fits[2])
     again = climbed(replace(plan, solver=Substeps(RungeKutta(EULER), 2)))
     change = again.climb.fits[2].values[:2] - found.climb.fits[2].values[:2]
     np.testing.assert_allclose(moved, change, rtol=0.1)
     slopes = found.problem.reported.jacobian(found.climb.fits[2].solution.raw)[:2]
     np.testing.assert_allclose(slopes @ step, moved)
     assert change[0] > 0.03
+
+
+@pytest.mark.parametrize(("start", "kept"), [(Lag(0.5, 0.5), True), (Lag(1.6, 2.4), False)])
+def test_an_end_that_moves_much_is_left_for_a_start_that_a_finer_solver_predicts_better_by(
+    start, kept
+):
+    """Euler's rate at samples 0.8 time constants apart is a third off: no step leads on."""
+    plan = replace(ladder_plan((1, 4, 16)), solver=RungeKutta(EULER))
+    found = examined(climber(start, recorded(2.0, 3.0, 0.4), Longest())(plan))
+    ends = {rung.horizon: rung.solution.raw for rung in found.climb.fits}
+    assert (found.begun is not None) is kept
+    if kept:
+        for horizon, raw in ends.items():
+            np.testing.assert_array_equal(found.begun[horizon], raw)
 
 
 def test_a_solver_is_refined_until_it_does_not_matter_or_no_further(coarse, monkeypatch):

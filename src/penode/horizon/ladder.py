@@ -169,7 +169,7 @@ class LadderProblem:
     reported : Reported
         Quantities by which convergence is judged.
     model : Model
-        Its structure; its values are not kept.
+        Where training begins.
     experiments : sequence of Experiment
     observer : callable
         Receives an event for each evaluation and horizon.

@@ -24,7 +24,7 @@ from penode.predictors.one_step import Substeps
 from penode.predictors.solver import Solver
 from penode.training.gauss_newton_terms import residual_scale
 from penode.training.loss import channel_deviation
-from penode.training.plan import Plan
+from penode.training.plan import Plan, Problem
 
 #: Part of a parameter's deviation, and of its value where that is more, that a solver may move it
 #: by; part of the squared error, and of what the states move, that it may change the error by.
@@ -32,7 +32,8 @@ _PART, _FINEST = 0.1, 1e-5
 _SQUARES, _VISIBLE = 0.2, 1e-3
 #: Most sub-steps that are tried, and the fastest rate times their length that is not stiff.
 MOST, _STIFF = 16, 1.0
-#: Part of a value, where that is more than its deviation, from which a move may lead from an alias.
+#: Part of a value, where that is more than its deviation, from which a move may lead from an alias:
+#: parameters that a finer solver predicts the recordings worse by than by those at the start.
 _ALIAS = 0.1
 #: Rate times sampling interval from which a transient has died out at the next sample.
 _GONE = 3.0
@@ -99,7 +100,7 @@ def too_coarse(
     rung, names = climb.fits[choice.index], problem.objective.layout.physical
     said = Consensus.reported(choice, climb.fits)
     limits = np.maximum(_PART * said.deviation, _FINEST * np.abs(said.values))
-    step, moved, seen = _doubled(problem, plan, rung)
+    again, step, moved, seen = _doubled(problem, plan, rung)
     shares = dict(zip(names, _share(moved, limits), strict=True))
 
     now = substeps(plan.solver)
@@ -128,9 +129,13 @@ def too_coarse(
     # What the doubling changed is nearly all of the error, and falls by 2^order a doubling.
     doublings = max(math.ceil(math.log2(min(excess, 1e30)) / plan.solver.order), 1)
     known = np.where(np.isfinite(said.deviation), said.deviation, 0.0)
-    is_near = (np.abs(moved) <= np.maximum(_ALIAS * np.abs(said.values), known)).all()
-    near = rung.solution.raw + step if is_near and not unsure else None
-    return Coarseness(plan.solver, now * 2**doublings, reason, fastest, near)
+    near, alias = rung.solution.raw, bool(unsure)
+    if (np.abs(moved) <= np.maximum(_ALIAS * np.abs(said.values), known)).all():
+        near = near + step
+    else:
+        start = problem.objective.layout.raw(problem.model)
+        alias = alias or again.better(near, start) is start
+    return Coarseness(plan.solver, now * 2**doublings, reason, fastest, None if alias else near)
 
 
 def too_fast(
@@ -158,10 +163,11 @@ def _share(moved: FloatArray, limits: FloatArray) -> FloatArray:
 
 def _doubled(
     problem: LadderProblem, plan: Plan, rung: HorizonFit
-) -> tuple[FloatArray, FloatArray, float]:
-    """Return what doubling moves raw and physical parameters (SI) by, and the error's change.
+) -> tuple[Problem, FloatArray, FloatArray, float]:
+    """Return the problem of twice as many sub-steps, and what they change.
 
-    The error's is over what is visible.
+    That is what raw and physical parameters (SI) move by, and the error's change over what is
+    visible.
     """
     before = rung.objective or problem.objective
     solver = with_substeps(plan.solver, 2 * substeps(plan.solver))
@@ -170,7 +176,7 @@ def _doubled(
     physical = len(before.layout.physical)
     after = again.gauss_newton(raw)
     if not after.finite:
-        return np.zeros(len(raw)), np.full(physical, np.inf), np.inf
+        return again, np.zeros(len(raw)), np.full(physical, np.inf), np.inf
     step = terms.inverse @ (after.descent - terms.descent)
     compared = before.error.compared
     as_it_varies = replace(before.loss, scale=channel_deviation)
@@ -179,7 +185,7 @@ def _doubled(
     visible = _SQUARES * terms.loss + _VISIBLE**2 * moves
     seen = np.sqrt(abs(after.loss - terms.loss) / visible)
     moved = again.reported_jacobian(raw)[:physical] @ step
-    return again.spread(step), moved, float(seen)
+    return again, again.spread(step), moved, float(seen)
 
 
 def _unsure_rates(problem: LadderProblem, rung: HorizonFit, said: Consensus) -> list[str]:
