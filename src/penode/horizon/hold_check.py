@@ -52,12 +52,14 @@ def with_hold(plan: Plan, start: Start, experiments: Sequence[Experiment]) -> Pl
     if not first.comparable:
         return plan
     plans = [plan, *(replace(plan, hold=hold) for hold in _HOLDS[1:])]
-    others = [_Trial.of(replace(p, stages=stages), start, experiments) for p in plans[1:]]
-    trials = [first, *others]
-    losses = np.array([trial.log_losses for trial in trials])[:, first.comparable]
-    regret = np.max(losses - losses.min(axis=0), axis=1)
-    chance = _TIE / _values(start.model, experiments)
-    best = int(np.argmax(regret <= regret.min() + chance))
+    chance, trials, best = _TIE / _values(start.model, experiments), [first], 0
+    for p in plans[1:]:
+        trials.append(_Trial.of(replace(p, stages=stages), start, experiments))
+        losses = np.array([trial.log_losses for trial in trials])[:, first.comparable]
+        regret = np.max(losses - losses.min(axis=0), axis=1)
+        best = int(np.argmax(regret <= regret.min() + chance))
+        if best == 0:  # no signal that goes on smoothly stands still better than straight
+            break
     solver = trials[best].fine_solver
     return plans[best] if solver == plan.solver else replace(plans[best], solver=solver)
 
@@ -118,6 +120,8 @@ def better_hold(
         changed = replace(plan, hold=hold)
         other = problem.with_predictor(changed, rung)
         if _beyond(other, rung.solution.raw, losses[0]):
+            if plan.hold == _HOLDS[0]:  # nor does it go on smoothly
+                break
             continue
         trained = LevenbergMarquardt(_EVALUATIONS).minimise(other, rung.solution.raw)
         if trained.terms.finite:
