@@ -490,9 +490,10 @@ def strayed(rungs: Sequence[HorizonFit]) -> bool:
 
 
 def _astray(problem: Problem, raw: FloatArray, before: Sequence[Solution]) -> bool:
-    """Return whether raw (parameter,) may lead astray: windows err much more than shorter ones."""
+    """Return whether raw (parameter,) may lead astray: hidden states err much more than before."""
     if not before[-1].converged:
         return True
+    if not hidden_states(problem.objective.model):
+        return False
     least = min(solution.terms.loss for solution in before)
-    free = len(problem.objective.error.free)
-    return bool(free and not problem.gauss_newton(raw).loss <= _STRAYED * least)
+    return not problem.gauss_newton(raw).loss <= _STRAYED * least
