@@ -18,7 +18,7 @@ from penode.models.base import Model
 from penode.models.explicit_time import driving_channels
 from penode.models.measured import hidden_states, measured_units
 from penode.predictors.base import Predictor
-from penode.training.coarse_to_fine import CoarseToFine
+from penode.training.coarse_to_fine import CoarseToFine, thinned
 from penode.training.covariance import (
     Reported,
     ScoreSeries,
@@ -287,8 +287,10 @@ class LadderProblem:
         both = [guided]
         if stage.horizon in self.guesses:
             both.append(replace(self, guesses={}).problem(stage, plan))
-        ends = [(problem, problem.better(*starts)) for problem in both]
-        losses = np.nan_to_num([p.gauss_newton(raw).loss for p, raw in ends], nan=np.inf)
+        few = [thinned(problem) for problem in both]
+        ends = [(problem, part.better(*starts)) for problem, part in zip(both, few, strict=True)]
+        left = [part.gauss_newton(raw).loss for part, (_, raw) in zip(few, ends, strict=True)]
+        losses = np.nan_to_num(left, nan=np.inf)
         if losses[-1] < _CLEARLY * losses[0]:
             del self.guesses[stage.horizon]
             return ends[-1]
@@ -490,10 +492,9 @@ def strayed(rungs: Sequence[HorizonFit]) -> bool:
 
 
 def _astray(problem: Problem, raw: FloatArray, before: Sequence[Solution]) -> bool:
-    """Return whether raw (parameter,) may lead astray: hidden states err much more than before."""
+    """Return whether raw (parameter,) may lead astray: windows err much more than shorter ones."""
     if not before[-1].converged:
         return True
-    if not hidden_states(problem.objective.model):
-        return False
     least = min(solution.terms.loss for solution in before)
-    return not problem.gauss_newton(raw).loss <= _STRAYED * least
+    free = len(problem.objective.error.free)
+    return bool(free and not problem.gauss_newton(raw).loss <= _STRAYED * least)

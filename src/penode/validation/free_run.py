@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import jax
@@ -380,12 +380,16 @@ def _estimated_start(
         fixed = predictor, tuple(freed), model, first, (inputs, jnp.asarray(length))
         part = slice(begin, length + 1)
 
-        def residual(free: FloatArray, part: slice = part, fixed: Any = fixed) -> FloatArray:
-            gap = np.asarray(_run_from(free, *fixed))[:, part] - measured[:, part]
+        @lru_cache(maxsize=1)
+        def run(free: bytes, fixed: Any = fixed) -> list[FloatArray]:
+            return [np.asarray(one) for one in _run_with_slope(np.frombuffer(free), *fixed)]
+
+        def residual(free: FloatArray, part: slice = part, run: Any = run) -> FloatArray:
+            gap = run(free.tobytes())[1][:, part] - measured[:, part]
             return _bounded((gap / scale).ravel())
 
-        def slope(free: FloatArray, part: slice = part, fixed: Any = fixed) -> FloatArray:
-            slopes = np.asarray(_slope_of_run(free, *fixed))[:, part] / scale[..., None]
+        def slope(free: FloatArray, part: slice = part, run: Any = run) -> FloatArray:
+            slopes = run(free.tobytes())[0][:, part] / scale[..., None]
             return _bounded(slopes.reshape(-1, len(freed)))
 
         with np.errstate(all="ignore"):  # of a run that diverges from every start
@@ -432,6 +436,15 @@ def _from_free(
     return predicted_outputs(model, path, Inputs(acting, names))
 
 
-# Compiled once for all recordings of about a length, all values of parameters and all starts.
-_run_from = jax.jit(_from_free, static_argnums=(1, 2))
-_slope_of_run = jax.jit(jax.jacfwd(_from_free), static_argnums=(1, 2))
+@partial(jax.jit, static_argnums=(1, 2))
+def _run_with_slope(free: JaxArray, *fixed: Any) -> tuple[JaxArray, JaxArray]:
+    """Return the slope of `_from_free` by the free rows, and what it returns.
+
+    Compiled once for all recordings of about a length, all values of parameters and all starts.
+    """
+
+    def twice(free: JaxArray) -> tuple[JaxArray, JaxArray]:
+        run = _from_free(free, *fixed)
+        return run, run
+
+    return jax.jacfwd(twice, has_aux=True)(free)
