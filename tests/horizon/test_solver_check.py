@@ -259,6 +259,22 @@ def test_a_wrong_hold_is_exchanged_and_the_ladder_climbed_again(coarse):
     np.testing.assert_allclose(found.climb.fits[2].values[:2], [2.0, 3.0], rtol=0.02)
 
 
+@pytest.mark.parametrize("wanted", [[], [FirstOrderHold()], [FirstOrderHold(), ZeroOrderHold()]])
+def test_after_another_hold_it_is_asked_once_more(coarse, monkeypatch, wanted):
+    """What another one was better by may have been a better minimum; then there is an end."""
+    plan, climbed = replace(ladder_plan((4,)), solver=Substeps(RungeKutta(RK4), 2)), coarse[1]
+    holds = [*wanted, *[None] * (2 - len(wanted))]
+
+    def better(problem, plan, rung):
+        hold = holds.pop(0)  # fails where it is asked a third time
+        return hold and (replace(plan, hold=hold), rung.solution.raw)
+
+    monkeypatch.setattr(as_recorded, "better_hold", better)
+    found = climbed_as_recorded(plan, climbed)
+    assert found.plan.hold == (wanted[-1] if wanted else plan.hold)
+    assert len(holds) == (1 if not wanted else 0)
+
+
 @pytest.mark.parametrize("check", ["better_hold", "too_coarse"])
 def test_an_interrupted_check_leaves_a_stopped_fit(coarse, monkeypatch, check):
     def interrupted(*given):

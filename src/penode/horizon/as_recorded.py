@@ -15,6 +15,8 @@ from penode.horizon.selection import Choice
 from penode.horizon.solver_check import Coarseness, too_coarse, too_fast
 from penode.training.plan import Plan
 
+#: Most climbs with another hold: what another was better by may have been a better minimum.
+_HOLDS = 2
 #: Raw parameters (parameter,) where training begins, by horizon.
 Begun: TypeAlias = Mapping[int, FloatArray]
 
@@ -58,11 +60,15 @@ def climbed_as_recorded(plan: Plan, climbed: Callable[[Plan, Begun | None], Clim
     """
     found = climbed(plan, None)
     try:
-        if not found.climb.interrupted:
+        for _ in range(_HOLDS):
+            if found.climb.interrupted:
+                break
             rung = found.climb.fits[found.choice.index]
-            if other := better_hold(found.problem, found.plan, rung):
-                changed, raw = other
-                found = climbed(changed, {changed.stages[0].horizon: raw})
+            other = better_hold(found.problem, found.plan, rung)
+            if other is None:
+                break
+            changed, raw = other
+            found = climbed(changed, {changed.stages[0].horizon: raw})
     except KeyboardInterrupt:
         return _stopped(found)
     return fine_enough(found, climbed)

@@ -18,7 +18,7 @@ from penode.models.base import Model
 from penode.models.explicit_time import driving_channels
 from penode.models.measured import hidden_states, measured_units
 from penode.predictors.base import Predictor
-from penode.training.coarse_to_fine import CoarseToFine, thinned
+from penode.training.coarse_to_fine import CoarseToFine
 from penode.training.covariance import (
     Reported,
     ScoreSeries,
@@ -287,10 +287,8 @@ class LadderProblem:
         both = [guided]
         if stage.horizon in self.guesses:
             both.append(replace(self, guesses={}).problem(stage, plan))
-        few = [thinned(problem) for problem in both]
-        ends = [(problem, part.better(*starts)) for problem, part in zip(both, few, strict=True)]
-        left = [part.gauss_newton(raw).loss for part, (_, raw) in zip(few, ends, strict=True)]
-        losses = np.nan_to_num(left, nan=np.inf)
+        ends = [(problem, problem.better(*starts)) for problem in both]
+        losses = np.nan_to_num([p.gauss_newton(raw).loss for p, raw in ends], nan=np.inf)
         if losses[-1] < _CLEARLY * losses[0]:
             del self.guesses[stage.horizon]
             return ends[-1]

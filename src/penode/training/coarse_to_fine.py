@@ -11,18 +11,6 @@ from penode.training.plan import DIVERGED, Optimiser, Problem, Progress, Solutio
 _LEFT = 150
 
 
-def thinned(problem: Problem, most: int = 4) -> Problem:
-    """Return a problem of every n-th window, n at most `most`; the same where windows are few."""
-    windows, error = problem.windows, problem.objective.error
-    residuals = windows.steps.sum() * len(error.compared)
-    stride = int(np.clip(residuals / (_LEFT * max(problem.moving.sum(), 1)), 1, most))
-    return (
-        problem
-        if stride == 1
-        else replace(problem, windows=windows.among(slice(None, None, stride)))
-    )
-
-
 @dataclass(frozen=True)
 class CoarseToFine:
     """An optimiser run on every n-th window first, and from where that ends on all of them.
@@ -43,10 +31,12 @@ class CoarseToFine:
         self, problem: Problem, raw: FloatArray, progress: Progress = ignore_progress
     ) -> Solution:
         """Lower the loss from `raw` (parameter,); coarse evaluations count by their fraction."""
-        few = thinned(problem, self.most)
-        if few is problem:
+        windows, error = problem.windows, problem.objective.error
+        residuals = windows.steps.sum() * len(error.compared)
+        stride = int(np.clip(residuals / (_LEFT * max(problem.moving.sum(), 1)), 1, self.most))
+        if stride == 1:
             return self.optimiser.minimise(problem, raw, progress)
-        stride = -(-len(problem.windows) // len(few.windows))
+        few = replace(problem, windows=windows.among(slice(None, None, stride)))
         coarse = self.optimiser.minimise(few, raw, progress)
         begin = raw if coarse.outcome == DIVERGED else coarse.raw
         fine = self.optimiser.minimise(problem, begin, progress)
