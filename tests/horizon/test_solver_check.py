@@ -259,11 +259,20 @@ def test_a_wrong_hold_is_exchanged_and_the_ladder_climbed_again(coarse):
     np.testing.assert_allclose(found.climb.fits[2].values[:2], [2.0, 3.0], rtol=0.02)
 
 
-@pytest.mark.parametrize("wanted", [[], [FirstOrderHold()], [FirstOrderHold(), ZeroOrderHold()]])
-def test_after_another_hold_it_is_asked_once_more(coarse, monkeypatch, wanted):
+FLIPPED = [FirstOrderHold(), ZeroOrderHold()]
+
+
+@pytest.mark.parametrize(
+    ("less", "wanted", "taken"),
+    [(0.5, FLIPPED, 2), (0.5, FLIPPED[:1], 1), (0.95, FLIPPED, 1), (0.5, [], 0)],
+)
+def test_after_another_hold_that_leaves_much_less_it_is_asked_once_more(
+    coarse, monkeypatch, less, wanted, taken
+):
     """What another one was better by may have been a better minimum; then there is an end."""
     plan, climbed = replace(ladder_plan((4,)), solver=Substeps(RungeKutta(RK4), 2)), coarse[1]
-    holds = [*wanted, *[None] * (2 - len(wanted))]
+    holds, losses = [*wanted, *[None] * (2 - len(wanted))], iter((less, 1.0, less**2, less))
+    monkeypatch.setattr(Climbed, "loss_at", lambda self, index: next(losses))
 
     def better(problem, plan, rung):
         hold = holds.pop(0)  # fails where it is asked a third time
@@ -271,8 +280,7 @@ def test_after_another_hold_it_is_asked_once_more(coarse, monkeypatch, wanted):
 
     monkeypatch.setattr(as_recorded, "better_hold", better)
     found = climbed_as_recorded(plan, climbed)
-    assert found.plan.hold == (wanted[-1] if wanted else plan.hold)
-    assert len(holds) == (1 if not wanted else 0)
+    assert found.plan.hold == (wanted[taken - 1] if taken else plan.hold)
 
 
 @pytest.mark.parametrize("check", ["better_hold", "too_coarse"])

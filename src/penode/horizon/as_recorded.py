@@ -15,8 +15,9 @@ from penode.horizon.selection import Choice
 from penode.horizon.solver_check import Coarseness, too_coarse, too_fast
 from penode.training.plan import Plan
 
-#: Most climbs with another hold: what another was better by may have been a better minimum.
-_HOLDS = 2
+#: Most climbs with another hold, and the part of the loss below which what another one was better
+#: by may have been a better minimum.
+_HOLDS, _LESS = 2, 0.9
 #: Raw parameters (parameter,) where training begins, by horizon.
 Begun: TypeAlias = Mapping[int, FloatArray]
 
@@ -58,20 +59,26 @@ def climbed_as_recorded(plan: Plan, climbed: Callable[[Plan, Begun | None], Clim
     `climbed` climbs a plan from what is begun, or from the start where None is given. What is too
     coarse with 16 sub-steps stays as an objection.
     """
-    found = climbed(plan, None)
+    return fine_enough(_as_held(climbed(plan, None), climbed), climbed)
+
+
+def _as_held(found: Climbed, climbed: Callable[[Plan, Begun | None], Climbed]) -> Climbed:
+    """Return a climb, or one with another hold, asked again where it leaves much less."""
     try:
         for _ in range(_HOLDS):
             if found.climb.interrupted:
                 break
-            rung = found.climb.fits[found.choice.index]
-            other = better_hold(found.problem, found.plan, rung)
+            index = found.choice.index
+            other = better_hold(found.problem, found.plan, found.climb.fits[index])
             if other is None:
                 break
-            changed, raw = other
+            before, (changed, raw) = found, other
             found = climbed(changed, {changed.stages[0].horizon: raw})
+            if not found.loss_at(index) < _LESS * before.loss_at(index):
+                break
     except KeyboardInterrupt:
         return _stopped(found)
-    return fine_enough(found, climbed)
+    return found
 
 
 def fine_enough(found: Climbed, climbed: Callable[[Plan, Begun | None], Climbed]) -> Climbed:
