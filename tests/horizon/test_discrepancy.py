@@ -106,6 +106,18 @@ def test_it_is_looked_for_where_the_error_grows_with_the_horizon(friction, looke
     assert bool(asked) == looked_at
 
 
+def test_what_data_know_of_some_directions_alone_has_an_evidence_of_each_part(rng):
+    """Rounding leaves others below zero, by more than a weak belief adds to them."""
+    known = rng.normal(size=(9, 3)) * 10.0 ** np.arange(9)[:, None]
+    matrix = known @ known.T
+    matrix -= 1e-14 * np.diag(np.diag(matrix))
+    data = Information(matrix, known @ rng.normal(size=3), 1.0)
+    block = np.arange(9) < 3
+    matrix, slope = discrepancy._marginal(data, block, 1e-6 * np.eye(6))
+    assert np.isfinite(matrix).all()
+    assert np.isfinite(slope).all()
+
+
 def test_it_is_not_looked_for_where_starts_may_take_of_the_noisiest_sensor():
     """A start of two states spends two of eight values, and of unlike sensors the larger errors."""
     problem, (rung,) = climbed(recorded(friction=0.0))

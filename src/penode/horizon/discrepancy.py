@@ -20,7 +20,7 @@ from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.models.discrepancy import GROUP, Discrepant, spline_basis
 from penode.models.explicit_time import driving_channels
 from penode.training.covariance import ScoreSeries
-from penode.training.evidence import Information, Rows, process_rows
+from penode.training.evidence import Information, Rows, beyond_rounding, process_rows
 from penode.training.gauss_newton_terms import MOST_PARAMETERS, inverse_normal
 from penode.training.learned_effect import LearnedEffect, Visits
 from penode.training.plan import Plan, Problem, Stage
@@ -179,7 +179,7 @@ def _marginal(
 ) -> tuple[FloatArray, FloatArray]:
     """Return information and slope of a block, all others estimated with their prior."""
     matrix, others = data.matrix, ~block
-    factor = cho_factor(matrix[others][:, others] + beside, lower=True)
+    factor = cho_factor(beyond_rounding(matrix[others][:, others] + beside), lower=True)
     follow = cho_solve(factor, matrix[others][:, block]).T
     return (
         matrix[block][:, block] - follow @ matrix[others][:, block],

@@ -88,11 +88,15 @@ class Rows:
         return 0.5 * (fit - alone + volume - joint)
 
 
+def beyond_rounding(matrix: FloatArray) -> FloatArray:
+    """Return a positive semidefinite matrix, its diagonal larger by what makes it definite."""
+    return matrix + np.diag(_RIDGE * np.diag(matrix))
+
+
 def _solved(matrix: FloatArray, right: FloatArray) -> tuple[float, float]:
     """Return right' matrix^-1 right and the log determinant of a positive definite matrix."""
     size = np.sqrt(np.diag(matrix))
-    scaled = matrix / np.outer(size, size) + _RIDGE * np.eye(len(size))
-    factor = np.linalg.cholesky(scaled)
+    factor = np.linalg.cholesky(beyond_rounding(matrix) / np.outer(size, size))
     half = solve_triangular(factor, right / size, lower=True)
     return float(half @ half), 2 * float(np.sum(np.log(np.diag(factor) * size)))
 
