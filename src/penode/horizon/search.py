@@ -52,7 +52,8 @@ class Search:
         if check.better is not None:
             rung, raw = check.better
             try:
-                again = self._climbed(found.plan, {found.plan.stages[0].horizon: raw})
+                # Each horizon begins there: a short one of little excitation may lead astray again.
+                again = self._climbed(found.plan, {s.horizon: raw for s in found.plan.stages})
                 if again.loss_at(rung) < found.loss_at(rung):
                     found, check = examined(again), again.cross_checked(self.start)
             except KeyboardInterrupt:
