@@ -282,9 +282,9 @@ def test_where_the_estimation_of_a_start_begins_does_not_matter():
 def test_free_runs_begin_where_the_last_one_did_unless_it_diverged(monkeypatch, last, begins):
     given = []
 
-    def noted(*args, begin=None):
+    def noted(*args, begin=None, **options):
         given.append(begin)
-        return compare(*args, begin=begin)
+        return compare(*args, begin=begin, **options)
 
     monkeypatch.setattr(free_run, "compare", noted)
     run = without_speed(recorded()[0])

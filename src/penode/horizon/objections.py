@@ -15,7 +15,7 @@ from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.fit.left_out import left_out
 from penode.fit.outcome import IMPLAUSIBLE, NOT_IDENTIFIABLE, Objection
-from penode.horizon.held_out_check import validation_fails
+from penode.horizon.held_out_check import unpredictable, validation_fails
 from penode.models.layout import Layout
 from penode.training.plan import Plan
 from penode.validation.comparison import (
@@ -132,9 +132,10 @@ def recordings_trained_on(
 
 def unexplained(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objection]:
     """Yield an objection where free runs explode, or explain nothing of what was recorded."""
-    for whole, stretches, _ in recordings_trained_on(fit, experiments):
+    for whole, stretches, recorded in recordings_trained_on(fit, experiments):
         raised = [one for one in (_unexplained(c, whole) for c in stretches) if one]
-        yield from sorted(raised, key=lambda one: one.name)[:1]
+        if raised and not unpredictable(fit, whole.measured.std(axis=0), recorded):
+            yield sorted(raised, key=lambda one: one.name)[0]
 
 
 def _unexplained(comparison: Comparison, whole: Comparison) -> Objection | None:

@@ -12,6 +12,7 @@ from penode.horizon.identifiability import Start
 from penode.horizon.ladder import LadderProblem, Observer
 from penode.horizon.selection import Selector, believable, choose
 from penode.horizon.simulation import confirmed, parting, simulating
+from penode.models.measured import dynamic_states
 from penode.training.plan import Plan
 
 #: Hidden states of each recording, where the search for windows' starts begins.
@@ -69,8 +70,13 @@ class Search:
 
     def _compared(self, found: Climbed, check: CrossCheck) -> Found:
         """Return what was found beside what its free runs say."""
-        fits = found.climb.fits
-        found = replace(found, choice=confirmed(found.choice, fits))
+        fits, choice = found.climb.fits, confirmed(found.choice, found.climb.fits)
+        if choice is not found.choice:  # from the noise of a first sample unstable motion departs
+            free = dynamic_states(self.start.model)
+            found = replace(found, climb=with_free_runs(found.problem, found.climb, free))
+            fits = found.climb.fits
+            choice = confirmed(found.choice, fits)
+        found = replace(found, choice=choice)
         return Found(self.start, found, check.beside(parting(found.choice, fits)))
 
     def _climbed(self, plan: Plan, begun: Begun | None = None) -> Climbed:

@@ -144,16 +144,21 @@ def compare(
 
 
 def free_run_errors(
-    predictor: Predictor, fits: Sequence[Sequence[Model]], experiments: Sequence[Experiment]
+    predictor: Predictor,
+    fits: Sequence[Sequence[Model]],
+    experiments: Sequence[Experiment],
+    free: Sequence[str] | None = None,
 ) -> FloatArray:
     """Return the free-run RMSE, (fit, quantity), over all recordings in SI units.
 
     Each fit has a model of every recording, of one structure; infinite where a free run diverged.
-    A recording is predicted at its own time step.
+    A recording is predicted at its own time step. States whose start is estimated are as in
+    `compare`.
     """
     squares, count = np.zeros((len(fits), len(measured_units(fits[0][0])))), 0
     for models, experiment in zip(zip(*fits, strict=True), experiments, strict=True):
-        squares += _free_run_squares(predictor.at(experiment.time_step), models, experiment)
+        at = predictor.at(experiment.time_step)
+        squares += _free_run_squares(at, models, experiment, free)
         count += len(experiment) - predictor.past
     with np.errstate(invalid="ignore"):
         rms = np.sqrt(squares / count)
@@ -182,13 +187,17 @@ def _outputs(model: Model, states: JaxArray, inputs: JaxArray, time_step: float)
 
 
 def _free_run_squares(
-    predictor: Predictor, models: Sequence[Model], experiment: Experiment
+    predictor: Predictor,
+    models: Sequence[Model],
+    experiment: Experiment,
+    free: Sequence[str] | None,
 ) -> FloatArray:
     """Return the sums of squared free-run errors of each model on a recording, (model, row)."""
-    if free_states(models[0]):  # each estimates its own start, from the last one's
-        last = compare(predictor, models[-1], experiment)
+    if free or free_states(models[0]):  # each estimates its own start, from the last one's
+        own = partial(compare, predictor, experiment=experiment, free=free)
+        last = own(models[-1])
         begin = None if last.diverged else last.start
-        others = [compare(predictor, model, experiment, begin=begin) for model in models[:-1]]
+        others = [own(model, begin=begin) for model in models[:-1]]
         gaps = [(run.measured - run.free_run)[predictor.past :] for run in (*others, last)]
         with np.errstate(over="ignore"):
             return np.asarray(np.sum(np.square(gaps), axis=1))

@@ -1,0 +1,88 @@
+"""An unstable plant under feedback: no free run through a recording is to be expected of it."""
+
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from penode import Experiment, Model, identify, physical
+from penode.arrays import Leaf
+from penode.horizon import search
+from penode.horizon.held_out_check import unpredictable
+
+STEP, RATE, GAIN, NOISE = 0.05, 1.0, 1.0, 0.01
+
+
+class Unstable(Model):
+    """x' = a x + b u."""
+
+    states: ClassVar[tuple[str, ...]] = ("x",)
+    inputs: ClassVar[tuple[str, ...]] = ("u",)
+    state_units: ClassVar[tuple[str, ...]] = ("m",)
+
+    a: Leaf = physical("1/s")
+    b: Leaf = physical("1/s")
+
+    def derivative(self, x, u):
+        return self.a * x + self.b * u[0][None]
+
+
+def recorded(seed, cubic=0.0, samples=300):
+    """Return a recording of fifteen time constants, the loop closed through u = -3 x + w."""
+    random = np.random.default_rng(seed)
+    x, u, grown = np.zeros(samples), np.zeros(samples), np.exp(RATE * STEP)
+    command = np.repeat(random.normal(0, 1, samples // 10), 10)
+    for k in range(samples):
+        u[k] = -3 * x[k] + command[k]
+        if k + 1 < samples:
+            pushed = GAIN * u[k] - cubic * x[k] ** 3
+            x[k + 1] = x[k] * grown + pushed * (grown - 1) / RATE
+    noisy = x + NOISE * random.normal(size=samples)
+    return Experiment(f"run {seed}", STEP, {"x": noisy, "u": u})
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return identify(Unstable(0.5, 0.7), [recorded(4)], validation=[recorded(5)])
+
+
+def test_a_right_model_is_not_blamed_for_a_free_run_that_grows(fit):
+    """Free runs err by ten thousand times what the state moves, windows by the noise."""
+    assert not fit.comparisons[0].free_run_errors["x"] < 1e3
+    assert fit.horizon.verdict == "plateau"
+    assert fit.horizon.objections == ()
+    for name, truth in (("a", RATE), ("b", GAIN)):
+        low, high = fit.parameters[name].interval_95
+        assert low < truth < high
+        assert high - low < 0.1 * truth
+
+
+def test_what_the_model_leaves_out_is_still_an_objection():
+    found = identify(Unstable(0.5, 0.7), [recorded(4, cubic=20.0)])
+    assert found.horizon.verdict not in ("plateau", "H = 1 suffices")
+
+
+def test_it_takes_known_parameters_and_windows_that_are_explained(fit):
+    run, moves = [recorded(4)], np.array([0.3])
+    assert unpredictable(fit, moves, run)
+    assert not unpredictable(fit, 1e9 * moves, run)
+    unknown = replace(fit, covariance=np.full((2, 2), np.inf))
+    assert not unpredictable(unknown, moves, run)
+    *short, last = fit.horizon.ladder
+    for longest in (replace(last, rmse=2.1 * min(one.rmse for one in short)),), ():
+        horizon = replace(fit.horizon, ladder=(*(short if longest else short[:1]), *longest))
+        assert not unpredictable(replace(fit, horizon=horizon), moves, run)
+
+
+def test_a_plateau_is_refused_only_by_free_runs_whose_start_is_estimated(monkeypatch):
+    """From the noise of the first sample unstable motion departs, with any parameters."""
+    asked, free_runs = [], search.with_free_runs
+
+    def noted(problem, climb, free=None):
+        asked.append(free)
+        return free_runs(problem, climb, free)
+
+    monkeypatch.setattr(search, "with_free_runs", noted)
+    assert identify(Unstable(0.5, 0.7), [recorded(4)]).horizon.verdict == "plateau"
+    assert asked[-1] == ("x",)
