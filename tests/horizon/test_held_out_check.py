@@ -35,6 +35,7 @@ def fitted(*comparisons, train=None):
     visited = np.concatenate([part * train.measured[::5] for part in np.linspace(0, 1, 9)])
     return SimpleNamespace(
         model=SimpleNamespace(states=("i_d", "i_q")),
+        horizon=SimpleNamespace(ladder=()),
         comparisons=(train, *comparisons),
         excited=visited,
         supported=lambda points: supported(visited, points),

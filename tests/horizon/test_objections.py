@@ -33,7 +33,8 @@ def fitted(one_step=None, free_run=None, measured=None, role="train"):
     names, units = ("x", "v"), ("m", "m/s")
     parts = (measured, measured - step, measured - free)
     seen = Comparison("run.csv", role, 1e-3, names, units, *parts)
-    return SimpleNamespace(comparisons=(seen,), model=SimpleNamespace(inputs=("u",)))
+    model, horizon = SimpleNamespace(inputs=("u",)), SimpleNamespace(ladder=())
+    return SimpleNamespace(comparisons=(seen,), model=model, horizon=horizon)
 
 
 def recorded(fit, **inputs):
