@@ -122,7 +122,7 @@ def test_a_short_recording_has_no_isolated_samples():
     seen = fit.comparisons[0]
     parts = [getattr(seen, name)[:1000] for name in ("measured", "one_step", "free_run")]
     short = Comparison("run.csv", "train", 1e-3, seen.states, seen.units, *parts)
-    fit = SimpleNamespace(comparisons=(short,), model=fit.model)
+    fit = SimpleNamespace(comparisons=(short,), model=fit.model, horizon=fit.horizon)
     assert list(few_samples_decide(fit, [None])) == []
 
 
@@ -193,7 +193,7 @@ def in_stretches(count=20, rest=(3,), free=0.1, one_step=0.01, measured=None, ba
         channels = {"x": states[:, 0], "v": states[:, 1], "u": np.roll(states[:, 0], 3)}
         place = Stretch("run.csv", 3000 * k, 3.0 * k, 3.0 * count)
         experiments.append(Experiment(f"run.csv part {k}", 1e-3, channels, stretch=place))
-    fit = SimpleNamespace(comparisons=tuple(seen), model=SimpleNamespace(inputs=("u",)))
+    fit = SimpleNamespace(**{**vars(fitted()), "comparisons": tuple(seen)})
     return fit, experiments
 
 
@@ -215,7 +215,7 @@ def test_every_recording_is_judged_by_itself():
     fit, experiments = in_stretches(rest=())
     quiet, still = in_stretches(count=1, rest=(0,))
     parts = (*fit.comparisons, replace(quiet.comparisons[0], recording="quiet.csv", name="quiet"))
-    both = SimpleNamespace(comparisons=parts, model=fit.model)
+    both = SimpleNamespace(comparisons=parts, model=fit.model, horizon=fit.horizon)
     still = [replace(one, stretch=replace(one.stretch, recording="quiet.csv")) for one in still]
     (one,) = unexplained(both, [*experiments, *still])
     assert one.reason.startswith("quiet: ")
