@@ -70,6 +70,9 @@ def test_it_takes_known_parameters_and_windows_that_are_explained(fit):
     unknown = replace(fit, covariance=np.full((2, 2), np.inf))
     assert not unpredictable(unknown, moves, run)
     *short, last = fit.horizon.ladder
+    nothing = [replace(one, rmse=0.08) for one in fit.horizon.ladder]
+    horizon = replace(fit.horizon, ladder=tuple(nothing))
+    assert not unpredictable(replace(fit, horizon=horizon), moves, run)
     for longest in (replace(last, rmse=2.1 * min(one.rmse for one in short)),), ():
         horizon = replace(fit.horizon, ladder=(*(short if longest else short[:1]), *longest))
         assert not unpredictable(replace(fit, horizon=horizon), moves, run)

@@ -57,11 +57,13 @@ def unpredictable(fit: Fit, moves: FloatArray, experiments: Sequence[Experiment]
     """Return whether free runs through whole recordings are beyond a model that is right.
 
     Of an unstable plant under feedback the smallest error grows without end: a free run's own
-    deviation is as large as half of what a state moves (state,), though the longest windows leave
-    no more than shorter ones.
+    deviation is as large as half of what a state moves (state,), though the longest windows are
+    explained, and leave no more than shorter ones.
     """
     errors = [rung.rmse for rung in fit.horizon.ladder]
-    if len(errors) < 2 or not errors[-1] <= _ALIKE * min(errors):
+    scaled = len(set(fit.comparisons[0].units)) > 1
+    size = 1.0 if scaled else float(moves.max())
+    if len(errors) < 2 or not errors[-1] <= min(_ALIKE * min(errors), _LIMITS[0] * size):
         return False
     if fit.predictor is None or not np.isfinite(fit.covariance).all():
         return False
