@@ -6,14 +6,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from penode.horizon import search
 from penode.horizon.assemble import Assembly
 from penode.horizon.cross_checks import (
     Anchor,
+    CrossCheck,
     check_against_anchor,
     check_path_dependence,
     cross_check,
 )
-from penode.horizon.ladder import Climb, HorizonFit, LadderProblem, ladder_plan
+from penode.horizon.identifiability import Start
+from penode.horizon.ladder import Climb, HorizonFit, LadderProblem, ignore_events, ladder_plan
+from penode.horizon.search import Search
 from penode.horizon.selection import Choice, Longest
 from penode.identify import Stopped, identify
 from penode.training.loss import Loss
@@ -96,6 +100,32 @@ def test_a_path_that_strayed_is_checked_at_the_longest_horizon_whatever_was_chos
     index, better = cross_check(problem, plan, poor, chosen, start).better
     assert index == 1
     np.testing.assert_allclose(better, right.fits[1].solution.raw, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("loss", "kept"), [(0.5, True), (2.0, False)])
+def test_every_horizon_begins_at_a_better_start_and_the_better_climb_is_kept(
+    systems, monkeypatch, loss, kept
+):
+    system, raw, begun = systems["linear machine"], np.arange(4.0), []
+    plan = ladder_plan((4, 16))
+    told = iter([CrossCheck(better=(1, raw)), CrossCheck()])
+
+    def climbed(name, loss):
+        return SimpleNamespace(
+            name=name, plan=plan, loss_at=lambda index: loss, cross_checked=lambda start: next(told)
+        )
+
+    def again(self, plan, places):
+        begun.append(places)
+        return climbed("second", loss)
+
+    monkeypatch.setattr(search, "climbed_as_recorded", lambda *given: climbed("first", 1.0))
+    monkeypatch.setattr(Search, "_climbed", again)
+    monkeypatch.setattr(Search, "_compared", lambda self, found, check: found.name)
+    monkeypatch.setattr(search, "examined", lambda found: found)
+    asked = Search(Start(system.model), [], Longest(), ignore_events)
+    assert asked.as_recorded(plan) == ("second" if kept else "first")
+    assert begun == [{4: raw, 16: raw}]
 
 
 @dataclass(frozen=True, eq=False)

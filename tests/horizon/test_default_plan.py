@@ -293,8 +293,16 @@ def test_a_hold_that_cannot_win_is_not_trained(monkeypatch):
     def refuse(*given):
         raise AssertionError("it was trained")
 
+    asked, with_predictor = [], LadderProblem.with_predictor
+
+    def noted(problem, plan, rung):
+        asked.append(plan.hold)
+        return with_predictor(problem, plan, rung)
+
+    monkeypatch.setattr(LadderProblem, "with_predictor", noted)
     monkeypatch.setattr(hold_check.LevenbergMarquardt, "minimise", refuse)
     assert better_hold(problem, plan, rung) is None
+    assert asked == [FirstOrderHold()]  # nor can a smoother one win
 
 
 def test_the_plan_serves_a_climb(run):

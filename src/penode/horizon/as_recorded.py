@@ -15,8 +15,8 @@ from penode.horizon.selection import Choice
 from penode.horizon.solver_check import Coarseness, too_coarse, too_fast
 from penode.training.plan import Plan
 
-#: Most climbs with another hold, and the part of the loss below which what another one was better
-#: by may have been a better minimum.
+#: Most climbs with another hold, and the part of the loss below which its gain may be that of a
+#: better minimum instead.
 _HOLDS, _LESS = 2, 0.9
 #: Raw parameters (parameter,) where training begins, by horizon.
 Begun: TypeAlias = Mapping[int, FloatArray]
@@ -63,7 +63,7 @@ def climbed_as_recorded(plan: Plan, climbed: Callable[[Plan, Begun | None], Clim
 
 
 def _as_held(found: Climbed, climbed: Callable[[Plan, Begun | None], Climbed]) -> Climbed:
-    """Return a climb, or one with another hold, asked again where it leaves much less."""
+    """Return a climb, or one with a better hold, compared again where it leaves much less loss."""
     try:
         for _ in range(_HOLDS):
             if found.climb.interrupted:

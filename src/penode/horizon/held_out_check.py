@@ -56,9 +56,9 @@ def validation_fails(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Ob
 def unpredictable(fit: Fit, moves: FloatArray, experiments: Sequence[Experiment]) -> bool:
     """Return whether free runs through whole recordings are beyond a model that is right.
 
-    Of an unstable plant under feedback the smallest error grows without end: a free run's own
-    deviation is as large as half of what a state moves (state,), though the longest windows are
-    explained, and leave no more than shorter ones.
+    In a free run of an unstable plant under feedback the smallest error grows without bound: its
+    own deviation exceeds half of what a state moves (state,), although the longest windows are
+    explained, and err about as much as shorter ones.
     """
     errors = [rung.rmse for rung in fit.horizon.ladder]
     scaled = len(set(fit.comparisons[0].units)) > 1

@@ -53,7 +53,7 @@ class Search:
         if check.better is not None:
             rung, raw = check.better
             try:
-                # Each horizon begins there: a short one of little excitation may lead astray again.
+                # Each horizon begins there, as a short one may lead astray again.
                 again = self._climbed(found.plan, {s.horizon: raw for s in found.plan.stages})
                 if again.loss_at(rung) < found.loss_at(rung):
                     found, check = examined(again), again.cross_checked(self.start)
@@ -70,14 +70,12 @@ class Search:
 
     def _compared(self, found: Climbed, check: CrossCheck) -> Found:
         """Return what was found beside what its free runs say."""
-        fits, choice = found.climb.fits, confirmed(found.choice, found.climb.fits)
-        if choice is not found.choice:  # from the noise of a first sample unstable motion departs
-            free = dynamic_states(self.start.model)
-            found = replace(found, climb=with_free_runs(found.problem, found.climb, free))
-            fits = found.climb.fits
-            choice = confirmed(found.choice, fits)
-        found = replace(found, choice=choice)
-        return Found(self.start, found, check.beside(parting(found.choice, fits)))
+        climb, choice = found.climb, confirmed(found.choice, found.climb.fits)
+        if choice is not found.choice:  # unstable motion amplifies the noise of a first sample
+            climb = with_free_runs(found.problem, climb, dynamic_states(self.start.model))
+            choice = confirmed(found.choice, climb.fits)
+        found = replace(found, climb=climb, choice=choice)
+        return Found(self.start, found, check.beside(parting(choice, climb.fits)))
 
     def _climbed(self, plan: Plan, begun: Begun | None = None) -> Climbed:
         problem = LadderProblem.of(self.start.model, self.experiments, plan, self.observer)

@@ -32,8 +32,7 @@ _PART, _FINEST = 0.1, 1e-5
 _SQUARES, _VISIBLE = 0.2, 1e-3
 #: Most sub-steps that are tried, and the fastest rate times their length that is not stiff.
 MOST, _STIFF = 16, 1.0
-#: Part of a value, where that is more than its deviation, from which a move may lead from an alias:
-#: parameters that a finer solver predicts the recordings worse by than by those at the start.
+#: Part of a value, where that is more than its deviation, from which a move may lead from an alias.
 _ALIAS = 0.1
 #: Rate times sampling interval from which a transient has died out at the next sample.
 _GONE = 3.0
@@ -52,7 +51,8 @@ class Coarseness:
     reason: str
     # Fastest rate of the model along the recordings times the length of a sub-step.
     stiffness: float
-    # Raw parameters where a finer solver ends, to first order; None where these may be an alias.
+    # Raw parameters where a finer solver begins; None where these may be an alias, which a finer
+    # solver predicts worse with than with those at the start.
     near: FloatArray | None = None
 
     @property
