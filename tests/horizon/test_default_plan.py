@@ -233,17 +233,21 @@ def test_noise_at_the_first_horizon_makes_no_hold(seed):
 
 
 @pytest.mark.parametrize(
-    ("straight", "taken"),
+    ("straight", "converged", "taken"),
     [
         # As a circuit with constant inputs: one step speaks for ramps, longer windows against them.
-        ((-3.003, -2.98, -2.96), ZeroOrderHold()),
+        ((-3.003, -2.98, -2.96), [0, 1, 2], ZeroOrderHold()),
+        # What speaks against them did not converge.
+        ((-3.003, -2.98, -2.96), [0], FirstOrderHold()),
         # Noise hides ramps in the first windows.
-        ((-2.998, -3.01, -3.02), FirstOrderHold()),
+        ((-2.998, -3.01, -3.02), [0, 1, 2], FirstOrderHold()),
         # As good: the simplest.
-        ((-3.0, -3.0, -3.0), ZeroOrderHold()),
+        ((-3.0, -3.0, -3.0), [0, 1, 2], ZeroOrderHold()),
     ],
 )
-def test_the_horizon_that_speaks_most_against_a_hold_decides(run, monkeypatch, straight, taken):
+def test_the_horizon_that_speaks_most_against_a_hold_decides(
+    run, monkeypatch, straight, converged, taken
+):
     logarithms = {
         ZeroOrderHold(): [-3.0, -3.0, -3.0],
         FirstOrderHold(): list(straight),
@@ -255,7 +259,7 @@ def test_the_horizon_that_speaks_most_against_a_hold_decides(run, monkeypatch, s
     def trial(plan, *given):
         losses = logarithms[plan.hold]
         tried.append(plan.hold)
-        return SimpleNamespace(log_losses=losses, comparable=[0, 1, 2], fine_solver=plan.solver)
+        return SimpleNamespace(log_losses=losses, comparable=converged, fine_solver=plan.solver)
 
     monkeypatch.setattr(hold_check._Trial, "of", trial)
     start = Start(Tanks(OUTFLOW, INFLOW))

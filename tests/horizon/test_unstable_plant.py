@@ -78,6 +78,22 @@ def test_it_takes_known_parameters_and_windows_that_are_explained(fit):
         assert not unpredictable(replace(fit, horizon=horizon), moves, run)
 
 
+@pytest.mark.parametrize("last", [np.nan, np.inf, 1e200])
+def test_a_deviation_may_grow_beyond_any_number(fit, monkeypatch, last):
+    bands = np.array([[0.0], [last]])
+    monkeypatch.setattr(type(fit), "free_run_deviation", lambda self, run: bands)
+    assert unpredictable(fit, np.array([0.3]), [None])
+    monkeypatch.setattr(type(fit), "free_run_deviation", lambda self, run: 0 * bands[:1])
+    assert not unpredictable(fit, np.array([0.3]), [None])
+
+
+@pytest.mark.parametrize(("units", "explained"), [(("m", "m"), False), (("m", "m/s"), True)])
+def test_errors_of_unlike_units_are_in_deviations_of_the_channels(fit, units, explained):
+    """0.009 m is far beyond a quarter of a state's move of 1 mm; 0.009 deviations are not."""
+    alike = replace(fit, comparisons=(replace(fit.comparisons[0], units=units),))
+    assert unpredictable(alike, np.array([1e-3]), [recorded(4)]) == explained
+
+
 def test_a_plateau_is_refused_only_by_free_runs_whose_start_is_estimated(monkeypatch):
     """From the noise of the first sample unstable motion departs, with any parameters."""
     asked, free_runs = [], search.with_free_runs

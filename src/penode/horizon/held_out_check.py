@@ -13,13 +13,7 @@ from penode.arrays import BoolArray, FloatArray
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.fit.outcome import Objection
-from penode.validation.comparison import (
-    HUGE,
-    Comparison,
-    finite_residual,
-    stretches_of,
-    together,
-)
+from penode.validation.comparison import Comparison, finite_residual, stretches_of, together
 
 #: Free-run error over what a state moves from which a recording is not predicted: so many times
 #: that of training, but never below the first nor above the second of the limits.
@@ -68,8 +62,9 @@ def unpredictable(fit: Fit, moves: FloatArray, experiments: Sequence[Experiment]
     if fit.predictor is None or not np.isfinite(fit.covariance).all():
         return False
     bands = np.concatenate([fit.free_run_deviation(one) for one in experiments])
-    grown = np.clip(np.nan_to_num(bands, nan=HUGE), 0.0, HUGE)  # beyond any number in the end
-    return bool((_rms(grown) > _LIMITS[1] * moves).any())
+    with np.errstate(over="ignore"):  # they may grow beyond any number
+        wide = _rms(np.nan_to_num(bands, nan=np.inf)) > _LIMITS[1] * moves
+    return bool(wide.any())
 
 
 @dataclass(frozen=True, eq=False)
