@@ -13,7 +13,9 @@ from penode.arrays import BoolArray, FloatArray
 from penode.data.experiment import Experiment
 from penode.fit.fit import Fit
 from penode.fit.outcome import Objection
+from penode.models.measured import dynamic_states
 from penode.validation.comparison import Comparison, finite_residual, stretches_of, together
+from penode.validation.free_run import free_run_errors
 
 #: Free-run error over what a state moves from which a recording is not predicted: so many times
 #: that of training, but never below the first nor above the second of the limits.
@@ -26,8 +28,8 @@ _OF_A_STEP, _OF_ALL, _TIMES_A_STEP = 0.5, 0.1, 2.0
 _BESIDE, _SMALLEST = 0.2, 0.05
 #: Fraction of the samples in the excited region from which a free run is one within it.
 _INSIDE = 0.9
-#: Errors of the longest windows over those of the best ones that are alike.
-_ALIKE = 2.0
+#: Errors of windows of the chosen horizon over those of the best shorter ones that are alike.
+_ALIKE = 1.2
 #: Free-run error over what a state moves from which a free run is said to diverge.
 _DIVERGES = 100.0
 #: Variance of the third differences of white noise of variance 1.
@@ -50,17 +52,23 @@ def validation_fails(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Ob
 def unpredictable(fit: Fit, moves: FloatArray, experiments: Sequence[Experiment]) -> bool:
     """Return whether free runs through whole recordings are beyond a model that is right.
 
-    In a free run of an unstable plant under feedback the smallest error grows without bound: its
-    own deviation exceeds half of what a state moves (state,), although the longest windows are
-    explained, and err about as much as shorter ones.
+    In a free run of an unstable plant under feedback, or of one in chaotic motion, the smallest
+    error grows without bound, although windows of the chosen horizon err no more than shorter ones:
+    the run fails from the noise of its first sample, and from an estimated start it does not; or
+    its own deviation exceeds half of what a state moves (state,).
     """
-    errors = [rung.rmse for rung in fit.horizon.ladder]
+    ladder = fit.horizon.ladder
+    errors = [rung.rmse for rung in ladder if rung.horizon <= fit.horizon.selected]
     scaled = len(set(fit.comparisons[0].units)) > 1
     size = 1.0 if scaled else float(moves.max())
     if len(errors) < 2 or not errors[-1] <= min(_ALIKE * min(errors), _LIMITS[0] * size):
         return False
     if fit.predictor is None or not np.isfinite(fit.covariance).all():
         return False
+    models = [[fit.model] * len(experiments)]
+    free = free_run_errors(fit.predictor, models, experiments, dynamic_states(fit.model))
+    if (free <= _LIMITS[0] * moves).all():
+        return True
     bands = np.concatenate([fit.free_run_deviation(one) for one in experiments])
     with np.errstate(over="ignore"):  # they may grow beyond any number
         wide = _rms(np.nan_to_num(bands, nan=np.inf)) > _LIMITS[1] * moves

@@ -174,7 +174,7 @@ def _doubled(
     again = problem.with_predictor(replace(plan, solver=solver), rung)
     raw, terms = rung.solution.raw, rung.solution.terms
     physical = len(before.layout.physical)
-    after = again.gauss_newton(raw)
+    after = again.gauss_newton(raw, terms)
     if not after.finite:
         return again, np.zeros(len(raw)), np.full(physical, np.inf), np.inf
     step = terms.inverse @ (after.descent - terms.descent)

@@ -51,11 +51,17 @@ class Problem:
     windows: Windows
     moving: BoolArray
 
-    def gauss_newton(self, raw: FloatArray) -> GaussNewtonTerms:
-        """Return the terms of the moving parameters at raw (parameter,)."""
+    def gauss_newton(
+        self, raw: FloatArray, near: GaussNewtonTerms | None = None
+    ) -> GaussNewtonTerms:
+        """Return the terms of the moving parameters at raw (parameter,).
+
+        Where one step does not lead to the windows' starts they are looked for from those of the
+        least loss known, or from those of `near`.
+        """
         key = raw.tobytes()
         if key not in self._known:
-            terms = self._gauss_newton(raw)
+            terms = self._gauss_newton(raw, near)
             while len(self._known) > 1:
                 self._known.pop(next(iter(self._known)))
             self._known[key] = terms
@@ -66,8 +72,8 @@ class Problem:
         """The last terms by raw parameters: where training begins is often known already."""
         return {}
 
-    def _gauss_newton(self, raw: FloatArray) -> GaussNewtonTerms:
-        near = min(self._known.values(), key=lambda terms: terms.loss, default=None)
+    def _gauss_newton(self, raw: FloatArray, near: GaussNewtonTerms | None) -> GaussNewtonTerms:
+        near = min(self._known.values(), key=lambda terms: terms.loss, default=near)
         starts = near.starts if near is not None and near.far and near.finite else None
         terms = self.objective.gauss_newton(raw, self.windows, starts)
         normal = (terms.normal + self._ridge(terms.normal))[np.ix_(self.moving, self.moving)]
