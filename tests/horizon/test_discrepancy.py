@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 
 from penode import Experiment, Model, identify, ladder_plan, physical
 from penode.arrays import Leaf
+from penode.data.windows import Windows
 from penode.engine import Loss, Positive
 from penode.horizon import discrepancy
 from penode.horizon.consensus import LEFT_OUT
@@ -37,10 +38,11 @@ class Mass(Model):
         return jnp.stack([x[1], (u[0] - self.damping * x[1] - x[0]) / self.mass])
 
 
-def recorded(friction, seed=1):
+def recorded(friction, seed=1, drive=None):
     """Return a recording with noise, of a mass with friction beside the damping."""
     random = np.random.default_rng(seed)
     u = np.repeat(random.normal(0.0, 2.0, SAMPLES // 15), 15)
+    u = u if drive is None else drive
 
     def rate(x, force):
         lost = DAMPING * x[1] + friction * np.tanh(x[1] / 0.02)
@@ -112,8 +114,9 @@ def test_what_data_know_of_some_directions_alone_has_an_evidence_of_each_part(rn
     matrix = known @ known.T
     matrix -= 1e-14 * np.diag(np.diag(matrix))
     data = Information(matrix, known @ rng.normal(size=3), 1.0)
-    block = np.arange(9) < 3
-    matrix, slope = discrepancy._marginal(data, block, 1e-6 * np.eye(6))
+    sizes = np.array([0.0, 1e3, 1e3])
+    belief = discrepancy._Belief(data, sizes, np.stack([np.eye(3)] * 3), 6)
+    matrix, slope = belief.marginal(np.arange(9) < 3)
     assert np.isfinite(matrix).all()
     assert np.isfinite(slope).all()
 
@@ -189,7 +192,8 @@ def test_evidence_by_eigenvalues_is_that_of_each_amplitude():
     """And so is that of one block among others, up to a constant."""
     random, size, blocks = np.random.default_rng(8), 4, 3
     spread = random.normal(size=(40, size * blocks))
-    data = Information(spread.T @ spread, 3.0 * random.normal(size=size * blocks), 1.0)
+    slope = random.normal(size=size * blocks) * np.repeat([3.0, 30.0, 3.0], size)
+    data = Information(spread.T @ spread, slope, 1.0)
     white = random.normal(size=(6, size))
 
     def direct(amplitudes):
@@ -201,12 +205,55 @@ def test_evidence_by_eigenvalues_is_that_of_each_amplitude():
     expected = [direct(np.full(blocks, a)) for a in discrepancy._AMPLITUDES]
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-6)
 
-    others = np.array([0.3, 1.0, 0.1])
+    others, shape = np.array([0.3, 0.0, 0.1]), white.T @ white
+    belief = discrepancy._Belief(data, others, np.stack([shape] * blocks), 1)
     block = np.repeat(np.arange(blocks) == 1, size)
-    beside = block_diag(*(white.T @ white / a**2 for a in others))[~block][:, ~block]
-    alone = discrepancy._marginal(data, block, beside)
-    found = discrepancy._evidence(*alone, white.T @ white)
-    expected = np.array(
-        [direct(np.where(np.arange(blocks) == 1, a, others)) for a in discrepancy._AMPLITUDES]
-    )
+    found = discrepancy._evidence(*belief.marginal(block), shape)
+    expected = np.array([direct(others + a * np.eye(blocks)[1]) for a in discrepancy._AMPLITUDES])
     np.testing.assert_allclose(found - found[0], expected - expected[0], rtol=1e-9, atol=1e-6)
+
+    gain, better = belief.sought(1, shape)
+    assert gain == pytest.approx(found.max())
+    assert better.evidence == pytest.approx(belief.evidence + gain)
+    charged = better.evidence - 3 * np.log(7)  # three splines, each of seven that it might be
+    assert replace(better, rivals=7).evidence == pytest.approx(charged)
+    assert replace(belief, size=np.zeros(blocks), rivals=7).evidence == 0.0
+
+    follow = random.normal(size=(2, size * blocks))
+    prior = block_diag(*(shape / a**2 for a in better.size))
+    covariance = np.linalg.inv(data.matrix + prior)
+    shift = follow @ covariance @ data.slope
+    expected = follow @ covariance @ follow.T + np.outer(shift, shift)
+    np.testing.assert_allclose(better.adds(follow), expected, rtol=1e-9)
+
+
+def test_past_inputs_are_changes_and_lags_that_begin_settled_in_each_recording(rng):
+    inputs = rng.normal(size=(70, 2))  # one input, and what a hold prepared between samples
+    windows = Windows(np.zeros((70, 1)), inputs, np.array([0]), np.array([0]), 4, 1, 0.1)
+    got = discrepancy._with_past(replace(windows, begins=np.array([0, 30])), 1).inputs
+    got = got.reshape(70, 2, 4)
+    expected = np.empty_like(got)
+    for first, last in ((0, 30), (30, 70)):
+        short = long = inputs[first]
+        for k in range(first, last):
+            a, b = np.exp(-1 / 3), np.exp(-1 / 3.5)  # a tenth of 35 samples
+            short, long = a * short + (1 - a) * inputs[k], b * long + (1 - b) * inputs[k]
+            change = inputs[k] - inputs[max(k - 1, first)]
+            expected[k] = np.stack([inputs[k], change, short, long], axis=1)
+    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_a_mode_left_out_is_seen_in_past_inputs():
+    """A store takes part of the input and gives it back late, as no function of today does."""
+    run = recorded(friction=0.0)
+    u, late = run.channels["u"], 0.0
+    acting = np.empty_like(u)
+    for k in range(len(u)):
+        late += (u[k] - late) * STEP / 0.5
+        acting[k] = 0.8 * u[k] + 0.2 * late
+    plant = recorded(friction=0.0, drive=acting)
+    problem, fits = climbed(Experiment("store", STEP, {**plant.channels, "u": u}))
+    gap = np.abs(fits[0].values - [MASS, DAMPING])
+    assert (gap > 3 * fits[0].deviation).any()
+    added = deviations_left_out(problem, PLAN, fits)
+    assert (gap < 2 * np.hypot(fits[0].deviation, added)).all()

@@ -1,11 +1,13 @@
 """Discrepancy: what the model leaves out, as an unknown smooth function, and what it could hide.
 
 A model that misfits has parameters that are none of nature's: they make up for what is missing.
-What is missing is taken as a Gaussian process of states and inputs in the derivative (M. C. Kennedy
-and A. O'Hagan, J. R. Stat. Soc. B 63 (2001) 425, doi:10.1111/1467-9868.00294). Its amplitudes are
-what the chosen horizon's residuals make most likely, and zero where they are noise. The parameters
-stay as they are; their deviations grow by what the process could stand in for (J. Brynjarsdottir
-and A. O'Hagan, Inverse Probl. 30 (2014) 114007, doi:10.1088/0266-5611/30/11/114007).
+What is missing is taken as a Gaussian process of states, inputs and past inputs in the derivative
+(M. C. Kennedy and A. O'Hagan, J. R. Stat. Soc. B 63 (2001) 425, doi:10.1111/1467-9868.00294). Its
+amplitudes are what the chosen horizon's residuals make most likely, and zero where they are noise;
+what of it is there, one function or many, is averaged over by evidence (J. A. Hoeting et al., Stat.
+Sci. 14 (1999) 382, doi:10.1214/ss/1009212519). The parameters stay as they are; their deviations
+grow by what the process could stand in for (J. Brynjarsdottir and A. O'Hagan, Inverse Probl. 30
+(2014) 114007, doi:10.1088/0266-5611/30/11/114007).
 """
 
 from collections.abc import Sequence
@@ -13,11 +15,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve, eigh
+from scipy.signal import lfilter
 
 from penode.arrays import BoolArray, FloatArray, float64, on_device
 from penode.data.windows import Windows
 from penode.horizon.ladder import HorizonFit, LadderProblem
-from penode.models.discrepancy import GROUP, Discrepant, spline_basis
+from penode.models.discrepancy import ACTS, GROUP, Discrepant, spline_basis
 from penode.models.explicit_time import driving_channels
 from penode.training.covariance import ScoreSeries
 from penode.training.evidence import Information, Rows, beyond_rounding, process_rows
@@ -30,10 +33,12 @@ from penode.training.residuals import Objective
 _CELLS, _POINTS = 6, 19
 #: Amplitudes in deviations of the derivative, the first as good as zero; lengths in ranges.
 _AMPLITUDES, _LENGTHS = 10.0 ** np.array([-6.0, *np.arange(-3.0, 0.6, 0.25)]), (0.25, 1.0)
-#: Log evidence from which something is left over.
-_DECISIVE = 3.0
+#: Log evidence that a further spline has to add, and least weight of a belief that counts.
+_DECISIVE, _COUNTS = 3.0, 1e-4
 #: Deviations of a mean square by which the error grows where something may be left over.
 _GROWS = 2.0
+#: Lags, one in samples and one in recordings.
+_SHORT, _LONG = 3.0, 0.1
 #: Rounds in which the amplitude of each spline is sought.
 _ROUNDS = 2
 
@@ -61,20 +66,22 @@ def what_is_left_out(
         return nothing
     if len(beside.raw) > MOST_PARAMETERS:
         return None
-    terms = beside.problem.gauss_newton(beside.raw)
+    terms = beside.problem.gauss_newton(beside.raw, rung.solution.terms)
     if not terms.finite:
         return nothing
     data = Information.of(terms, beside.left_over, ScoreSeries.of_windows(rung.windows))
-    rows = beside.most_likely(data)
-    if rows is None:
-        return nothing
-    covariance = np.linalg.inv(data.matrix + rows.slopes.T @ rows.slopes)
     others = ~beside.left_over
     inverse = inverse_normal(terms.normal[others][:, others])
     slopes = beside.problem.reported_jacobian(beside.raw)[:physical][:, others]
     follow = slopes @ inverse @ terms.normal[others][:, ~others]
-    shift = follow @ covariance @ data.slope
-    return np.asarray(follow @ covariance @ follow.T + np.outer(shift, shift))
+    beliefs = _beliefs(data, beside.splines)
+    evidence = np.array([belief.evidence for belief in beliefs])
+    if evidence.max() <= 0.0:
+        return nothing
+    weights = np.exp(evidence - evidence.max())
+    weights /= weights.sum()
+    kept = [(w, one) for w, one in zip(weights, beliefs, strict=True) if w > _COUNTS]
+    return np.asarray(sum((w * one.adds(follow) for w, one in kept), nothing))
 
 
 def _error_grows(problem: LadderProblem, rungs: Sequence[HorizonFit]) -> bool:
@@ -104,8 +111,8 @@ class _Beside:
     problem: Problem
     raw: FloatArray
     left_over: BoolArray
-    # How many splines, one for each derivative and channel.
-    blocks: int
+    # How many, one for each derivative and channel.
+    splines: int
 
     @classmethod
     def of(cls, problem: LadderProblem, rung: HorizonFit, stage: Stage) -> "_Beside | None":
@@ -117,8 +124,8 @@ class _Beside:
         if not (len(rates) and np.isfinite(effect.scale).all()):
             return None
         count = len(driving_channels(rung.model))
-        windows = _with_changes(rung.windows, count)
-        inputs = windows.inputs[:, : 2 * count]
+        windows = _with_past(rung.windows, count)
+        inputs = windows.inputs[:, : len(ACTS) * count]
         low = np.concatenate([visits.states.min(axis=0), inputs.min(axis=0)])
         high = np.concatenate([visits.states.max(axis=0), inputs.max(axis=0)])
         high = np.where(high > low, high, low + 1.0)
@@ -141,24 +148,109 @@ class _Beside:
             shape[0] * shape[1],
         )
 
-    def most_likely(self, data: Information) -> Rows | None:
-        """Return the belief that makes the residuals most likely; None if that is nothing."""
 
-        def alike(length: float) -> tuple[float, float, FloatArray]:
-            white = _white(length)
-            together = block_diag(*[white.T @ white] * self.blocks)
-            likely = _evidence(data.matrix, data.slope, together)
-            return likely.max(), float(_AMPLITUDES[np.argmax(likely)]), white
+@dataclass(frozen=True, eq=False)
+class _Belief:
+    """Which splines are there, and how large they are believed to be."""
 
-        _, amplitude, white = max(map(alike, _LENGTHS), key=lambda one: one[0])
-        found, own = np.full(self.blocks, amplitude), white.T @ white
-        for k in list(range(self.blocks)) * _ROUNDS:
-            block = np.repeat(np.arange(self.blocks) == k, len(own))
-            beside = block_diag(*(own / a**2 for a in found))[~block][:, ~block]
-            found[k] = _AMPLITUDES[np.argmax(_evidence(*_marginal(data, block, beside), own))]
-        slopes = block_diag(*(white / a for a in found))
-        best = Rows(slopes, np.zeros(len(slopes)))
-        return best if best.evidence(data) > _DECISIVE else None
+    data: Information
+    # Amplitudes (spline,), zero of those that are not there.
+    size: FloatArray
+    # Inverse covariances at amplitude 1, (spline, coefficient, coefficient).
+    shape: FloatArray
+    # How many splines each of them was chosen from.
+    rivals: int
+
+    @property
+    def there(self) -> BoolArray:
+        """Which coefficients may differ from zero."""
+        return np.repeat(self.size > 0, self.shape.shape[1])
+
+    @property
+    def prior(self) -> FloatArray:
+        """Inverse covariance of the coefficients that are there."""
+        used = self.size > 0
+        return np.asarray(block_diag(*(self.shape[used] / self.size[used, None, None] ** 2)))
+
+    @property
+    def evidence(self) -> float:
+        """Log evidence over that of nothing, less what choosing each spline gains by chance."""
+        there, data = self.there, self.data
+        if not there.any():
+            return 0.0
+        own = Information(data.matrix[there][:, there], data.slope[there], data.variance)
+        slopes = np.asarray(np.linalg.cholesky(self.prior).T, dtype=float)
+        return Rows(slopes, np.zeros(len(slopes))).evidence(own) - float(
+            np.sum(self.size > 0) * np.log(self.rivals)
+        )
+
+    def adds(self, follow: FloatArray) -> FloatArray:
+        """Return what it adds to the covariance of what follows the coefficients, (..., all)."""
+        there, data = self.there, self.data
+        covariance = np.linalg.inv(data.matrix[there][:, there] + self.prior)
+        follow = follow[:, there]
+        shift = follow @ covariance @ data.slope[there]
+        return np.asarray(follow @ covariance @ follow.T + np.outer(shift, shift))
+
+    def sought(self, k: int, shape: FloatArray) -> tuple[float, "_Belief"]:
+        """Return what the best amplitude of spline k adds to the others' evidence, and with it."""
+        others = self._with(k, 0.0, shape)
+        block = np.repeat(np.arange(len(self.size)) == k, len(shape))
+        likely = _evidence(*others.marginal(block), shape)
+        best = int(np.argmax(likely))
+        return float(likely[best]), self._with(k, float(_AMPLITUDES[best]) if best else 0.0, shape)
+
+    def marginal(self, block: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Return information and slope of a block beside what is there, which is estimated too."""
+        matrix, slope, there = self.data.matrix, self.data.slope, self.there
+        if not there.any():
+            return matrix[block][:, block], slope[block]
+        known = beyond_rounding(matrix[there][:, there] + self.prior)
+        follow = cho_solve(cho_factor(known, lower=True), matrix[there][:, block]).T
+        return (
+            matrix[block][:, block] - follow @ matrix[there][:, block],
+            slope[block] - follow @ slope[there],
+        )
+
+    def _with(self, k: int, size: float, shape: FloatArray) -> "_Belief":
+        sizes, shapes = self.size.copy(), self.shape.copy()
+        sizes[k], shapes[k] = size, shape
+        return replace(self, size=sizes, shape=shapes)
+
+
+def _beliefs(data: Information, count: int) -> list[_Belief]:
+    """Return what may be left out: many splines, some that enter one by one, or any single one."""
+    shapes = [white.T @ white for white in map(_white, _LENGTHS)]
+    rivals = count * len(shapes)
+    nothing = _Belief(data, np.zeros(count), np.stack([shapes[0]] * count), rivals)
+    single = [nothing.sought(k, shape)[1] for k in range(count) for shape in shapes]
+    return [_many(nothing, shapes), _one_by_one(nothing, shapes), *single]
+
+
+def _many(nothing: _Belief, shapes: Sequence[FloatArray]) -> _Belief:
+    """Return splines of one length, as large as each other before the size of each is sought."""
+    data, count = nothing.data, len(nothing.size)
+
+    def alike(shape: FloatArray) -> tuple[float, float, FloatArray]:
+        likely = _evidence(data.matrix, data.slope, block_diag(*[shape] * count))
+        return likely.max(), float(_AMPLITUDES[np.argmax(likely)]), shape
+
+    _, size, shape = max(map(alike, shapes), key=lambda one: one[0])
+    found = replace(nothing, size=np.full(count, size), shape=np.stack([shape] * count))
+    for k in list(range(count)) * _ROUNDS:
+        _, found = found.sought(k, shape)
+    return found
+
+
+def _one_by_one(found: _Belief, shapes: Sequence[FloatArray]) -> _Belief:
+    """Return splines that enter one by one, as long as the best of them is decisive."""
+    while len(free := np.flatnonzero(found.size == 0)):
+        tried = [found.sought(int(k), shape) for k in free for shape in shapes]
+        gain, better = max(tried, key=lambda one: one[0])
+        if gain < _DECISIVE:
+            break
+        found = better
+    return found
 
 
 def _evidence(matrix: FloatArray, slope: FloatArray, prior: FloatArray) -> FloatArray:
@@ -174,32 +266,27 @@ def _evidence(matrix: FloatArray, slope: FloatArray, prior: FloatArray) -> Float
     return np.asarray(0.5 * fitted.sum(axis=0))
 
 
-def _marginal(
-    data: Information, block: BoolArray, beside: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return information and slope of a block, all others estimated with their prior."""
-    matrix, others = data.matrix, ~block
-    factor = cho_factor(beyond_rounding(matrix[others][:, others] + beside), lower=True)
-    follow = cho_solve(factor, matrix[others][:, block]).T
-    return (
-        matrix[block][:, block] - follow @ matrix[others][:, block],
-        data.slope[block] - follow @ data.slope[others],
-    )
-
-
 def _many_windows(rung: HorizonFit) -> bool:
     return ScoreSeries.of_windows(rung.windows).long_enough
 
 
-def _with_changes(windows: Windows, count: int) -> Windows:
-    """Return windows that have what each input changed by in a sample as a further one.
+def _with_past(windows: Windows, count: int) -> Windows:
+    """Return windows that have `ACTS` of each input in its place.
 
-    A hold may have prepared inputs between samples too, `count` by `count` beside those at them.
+    Lags are of three samples and of a tenth of a recording, and begin settled. A hold may have
+    prepared inputs between samples too, `count` by `count` beside those at them.
     """
     inputs = windows.inputs.reshape(len(windows.inputs), -1, max(count, 1))
-    changes = np.diff(inputs, axis=0, prepend=inputs[:1])
-    both = np.concatenate([inputs, changes], axis=2)
-    return replace(windows, inputs=both.reshape(len(both), -1))
+    begins = [0] if windows.begins is None else windows.begins
+    long = max(_LONG * len(inputs) / len(begins), _SHORT)
+    parts = []
+    for own in np.split(inputs, begins[1:]):
+        changes = np.diff(own, axis=0, prepend=own[:1])
+        kept = np.exp(-1 / np.array([_SHORT, long]))
+        lags = (lfilter([1 - a], [1, -a], own, axis=0, zi=a * own[:1])[0] for a in kept)
+        parts.append(np.concatenate([own, changes, *lags], axis=2))
+    together = np.concatenate(parts)
+    return replace(windows, inputs=together.reshape(len(together), -1))
 
 
 _UNIT = np.zeros(1), np.ones(1)

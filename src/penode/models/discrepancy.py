@@ -1,4 +1,4 @@
-"""A model beside which something is left over: a smooth function of states and inputs."""
+"""A model beside which something is left over: a smooth function of states and (past) inputs."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,16 +13,18 @@ from penode.models.wrapped import Wrapped
 
 #: Groups of the coefficients, and of what never moves.
 GROUP, HELD = "discrepancy", "held"
+#: What an input acts by: itself, what it changed by in a sample, and two first-order lags of it.
+ACTS = ("", "change of ", "short lag of ", "long lag of ")
 
 
 class Discrepant(Wrapped):
     """A model whose derivative lacks a sum of cubic splines, each of one channel.
 
-    Channels are the states, the inputs, and what the inputs changed by in a sample, as further
-    inputs: a mode that was neglected because it is fast answers to these. Between `low` and `high`
-    (channel,) each was recorded, SI units. The coefficients (rate, channel, cells + 3), zero where
-    nothing is left over, are in units of `scale` (rate,), SI units per second, of the derivatives
-    of the states at the places `rates`.
+    Channels are the states, the inputs, and, as further inputs, what these changed by in a sample
+    and lags of them: modes that were neglected answer to these, fast ones and slow ones. Between
+    `low` and `high` (channel,) each was recorded, SI units. The coefficients (rate, channel,
+    cells + 3), zero where nothing is left over, are in units of `scale` (rate,), SI units per
+    second, of the derivatives of the states at the places `rates`.
     """
 
     rates: tuple[int, ...] = eqx.field(static=True)
@@ -34,9 +36,9 @@ class Discrepant(Wrapped):
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of what drives the model, and of its changes."""
+        """Names of what drives the model, and of its past."""
         own = driving_channels(self.model)
-        return (*own, *(f"change of {name}" for name in own))
+        return tuple(f"{how}{name}" for how in ACTS for name in own)
 
     def derivative(self, x: JaxArray, u: Inputs) -> JaxArray:
         """Return the model's derivative and what it lacks, (state, batch)."""
@@ -56,7 +58,7 @@ class Discrepant(Wrapped):
         return evaluated(self.model, "output", x, self._own(u))
 
     def _own(self, u: Inputs) -> Inputs:
-        """Return what drives the model, without its changes."""
+        """Return what drives the model, without its past."""
         return u.leading(driving_channels(self.model))
 
 
