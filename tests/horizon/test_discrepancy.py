@@ -213,7 +213,7 @@ def test_evidence_by_eigenvalues_is_that_of_each_amplitude():
     np.testing.assert_allclose(found - found[0], expected - expected[0], rtol=1e-9, atol=1e-6)
 
     gain, better = belief.sought(1, shape)
-    assert gain == pytest.approx(found.max())
+    assert gain == pytest.approx(found.max() - found[0])
     assert better.evidence == pytest.approx(belief.evidence + gain)
     charged = better.evidence - 3 * np.log(7)  # three splines, each of seven that it might be
     assert replace(better, rivals=7).evidence == pytest.approx(charged)
@@ -257,3 +257,15 @@ def test_a_mode_left_out_is_seen_in_past_inputs():
     assert (gap > 3 * fits[0].deviation).any()
     added = deviations_left_out(problem, PLAN, fits)
     assert (gap < 2 * np.hypot(fits[0].deviation, added)).all()
+
+
+def test_a_spline_that_data_know_to_be_tiny_does_not_enter(rng):
+    """Its evidence is large at the least amplitude already, which is as good as zero."""
+    shape = np.eye(9)
+    data = Information(1e16 * np.eye(18), 1e9 * rng.normal(size=18), 1.0)
+    nothing = discrepancy._Belief(data, np.zeros(2), np.stack([shape] * 2), 2)
+    gain, better = nothing.sought(0, shape)
+    assert discrepancy._evidence(data.matrix[:9, :9], data.slope[:9], shape).max() > 10
+    assert gain == 0.0
+    assert not better.there.any()
+    assert not discrepancy._one_by_one(nothing, [shape]).there.any()

@@ -198,7 +198,9 @@ class _Belief:
         block = np.repeat(np.arange(len(self.size)) == k, len(shape))
         likely = _evidence(*others.marginal(block), shape)
         best = int(np.argmax(likely))
-        return float(likely[best]), self._with(k, float(_AMPLITUDES[best]) if best else 0.0, shape)
+        return float(likely[best] - likely[0]), self._with(
+            k, float(_AMPLITUDES[best]) if best else 0.0, shape
+        )
 
     def marginal(self, block: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return information and slope of a block beside what is there, which is estimated too."""
