@@ -120,13 +120,16 @@ def test_right_is_within_an_interval_or_within_two_per_cent():
 
 
 def test_table(capsys):
-    wrong = _record(values={"a": 1.3, "b": 2.0}, number=1, error=0.3)
+    wrong = _record(values={"a": 1.3, "b": 2.0}, number=8, error=0.3, seconds=1.0)
     doubted = _record(verdict="implausible", positive=False, objections=["dependent residual"])
+    doubted |= {"number": 7}
     failed = drawn_physics._killed("pendulum", 0, "gone")
-    table.print_table([_record(), wrong, doubted, failed])
+    table.print_table([_record(number=7), wrong, doubted, failed])
     printed = capsys.readouterr().out
     line = next(line for line in printed.splitlines() if line.startswith("x ")).split()
     assert line[1:8] == ["2/", "3", "1/", "2", "50", "%", "2"]
+    assert line[-3:] == ["3", "1", "5"]  # seconds of the first draws and of the other, programs
+    assert "2/  4" in next(line for line in printed.splitlines() if line.startswith("ALL"))
     assert "right, but implausible: dependent residual: 1 (x)" in printed
     assert "0/  1" in next(line for line in printed.splitlines() if line.startswith("pendulum"))
     assert "b +0 ± inf*" in table.line_of(_record())

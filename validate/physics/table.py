@@ -40,12 +40,13 @@ def _half(one: Record, name: str) -> str:
 
 
 def print_table(draws: Sequence[Record]) -> None:
-    """Print a line a kind, both sorts together, and what right ones were refused for."""
+    """Print a line a kind, of both sorts and of all, and what right ones were refused for."""
     print(f"\n{HEAD}")
     for name in dict.fromkeys(one["physics"] for one in draws):
         print(row(name, [one for one in draws if one["physics"] == name]))
-    for sort, misfits in (("WELL SPECIFIED", False), ("MISFITTING", True)):
-        some = [one for one in draws if one["misfits"] == misfits]
+    sorts = ("WELL SPECIFIED", (False,)), ("MISFITTING", (True,)), ("ALL", (False, True))
+    for sort, misfits in sorts:
+        some = [one for one in draws if one["misfits"] in misfits]
         if some:
             print(row(sort, some))
     refused = [one for one in draws if is_right(one) and not one["positive"]]
@@ -70,9 +71,10 @@ def row(name: str, draws: Sequence[Record]) -> str:
     implausible = sum(one["verdict"] == "implausible" for one in right)
     refused = sum(not one["positive"] for one in right)
     ratios = _ratios([one for one in draws if one["rungs"]])
-    cold = [one["seconds"] for one in draws if one["number"] == 0]
-    warm = [one["seconds"] for one in draws if one["number"]]
-    programs = [one["compiled"] for one in draws if one["number"]]
+    first = min(one["number"] for one in draws)
+    cold = [one["seconds"] for one in draws if one["number"] == first]
+    warm = [one["seconds"] for one in draws if one["number"] > first]
+    programs = [one["compiled"] for one in draws if one["number"] > first]
     share = 100 * inside / len(finite) if finite else np.nan
     return (
         f"{name:20.20s} {len(positive):4d}/{len(draws):3d} {inside:4d}/{len(finite):4d} "
