@@ -9,6 +9,7 @@ import pytest
 
 from penode.arrays import Leaf, float64
 from penode.data.windows import Windows
+from penode.horizon import consensus
 from penode.horizon.consensus import (
     BETWEEN,
     Consensus,
@@ -286,3 +287,12 @@ def test_a_recording_without_a_window_of_a_long_horizon_is_left_out_there():
     )
     both = between_recordings([long, lost], np.array([[1.0], [0.0]]))
     np.testing.assert_allclose(both[BETWEEN], between_recordings([long], np.ones((1, 1)))[BETWEEN])
+
+
+def test_rungs_beyond_any_number_have_an_unknown_spread_without_a_warning():
+    values = np.array([[1e200, 1.0], [-1e200, 3.0]])
+    with np.errstate(all="raise"):
+        middle, spread = consensus._middle(values, np.full((2, 2), 0.5))
+    np.testing.assert_allclose(middle, [0.0, 2.0])
+    assert not np.isfinite(spread[0, 0])
+    assert spread[1, 1] == pytest.approx(1.0)

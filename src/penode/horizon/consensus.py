@@ -190,7 +190,8 @@ def _middle(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatA
     """Return weighted means (physical,) and covariance about them of values (rung, physical)."""
     middle = np.sum(weights * values, axis=0)
     apart = np.sqrt(weights) * (values - middle)
-    return middle, apart.T @ apart
+    with np.errstate(over="ignore", invalid="ignore"):  # overflow is reported as unknown
+        return middle, apart.T @ apart
 
 
 def _shared_prior(rungs: Sequence[HorizonFit], weights: FloatArray) -> FloatArray:

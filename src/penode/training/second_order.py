@@ -101,7 +101,8 @@ class LevenbergMarquardt:
             return False
         left = jacobian @ step
         deviation = sandwich_deviation(terms, jacobian, ScoreSeries.of_windows(problem.windows))
-        ratio = np.minimum(np.abs(left) / np.maximum(deviation, 1e-300), 1e9)
+        with np.errstate(over="ignore"):
+            ratio = np.minimum(np.abs(left) / np.maximum(deviation, 1e-300), 1e9)
         physical = len(problem.objective.layout.physical)
         learned = np.sqrt(np.mean(ratio[physical:] ** 2)) if len(ratio) > physical else 0.0
         return bool(max(*ratio[:physical], learned / 5, 0.0) < self.tolerance)
