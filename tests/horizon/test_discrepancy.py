@@ -114,11 +114,11 @@ def test_what_data_know_of_some_directions_alone_has_an_evidence_of_each_part(rn
     matrix = known @ known.T
     matrix -= 1e-14 * np.diag(np.diag(matrix))
     data = Information(matrix, known @ rng.normal(size=3), 1.0)
-    sizes = np.array([0.0, 1e3, 1e3])
-    belief = discrepancy._Belief(data, sizes, np.stack([np.eye(3)] * 3), 6)
-    matrix, slope = belief.marginal(np.arange(9) < 3)
-    assert np.isfinite(matrix).all()
-    assert np.isfinite(slope).all()
+    shape = np.eye(3)
+    belief = discrepancy._Belief(data, np.array([0.0, 1e3, 1e3]), np.stack([shape] * 3), 6, 2)
+    (gain, better), *_ = belief.with_one([0], [shape])
+    assert np.isfinite(gain)
+    assert np.isfinite(better.adds(np.ones((2, 9)))).all()
 
 
 def test_it_is_not_looked_for_where_starts_may_take_of_the_noisiest_sensor():
@@ -206,18 +206,20 @@ def test_evidence_by_eigenvalues_is_that_of_each_amplitude():
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-6)
 
     others, shape = np.array([0.3, 0.0, 0.1]), white.T @ white
-    belief = discrepancy._Belief(data, others, np.stack([shape] * blocks), 1)
-    block = np.repeat(np.arange(blocks) == 1, size)
-    found = discrepancy._evidence(*belief.marginal(block), shape)
+    belief = discrepancy._Belief(data, others, np.stack([shape] * blocks), 1, 2)
     expected = np.array([direct(others + a * np.eye(blocks)[1]) for a in discrepancy._AMPLITUDES])
-    np.testing.assert_allclose(found - found[0], expected - expected[0], rtol=1e-9, atol=1e-6)
-
-    gain, better = belief.sought(1, shape)
-    assert gain == pytest.approx(found.max() - found[0])
-    assert better.evidence == pytest.approx(belief.evidence + gain)
+    ((gain, better),) = belief.with_one([1], [shape])
+    assert gain == pytest.approx(expected.max() - expected[0])
+    assert better.size[1] == discrepancy._AMPLITUDES[np.argmax(expected)]
+    assert better.evidence == pytest.approx(direct(better.size))
     charged = better.evidence - 3 * np.log(7)  # three splines, each of seven that it might be
     assert replace(better, rivals=7).evidence == pytest.approx(charged)
-    assert replace(belief, size=np.zeros(blocks), rivals=7).evidence == 0.0
+    nothing = replace(belief, size=np.zeros(blocks), chosen=0, rivals=7)
+    assert nothing.evidence == 0.0
+
+    alike = discrepancy._alike(nothing, shape)
+    assert len(set(alike.size)) == 1
+    assert alike.evidence == pytest.approx(direct(alike.size) - np.log(7))  # one choice
 
     follow = random.normal(size=(2, size * blocks))
     prior = block_diag(*(shape / a**2 for a in better.size))
@@ -264,7 +266,7 @@ def test_a_spline_that_data_know_to_be_tiny_does_not_enter(rng):
     shape = np.eye(9)
     data = Information(1e16 * np.eye(18), 1e9 * rng.normal(size=18), 1.0)
     nothing = discrepancy._Belief(data, np.zeros(2), np.stack([shape] * 2), 2)
-    gain, better = nothing.sought(0, shape)
+    ((gain, better),) = nothing.with_one([0], [shape])
     assert discrepancy._evidence(data.matrix[:9, :9], data.slope[:9], shape).max() > 10
     assert gain == 0.0
     assert not better.there.any()

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve, eigh
+from scipy.linalg import block_diag, cholesky, eigh, solve_triangular
 from scipy.signal import lfilter
 
 from penode.arrays import BoolArray, FloatArray, float64, on_device
@@ -39,8 +39,6 @@ _DECISIVE, _COUNTS = 3.0, 1e-4
 _GROWS = 2.0
 #: Lags, one in samples and one in recordings.
 _SHORT, _LONG = 3.0, 0.1
-#: Rounds in which the amplitude of each spline is sought.
-_ROUNDS = 2
 
 
 def what_is_left_out(
@@ -158,8 +156,9 @@ class _Belief:
     size: FloatArray
     # Inverse covariances at amplitude 1, (spline, coefficient, coefficient).
     shape: FloatArray
-    # How many splines each of them was chosen from.
+    # Among how many each choice was made, and how many choices.
     rivals: int
+    chosen: int = 0
 
     @property
     def there(self) -> BoolArray:
@@ -181,7 +180,7 @@ class _Belief:
         own = Information(data.matrix[there][:, there], data.slope[there], data.variance)
         slopes = np.asarray(np.linalg.cholesky(self.prior).T, dtype=float)
         return Rows(slopes, np.zeros(len(slopes))).evidence(own) - float(
-            np.sum(self.size > 0) * np.log(self.rivals)
+            self.chosen * np.log(self.rivals)
         )
 
     def adds(self, follow: FloatArray) -> FloatArray:
@@ -192,63 +191,52 @@ class _Belief:
         shift = follow @ covariance @ data.slope[there]
         return np.asarray(follow @ covariance @ follow.T + np.outer(shift, shift))
 
-    def sought(self, k: int, shape: FloatArray) -> tuple[float, "_Belief"]:
-        """Return what the best amplitude of spline k adds to the others' evidence, and with it."""
-        others = self._with(k, 0.0, shape)
-        block = np.repeat(np.arange(len(self.size)) == k, len(shape))
-        likely = _evidence(*others.marginal(block), shape)
-        best = int(np.argmax(likely))
-        return float(likely[best] - likely[0]), self._with(
-            k, float(_AMPLITUDES[best]) if best else 0.0, shape
-        )
-
-    def marginal(self, block: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """Return information and slope of a block beside what is there, which is estimated too."""
+    def with_one(
+        self, splines: Sequence[int], shapes: Sequence[FloatArray]
+    ) -> list[tuple[float, "_Belief"]]:
+        """Return what each spline that is not there yet adds to the evidence, and with it."""
         matrix, slope, there = self.data.matrix, self.data.slope, self.there
-        if not there.any():
-            return matrix[block][:, block], slope[block]
         known = beyond_rounding(matrix[there][:, there] + self.prior)
-        follow = cho_solve(cho_factor(known, lower=True), matrix[there][:, block]).T
-        return (
-            matrix[block][:, block] - follow @ matrix[there][:, block],
-            slope[block] - follow @ slope[there],
-        )
-
-    def _with(self, k: int, size: float, shape: FloatArray) -> "_Belief":
-        sizes, shapes = self.size.copy(), self.shape.copy()
-        sizes[k], shapes[k] = size, shape
-        return replace(self, size=sizes, shape=shapes)
+        root = cholesky(known, lower=True)
+        follow = solve_triangular(root, matrix[there], lower=True)
+        slope = slope - follow.T @ solve_triangular(root, slope[there], lower=True)
+        found = []
+        for k in splines:
+            block = slice(k * len(shapes[0]), (k + 1) * len(shapes[0]))
+            own = matrix[block, block] - follow[:, block].T @ follow[:, block]
+            for shape in shapes:
+                likely = _evidence(own, slope[block], shape)
+                best = int(np.argmax(likely))
+                size, forms = self.size.copy(), self.shape.copy()
+                size[k], forms[k] = _AMPLITUDES[best] if best else 0.0, shape
+                gain = float(likely[best] - likely[0])
+                found.append((gain, replace(self, size=size, shape=forms, chosen=self.chosen + 1)))
+        return found
 
 
 def _beliefs(data: Information, count: int) -> list[_Belief]:
-    """Return what may be left out: many splines, some that enter one by one, or any single one."""
+    """Return what may be left out: all splines alike, some that enter one by one, or any one."""
     shapes = [white.T @ white for white in map(_white, _LENGTHS)]
     rivals = count * len(shapes)
     nothing = _Belief(data, np.zeros(count), np.stack([shapes[0]] * count), rivals)
-    single = [nothing.sought(k, shape)[1] for k in range(count) for shape in shapes]
-    return [_many(nothing, shapes), _one_by_one(nothing, shapes), *single]
+    single = [one for _, one in nothing.with_one(range(count), shapes)]
+    together = [_alike(nothing, shape) for shape in shapes]
+    return [*together, _one_by_one(nothing, shapes), *single]
 
 
-def _many(nothing: _Belief, shapes: Sequence[FloatArray]) -> _Belief:
-    """Return splines of one length, as large as each other before the size of each is sought."""
+def _alike(nothing: _Belief, shape: FloatArray) -> _Belief:
+    """Return all splines, as large as each other."""
     data, count = nothing.data, len(nothing.size)
-
-    def alike(shape: FloatArray) -> tuple[float, float, FloatArray]:
-        likely = _evidence(data.matrix, data.slope, block_diag(*[shape] * count))
-        return likely.max(), float(_AMPLITUDES[np.argmax(likely)]), shape
-
-    _, size, shape = max(map(alike, shapes), key=lambda one: one[0])
-    found = replace(nothing, size=np.full(count, size), shape=np.stack([shape] * count))
-    for k in list(range(count)) * _ROUNDS:
-        _, found = found.sought(k, shape)
-    return found
+    likely = _evidence(data.matrix, data.slope, block_diag(*[shape] * count))
+    best = int(np.argmax(likely))
+    size = np.full(count, _AMPLITUDES[best] if best else 0.0)
+    return replace(nothing, size=size, shape=np.stack([shape] * count), chosen=1)
 
 
 def _one_by_one(found: _Belief, shapes: Sequence[FloatArray]) -> _Belief:
     """Return splines that enter one by one, as long as the best of them is decisive."""
-    while len(free := np.flatnonzero(found.size == 0)):
-        tried = [found.sought(int(k), shape) for k in free for shape in shapes]
-        gain, better = max(tried, key=lambda one: one[0])
+    while free := np.flatnonzero(found.size == 0).tolist():
+        gain, better = max(found.with_one(free, shapes), key=lambda one: one[0])
         if gain < _DECISIVE:
             break
         found = better
