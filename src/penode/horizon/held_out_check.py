@@ -66,8 +66,11 @@ def unpredictable(fit: Fit, moves: FloatArray, experiments: Sequence[Experiment]
     if fit.predictor is None or not np.isfinite(fit.covariance).all():
         return False
     models = [[fit.model] * len(experiments)]
-    free = free_run_errors(fit.predictor, models, experiments, dynamic_states(fit.model))
-    if (free <= _LIMITS[0] * moves).all():
+    free, measured = (
+        free_run_errors(fit.predictor, models, experiments, freed)
+        for freed in (dynamic_states(fit.model), None)
+    )
+    if (free <= _LIMITS[0] * moves).all() and not (measured <= _LIMITS[1] * moves).all():
         return True
     bands = np.concatenate([fit.free_run_deviation(one) for one in experiments])
     with np.errstate(over="ignore"):  # they may grow beyond any number
