@@ -1,6 +1,7 @@
 """What the model leaves out: found where it is, nothing where residuals are noise."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -20,6 +21,7 @@ from penode.models.discrepancy import spline_basis
 from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.holds import FirstOrderHold
 from penode.training.evidence import Information, Rows
+from penode.training.plan import Problem
 
 MASS, DAMPING, STEP, SAMPLES, NOISE = 1.3, 0.4, 0.05, 1500, 0.01
 
@@ -271,3 +273,43 @@ def test_a_spline_that_data_know_to_be_tiny_does_not_enter(rng):
     assert gain == 0.0
     assert not better.there.any()
     assert not discrepancy._one_by_one(nothing, [shape]).there.any()
+
+
+def test_starts_are_looked_for_from_where_training_had_them(monkeypatch):
+    """Starts of a chaotic plant have other minima, whose residuals say nothing of this fit."""
+    problem, (rung,) = climbed(recorded(friction=0.0))
+    begun, gauss_newton = [], Problem.gauss_newton
+
+    def noted(self, raw, near=None):
+        begun.append(near)
+        return gauss_newton(self, raw, near)
+
+    monkeypatch.setattr(Problem, "gauss_newton", noted)
+    what_is_left_out(problem, PLAN, [rung], 0)
+    assert begun == [rung.solution.terms]
+
+
+def test_beliefs_are_averaged_by_evidence_unless_nothing_is_likelier():
+    def added(*evidence):
+        beliefs = [
+            SimpleNamespace(evidence=one, adds=lambda follow, k=k: 10.0**k * follow @ follow.T)
+            for k, one in enumerate(evidence)
+        ]
+        return discrepancy._averaged(beliefs, np.ones((1, 1)))[0, 0]
+
+    assert added(-1.0, 0.0) == 0.0
+    assert added(np.log(4), 0.0) == pytest.approx(0.8 * 1 + 0.2 * 10)
+    assert added(30.0, 0.0) == pytest.approx(1.0)
+
+
+def test_one_function_among_many_is_believed_alone(rng):
+    """All alike, the others would have to be as large, which data deny."""
+    count = 8
+    data = Information(1e4 * np.eye(9 * count), np.zeros(9 * count), 1.0)
+    data.slope[27:36] = 3e4 * rng.normal(size=9)
+    beliefs = discrepancy._beliefs(data, count)
+    best = max(beliefs, key=lambda one: one.evidence)
+    assert np.flatnonzero(best.size).tolist() == [3]
+    assert sum(len(np.flatnonzero(one.size)) == count for one in beliefs) == 2  # two lengths
+    alone = [one.evidence for one in beliefs if np.flatnonzero(one.size).tolist() == [3]]
+    assert len(alone) == 3  # entered first and last, and by itself with each length

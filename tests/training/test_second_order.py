@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
+from penode.training import second_order
 from penode.training.gauss_newton_terms import GaussNewtonTerms
 from penode.training.plan import DIVERGED, Problem
 from penode.training.second_order import LevenbergMarquardt, _after, _reach
@@ -262,3 +263,22 @@ def test_no_step_is_shortened_beyond_what_matters(noise, most):
 )
 def test_damping_follows_the_gain_and_a_promise_of_nothing_does_no_harm(gain, factor):
     assert _after(gain) == pytest.approx(factor, abs=1e-6)
+
+
+def test_a_step_beyond_any_number_of_deviations_has_not_converged(monkeypatch):
+    monkeypatch.setattr(second_order, "sandwich_deviation", lambda *given: np.zeros(1))
+    monkeypatch.setattr(second_order.ScoreSeries, "of_windows", lambda windows: None)
+    problem = SimpleNamespace(
+        reported_jacobian=lambda raw: np.array([[1e200]]),
+        windows=None,
+        objective=SimpleNamespace(layout=SimpleNamespace(physical=("a",))),
+    )
+    local = SimpleNamespace(
+        problem=problem,
+        raw=None,
+        terms=SimpleNamespace(loss=1.0),
+        step=lambda damping: np.ones(1),
+        promised=lambda step: 0.0,
+    )
+    with np.errstate(all="raise"):
+        assert not LevenbergMarquardt()._converged(local)

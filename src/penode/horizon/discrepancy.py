@@ -72,7 +72,12 @@ def what_is_left_out(
     inverse = inverse_normal(terms.normal[others][:, others])
     slopes = beside.problem.reported_jacobian(beside.raw)[:physical][:, others]
     follow = slopes @ inverse @ terms.normal[others][:, ~others]
-    beliefs = _beliefs(data, beside.splines)
+    return _averaged(_beliefs(data, beside.splines), follow)
+
+
+def _averaged(beliefs: Sequence["_Belief"], follow: FloatArray) -> FloatArray:
+    """Return what beliefs add to a covariance, by evidence; zero where nothing is likelier."""
+    nothing = np.zeros((len(follow), len(follow)))
     evidence = np.array([belief.evidence for belief in beliefs])
     if evidence.max() <= 0.0:
         return nothing

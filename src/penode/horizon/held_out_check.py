@@ -53,9 +53,9 @@ def unpredictable(fit: Fit, moves: FloatArray, experiments: Sequence[Experiment]
     """Return whether free runs through whole recordings are beyond a model that is right.
 
     In a free run of an unstable plant under feedback, or of one in chaotic motion, the smallest
-    error grows without bound, although windows of the chosen horizon err no more than shorter ones:
-    the run fails from the noise of its first sample, and from an estimated start it does not; or
-    its own deviation exceeds half of what a state moves (state,).
+    error grows without bound. Windows of the chosen horizon err no more than shorter ones; and the
+    run fails from the measured first sample alone, not from an estimated start, or its own
+    deviation exceeds half of what a state moves (state,).
     """
     ladder = fit.horizon.ladder
     errors = [rung.rmse for rung in ladder if rung.horizon <= fit.horizon.selected]
