@@ -16,7 +16,8 @@ from penode.predictors.one_step import RungeKutta
 from penode.predictors.tableaus import AB3, EULER
 from penode.validation import free_run
 from penode.validation.comparison import Comparison
-from penode.validation.free_run import compare, free_run_errors, look_ahead, look_far_ahead
+from penode.validation.free_run import compare, free_run_errors
+from penode.validation.look_ahead import look_ahead, look_far_ahead
 
 
 def predictor_of(system):
@@ -282,15 +283,28 @@ def test_where_the_estimation_of_a_start_begins_does_not_matter():
 def test_free_runs_begin_where_the_last_one_did_unless_it_diverged(monkeypatch, last, begins):
     given = []
 
-    def noted(*args, begin=None, **options):
+    def noted(predictor, model, recording, free, begin):
         given.append(begin)
-        return compare(*args, begin=begin, **options)
+        return own(predictor, model, recording, free, begin)
 
-    monkeypatch.setattr(free_run, "compare", noted)
+    own = free_run._run_of
+    monkeypatch.setattr(free_run, "_run_of", noted)
     run = without_speed(recorded()[0])
     free_run_errors(Predictor(STEP), [[Hidden(2.5)], [Hidden(last)]], [run])
     assert given[0] is None
     assert (given[1] is not None) == begins
+
+
+@pytest.mark.parametrize(("damping", "forgotten"), [(0.05, True), (0.0, False)])
+def test_a_start_is_forgotten_where_later_samples_say_nothing_of_it(damping, forgotten):
+    """An undamped oscillation has its start in every sample, a damped one in its beginning."""
+    time = np.arange(1024)
+    wave = np.exp(-damping * time) * np.exp(0.3j * time)
+    slopes = np.stack([wave.real, wave.imag], axis=-1)[None]
+    assert free_run._forgotten(slopes) == forgotten
+    slow = np.stack([wave.real, np.ones(1024)], axis=-1)[None]
+    assert not free_run._forgotten(slow)
+    assert not free_run._forgotten(slopes[:, :1])
 
 
 def test_one_step_ahead_of_an_unmeasured_state_without_a_guess_is_unknown():

@@ -21,8 +21,11 @@ _INTERVAL = 86_400.0
 def use_compilation_cache() -> Path | None:
     """Keep compiled programs between runs, apart for each processor, in a folder, if possible.
 
-    A folder that ``JAX_COMPILATION_CACHE_DIR`` names stays as it is.
+    A folder that ``JAX_COMPILATION_CACHE_DIR`` names is taken.
     """
+    configure: Callable[[str, object], None] = jax.config.update
+    if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
+        configure("jax_persistent_cache_min_compile_time_secs", 0.0)
     named = os.environ.get("JAX_COMPILATION_CACHE_DIR")
     if named:
         return Path(named)
@@ -32,9 +35,7 @@ def use_compilation_cache() -> Path | None:
         compiled = Path.home() / ".cache" / "penode" / "compiled"
         folder = compiled / key
         folder.mkdir(parents=True, exist_ok=True)
-        configure: Callable[[str, object], None] = jax.config.update
         configure("jax_compilation_cache_dir", str(folder))
-        configure("jax_persistent_cache_min_compile_time_secs", 0.0)
         remove_oldest(compiled, _MOST)
         return folder
     return None

@@ -14,7 +14,8 @@ from penode.models.base import Model
 from penode.models.explicit_time import driving_channels
 from penode.models.measured import free_states, hidden_states
 from penode.models.parameters import with_batch_axis
-from penode.validation.free_run import compare, look_ahead
+from penode.validation.free_run import compare
+from penode.validation.look_ahead import look_ahead
 
 #: The look-ahead of a simulation of the whole recording.
 FREE_RUN = 0

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,6 @@ from penode.arrays import (
     JaxArray,
     float64,
     on_device,
-    shared_length,
     with_shared_length,
 )
 from penode.data.experiment import Experiment
@@ -35,11 +34,14 @@ from penode.predictors.base import Predictor
 from penode.predictors.delays import Recorded, as_acting, delayed
 from penode.predictors.rollout import rollout
 from penode.validation.comparison import Comparison
+from penode.validation.look_ahead import look_ahead
 
 #: What stands for an error or a slope of a free run that diverged.
 _DIVERGED = 1e100
 #: Samples by which the start of a free run is estimated first; then by four times as many.
 _BEGINNING = 32
+#: Share of what a run says of its start, in any direction, by which its later half adds nothing.
+_FORGOTTEN = 1e-4
 
 
 def with_unmeasured(experiment: Experiment, model: Model) -> Experiment:
@@ -105,29 +107,24 @@ def compare(
     require_predictable(predictor, model, experiment)
     guessed = all(name in experiment.channels for name in hidden_states(model))
     experiment, units = with_unmeasured(experiment, model), measured_units(model)
-    freed = [model.states.index(name) for name in (free_states(model) if free is None else free)]
-    driving = driving_channels(model)
     with float64():
-        read, inputs = (experiment.stack(names).T for names in (model.states, driving))
         batched = with_batch_axis(model)
-        corrected = batched.corrected(with_shared_length(read))
-        states = np.asarray(corrected)[:, : len(experiment)]
-        ahead = look_ahead(predictor, batched, states, inputs, 1)
-        start = on_device(states[:, : predictor.past].T[::-1].copy())
-        measured = _measured(batched, experiment, states)
-        padded = with_shared_length(predictor.prepared(inputs.T).T)
-        if freed:
-            start = _estimated_start(predictor, batched, (start, measured, padded), freed, begin)
-        samples = len(experiment) - predictor.past
-        run = np.asarray(run_freely(predictor, batched, start, padded, samples))[:, :samples]
+        given = None if begin is None else (begin, len(experiment))
+        run = _run_of(predictor, batched, experiment, free, given)
         if batched.covariances:
-            guessed, given = True, with_shared_length(measured)
-            ahead = np.asarray(run_freely(predictor, batched, start, padded, samples, given))
+            guessed, samples = True, run.states.shape[1] - predictor.past
+            read = with_shared_length(run.measured)
+            ahead = np.asarray(run_freely(predictor, batched, run.start, run.drive, samples, read))
             ahead = ahead[:, :samples]
-        first = np.asarray(start)[::-1].T
+        else:
+            states, inputs = (
+                experiment.stack(names).T for names in (model.states, driving_channels(model))
+            )
+            ahead = look_ahead(predictor, batched, states, inputs, 1)
+        first = run.states[:, : predictor.past]
+        ahead = np.concatenate([first, ahead if guessed else ahead * np.nan], axis=1)
         one_step, free_run = (
-            _predicted(predictor, batched, np.concatenate([first, after], axis=1), inputs)
-            for after in (ahead if guessed else ahead * np.nan, run)
+            _predicted(predictor, batched, states, run.drive) for states in (ahead, run.states)
         )
     return Comparison(
         name=experiment.name,
@@ -135,11 +132,11 @@ def compare(
         time_step=experiment.time_step,
         states=tuple(units),
         units=tuple(units.values()),
-        measured=measured.T,
+        measured=run.measured.T,
         one_step=one_step.T,
         free_run=free_run.T,
         recording="" if experiment.stretch is None else experiment.stretch.recording,
-        start=np.asarray(start)[0],
+        start=np.asarray(run.start)[0],
     )
 
 
@@ -172,12 +169,55 @@ def _measured(model: Model, experiment: Experiment, states: FloatArray) -> Float
     return states[[model.states.index(name) for name in measured_units(model)]]
 
 
+class _Run(NamedTuple):
+    """A free run of a recording, from its first samples or an estimated start."""
+
+    # (past, state), the present first.
+    start: JaxArray
+    # (quantity, time).
+    measured: FloatArray
+    # From the first samples on, (state, time).
+    states: FloatArray
+    # What the predictor prepared of the inputs, (row, padded time).
+    drive: JaxArray
+    # Samples that an estimated start was found from.
+    used: int
+
+
+def _run_of(
+    predictor: Predictor,
+    model: Model,
+    experiment: Experiment,
+    free: Sequence[str] | None,
+    begin: tuple[FloatArray, int] | None,
+) -> _Run:
+    """Let a model with a batch axis run freely; see `compare`.
+
+    Estimation begins at a state, and with as many samples at least.
+    """
+    freed = [model.states.index(name) for name in (free_states(model) if free is None else free)]
+    read, inputs = (experiment.stack(n) for n in (model.states, driving_channels(model)))
+    corrected = model.corrected(with_shared_length(read.T))
+    states = np.asarray(corrected)[:, : len(experiment)]
+    start = on_device(states[:, : predictor.past].T[::-1].copy())
+    measured = _measured(model, experiment, states)
+    drive = with_shared_length(predictor.prepared(inputs).T)
+    used = 0
+    if freed:
+        start, used = _estimated_start(predictor, model, (start, measured, drive), freed, begin)
+    samples = len(experiment) - predictor.past
+    after = np.asarray(run_freely(predictor, model, start, drive, samples))[:, :samples]
+    whole = np.concatenate([np.asarray(start)[::-1].T, after], axis=1)
+    return _Run(start, measured, whole, drive, used)
+
+
 def _predicted(
-    predictor: Predictor, model: Model, states: FloatArray, inputs: FloatArray
+    predictor: Predictor, model: Model, states: FloatArray, drive: JaxArray
 ) -> FloatArray:
-    """Return what sensors read at states (state, time) and inputs (input, time)."""
-    padded = with_shared_length(states), with_shared_length(inputs)
-    return np.asarray(_outputs(model, *padded, predictor.time_step))[:, : states.shape[1]]
+    """Return what sensors read at states (state, time) and what was prepared of the inputs."""
+    inputs = drive[: len(driving_channels(model))]
+    read = _outputs(model, with_shared_length(states), inputs, predictor.time_step)
+    return np.asarray(read)[:, : states.shape[1]]
 
 
 @jax.jit
@@ -194,13 +234,7 @@ def _free_run_squares(
 ) -> FloatArray:
     """Return the sums of squared free-run errors of each model on a recording, (model, row)."""
     if free or free_states(models[0]):  # each estimates its own start, from the last one's
-        own = partial(compare, predictor, experiment=experiment, free=free)
-        last = own(models[-1])
-        begin = None if last.diverged else last.start
-        others = [own(model, begin=begin) for model in models[:-1]]
-        gaps = [(run.measured - run.free_run)[predictor.past :] for run in (*others, last)]
-        with np.errstate(over="ignore"):
-            return np.asarray(np.sum(np.square(gaps), axis=1))
+        return np.stack(_squares_of_runs(predictor, models, experiment, free))
     with float64():
         names = (models[0].states, driving_channels(models[0]))
         experiment = with_unmeasured(experiment, models[0])
@@ -210,6 +244,26 @@ def _free_run_squares(
         samples = len(experiment) - predictor.past
         squares = np.asarray(_squares(predictor, together, *recorded, samples))
         return squares[:, : len(dynamic_states(models[0]))]
+
+
+def _squares_of_runs(
+    predictor: Predictor,
+    models: Sequence[Model],
+    experiment: Experiment,
+    free: Sequence[str] | None,
+) -> list[FloatArray]:
+    """Return the sums of squared errors of runs whose start is estimated, (row,) of each model."""
+    experiment, begin = with_unmeasured(experiment, models[0]), None
+    squares: list[FloatArray] = []
+    for model in reversed(models):
+        with float64(), np.errstate(over="ignore", invalid="ignore"):
+            batched = with_batch_axis(model)
+            run = _run_of(predictor, batched, experiment, free, begin)
+            gap = run.measured - _predicted(predictor, batched, run.states, run.drive)
+            squares.append(np.sum(gap[:, predictor.past :] ** 2, axis=1))
+        if len(squares) == 1 and np.isfinite(gap).all():
+            begin = np.asarray(run.start)[0], run.used
+    return squares[::-1]
 
 
 @partial(jax.jit, static_argnums=0)
@@ -234,98 +288,6 @@ def _squares(
     first = [models.corrected(at(measured, jnp.asarray(past - 1 - j))) for j in range(past)]
     nothing = jnp.zeros((len(measured), batch), measured.dtype)
     return rollout(step, jnp.stack(first), samples, visit, nothing).T
-
-
-def look_ahead(
-    predictor: Predictor,
-    model: Model,
-    states: JaxArray | FloatArray,
-    inputs: JaxArray | FloatArray,
-    steps: int,
-    stride: int = 1,
-) -> FloatArray:
-    """Predict every sample from the measured ones `steps` before it (paper, k-step-ahead).
-
-    States (state, time) and inputs (input, time); the model has a batch axis of length 1; steps is
-    known at run time only. Every ``stride`` samples give (state, ceil((time - past) / stride)), for
-    samples past .. time - 1, of which the first k - 1 start from fewer steps before.
-    """
-    count = len(range(predictor.past, states.shape[1], stride))
-    recorded = [with_shared_length(a) for a in (states, predictor.prepared(np.asarray(inputs).T).T)]
-    ahead = _ahead(predictor, model, *recorded, steps, stride)
-    return np.asarray(ahead)[:, :count]
-
-
-@partial(jax.jit, static_argnums=(0, 5))
-def _ahead(
-    predictor: Predictor,
-    model: Model,
-    states: JaxArray,
-    inputs: JaxArray,
-    steps: JaxArray,
-    stride: int,
-) -> JaxArray:
-    """Predict every so many samples of padded rows; see `look_ahead`."""
-    past, last = predictor.past, states.shape[1] - 1
-    target = jnp.arange(past, last + 1, stride)
-    origin = jnp.maximum(target - steps, past - 1)
-    start = jnp.stack([states[:, origin - j] for j in range(past)])
-
-    def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
-        at = origin + k
-        ahead = predictor.step(model, history, Recorded(inputs, at))
-        return jnp.where(at < target, ahead, history), None
-
-    def visit(k: JaxArray, history: JaxArray, _: None, path: JaxArray) -> JaxArray:
-        return history[0]
-
-    return rollout(step, start, steps, visit, start[0])
-
-
-def look_far_ahead(
-    predictor: Predictor,
-    model: Model,
-    states: FloatArray,
-    inputs: FloatArray,
-    least: int,
-) -> FloatArray:
-    """Predict every sample from measured ones more than `least` steps before it, twice at most.
-
-    As `look_ahead` does, states (state, time) and inputs (input, time) to (state, time - past), but
-    in twice as many steps as there are samples, however far it looks. The first `least` samples
-    start from the first one.
-    """
-    samples = states.shape[1]
-    windows = shared_length(-(-(samples - predictor.past) // least))
-    first = on_device(predictor.past - 1 + least * np.arange(windows))
-    recorded = [with_shared_length(a) for a in (states, predictor.prepared(np.asarray(inputs).T).T)]
-    ahead = _far_ahead(predictor, model, *recorded, first, least)
-    return np.asarray(ahead)[:, predictor.past : samples]
-
-
-@partial(jax.jit, static_argnums=0)
-def _far_ahead(
-    predictor: Predictor,
-    model: Model,
-    states: JaxArray,
-    inputs: JaxArray,
-    first: JaxArray,
-    least: JaxArray,
-) -> JaxArray:
-    """Let windows of padded rows run side by side, and keep the second half of each."""
-    last = states.shape[1] - 1
-    at = jnp.minimum(first, last)
-    start = jnp.stack([states[:, at - j] for j in range(predictor.past)])
-
-    def step(k: JaxArray, history: JaxArray) -> tuple[JaxArray, None]:
-        return predictor.step(model, history, Recorded(inputs, jnp.minimum(first + k, last))), None
-
-    def visit(k: JaxArray, history: JaxArray, _: None, path: JaxArray) -> JaxArray:
-        kept = (k >= least) | (jnp.arange(len(first)) == 0)
-        place = jnp.where(kept, first + k + 1, last + 1)
-        return path.at[:, place].set(history[0], mode="drop")
-
-    return rollout(step, start, 2 * least, visit, states)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -368,9 +330,12 @@ def _estimated_start(
     model: Model,
     recording: tuple[JaxArray, FloatArray, JaxArray],
     freed: list[int],
-    guess: FloatArray | None,
-) -> JaxArray:
-    """Return the first state (1, state), its free rows fitted to what was measured of the run."""
+    guess: tuple[FloatArray, int] | None,
+) -> tuple[JaxArray, int]:
+    """Return the first state (1, state), its free rows fitted to what was measured of the run.
+
+    Behind it, the samples that sufficed.
+    """
     start, measured, inputs = recording
     # The first sample of states that are measured as they are says nothing of the others.
     begin = 0 if model.outputs else 1
@@ -382,10 +347,11 @@ def _estimated_start(
 
     first, ahead = on_device(np.asarray(start)[0]), measured.shape[1] - 1
     scale = scale_of_errors(model, measured)[:, None]
-    free = np.asarray(first if guess is None else guess)[freed]
+    state, least = (first, 0) if guess is None else guess
+    free = np.asarray(state)[freed]
     # A long run of a nonlinear model has several minima; its beginning leads to the right one.
-    shorter = () if guess is not None else (_BEGINNING * 4**k for k in range(20))
-    for length in (*(n for n in shorter if n < ahead / 4), ahead):
+    shorter = (_BEGINNING * 4**k for k in range(20))
+    for length in (*(n for n in shorter if least <= n < ahead / 4), ahead):
         fixed = predictor, tuple(freed), model, first, (inputs, jnp.asarray(length))
         part = slice(begin, length + 1)
 
@@ -404,10 +370,22 @@ def _estimated_start(
         with np.errstate(all="ignore"):  # of a run that diverges from every start
             method = "lm" if length * len(measured) >= len(freed) else "trf"
             options = {"jac": slope, "x_scale": "jac", "max_nfev": 50}
-            free = least_squares(residual, free, method=method, **options).x
+            answer = least_squares(residual, free, method=method, **options)
+        free = answer.x
+        if _forgotten(answer.jac.reshape(len(measured), -1, len(freed))):
+            break
     found = np.array(start)
     found[:, freed] = free
-    return on_device(found)
+    return on_device(found), length
+
+
+def _forgotten(slopes: FloatArray) -> bool:
+    """Return whether the later half of slopes (quantity, time, free) adds nothing to the start."""
+    quantities, samples, free = slopes.shape
+    if quantities * samples < free:
+        return False
+    later = np.linalg.qr(slopes.reshape(-1, free))[0].reshape(slopes.shape)[:, samples // 2 :]
+    return float(np.linalg.norm(later.reshape(-1, free), 2)) ** 2 <= _FORGOTTEN
 
 
 def scale_of_errors(model: Model, measured: FloatArray) -> FloatArray:

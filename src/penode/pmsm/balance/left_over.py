@@ -32,7 +32,7 @@ from penode.pmsm.machine.terms import ANGLE
 from penode.predictors.base import Predictor
 from penode.training.covariance import bartlett_variance
 from penode.training.weak_form import OVERLAP, HannWindow
-from penode.validation.free_run import look_ahead, look_far_ahead
+from penode.validation.look_ahead import look_ahead, look_far_ahead
 
 #: Length over which the process varies, in largest currents; its functions, which have nine tenths
 #: of its variance, and the recorded currents that they are made from.

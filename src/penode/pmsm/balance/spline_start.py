@@ -46,7 +46,7 @@ from penode.pmsm.machine.terms import Term
 from penode.predictors.base import Predictor
 from penode.training.penalties import GaussianPrior, Penalty
 from penode.training.weak_form import WeakRegression, join
-from penode.validation.free_run import look_ahead
+from penode.validation.look_ahead import look_ahead
 
 #: Derivatives that are held down. All of those of the odd part are: it vanishes where nothing shows
 #: it, so that the likelihoods of a map with and without it compare.

@@ -17,7 +17,7 @@ from penode.models.parameters import with_batch_axis
 from penode.pmsm.balance.calibration import Calibration
 from penode.pmsm.recording.channels import in_dq
 from penode.predictors.base import Predictor
-from penode.validation.free_run import look_ahead
+from penode.validation.look_ahead import look_ahead
 
 #: Samples that are predicted at once, few enough for the caches; what is left at the end and
 #: shorter than a correction by a delay may cut is not.
