@@ -90,19 +90,22 @@ def other_chunks():
     forget()
 
 
-@pytest.mark.parametrize(("free", "width"), [(0, CHUNK), (14, CHUNK // 2), (44, 4)])
-def test_starts_that_are_estimated_make_chunks_narrower(free, width):
+@pytest.mark.parametrize(
+    ("free", "samples", "width"),
+    [(0, 5000, CHUNK), (0, 4096, CHUNK // 2), (14, 5000, CHUNK // 2), (44, 5000, 4)],
+)
+def test_starts_that_are_estimated_make_chunks_narrower(free, samples, width):
     """Their sensitivities lie in the caches beside those of the parameters."""
     model, layout = SimpleNamespace(states=("x",) * 50), SimpleNamespace(size=2)
     error = SimpleNamespace(model=model, layout=layout, free=np.arange(free))
-    assert chunks._width(error, 2000) == width
+    assert chunks._width(error, samples) == width
 
 
 def test_chunks_of_long_recordings_are_wider(systems, objective_of, other_chunks, monkeypatch):
     system = systems["linear machine"]
     many, count, objective = system.windows(2), 2 * CHUNK + 1, objective_of(system)
     windows = replace(many, starts=many.starts[:count], recording=many.recording[:count])
-    for longest, width in ((10**9, CHUNK), (0, 2 * CHUNK)):
+    for longest, width in ((10**9, CHUNK // 2), (0, 2 * CHUNK)):
         monkeypatch.setattr(chunks, "_LONG", longest)
         other_chunks()
         assert chunks._width(objective.error, 1000) == width

@@ -12,7 +12,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from penode.arrays import FloatArray, IntArray, JaxArray, float64, on_device, shared_length
+from penode.arrays import (
+    SHORTEST,
+    FloatArray,
+    IntArray,
+    JaxArray,
+    float64,
+    on_device,
+    shared_length,
+)
 from penode.data.windows import Windows
 from penode.native.normal_matrix import NormalMatrix
 from penode.predictors.base import Predictor
@@ -22,8 +30,9 @@ from penode.training.prediction_error import Batch, PredictionError, compiled_wi
 Result = TypeVar("Result")
 
 #: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
-#: Of the few long windows of a short recording two chunks go side by side, hardly padded; from so
-#: many samples on most windows are short and many, for which chunks twice as wide are faster.
+#: Of the few long windows of a short recording two chunks go side by side, hardly padded; of the
+#: shortest they are so few that chunks are half as wide; from so many samples on most windows are
+#: short and many, for which chunks twice as wide are faster.
 #: Of models of many states or parameters not even half as many stay near, and windows are few.
 CHUNK, _NARROW, _NEAR, _LONG = 32, 4, 131_072, 100_000
 #: Windows that go through together where each has results of its own, of many windows.
@@ -120,7 +129,7 @@ def _laid_out(
     sub-steps, which are those of the predictor.
     """
     samples, order = shared_length(len(windows.states)), _neighbours(windows)
-    width = _width(error, samples)
+    width = _width(error, max(samples, SHORTEST))
     least = STRANDS * width
     capacity = least * math.ceil(samples / least)
     with float64():
@@ -145,7 +154,7 @@ def _neighbours(windows: Windows) -> IntArray:
 def _width(error: PredictionError, samples: int) -> int:
     """Return how many windows a chunk has, of recordings padded to so many samples."""
     each = 8 * len(error.model.states) * (error.layout.size + len(error.free))
-    widest = 2 * CHUNK if samples > _LONG else CHUNK
+    widest = 2 * CHUNK if samples > _LONG else CHUNK if samples > SHORTEST else CHUNK // 2
     return next((n for n in (widest, CHUNK, CHUNK // 2) if n * each <= _NEAR), _NARROW)
 
 
@@ -172,7 +181,8 @@ def over_blocks(
     Corrections of their starts are (free, window), SI units. Blocks are of one size, or as wide as
     a chunk where windows are few: two programs serve any number of windows.
     """
-    width = _BLOCK if len(windows) > _BLOCK else _width(error, 0)
+    few = len(windows) <= _BLOCK
+    width = _width(error, len(windows.states)) if few else _BLOCK
 
     def of_block(given: tuple[IntArray, PredictionError, Windows]) -> Result:
         places, of_step, few = given
