@@ -33,8 +33,8 @@ from penode.training.residuals import Objective
 _CELLS, _POINTS = 6, 19
 #: Amplitudes in deviations of the derivative, the first as good as zero; lengths in ranges.
 _AMPLITUDES, _LENGTHS = 10.0 ** np.array([-6.0, *np.arange(-3.0, 0.6, 0.25)]), (0.25, 1.0)
-#: Log evidence that a further spline has to add, and least weight of a belief that counts.
-_DECISIVE, _COUNTS = 3.0, 1e-4
+#: Least weight of a belief that counts.
+_COUNTS = 1e-4
 #: Deviations of a mean square by which the error grows where something may be left over.
 _GROWS = 2.0
 #: Lags, one in samples and one in recordings.
@@ -220,13 +220,14 @@ class _Belief:
 
 
 def _beliefs(data: Information, count: int) -> list[_Belief]:
-    """Return what may be left out: all splines alike, some that enter one by one, or any one."""
+    """Return what may be left out: nothing, all splines alike, some one by one, or any one."""
     shapes = [white.T @ white for white in map(_white, _LENGTHS)]
     rivals = count * len(shapes)
     nothing = _Belief(data, np.zeros(count), np.stack([shapes[0]] * count), rivals)
     single = [one for _, one in nothing.with_one(range(count), shapes)]
     together = [_alike(nothing, shape) for shape in shapes]
-    return [*together, _one_by_one(nothing, shapes), *single]
+    something = [*together, _one_by_one(nothing, shapes), *single]
+    return [nothing, *(one for one in something if one.there.any())]
 
 
 def _alike(nothing: _Belief, shape: FloatArray) -> _Belief:
@@ -239,10 +240,10 @@ def _alike(nothing: _Belief, shape: FloatArray) -> _Belief:
 
 
 def _one_by_one(found: _Belief, shapes: Sequence[FloatArray]) -> _Belief:
-    """Return splines that enter one by one, as long as the best of them is decisive."""
+    """Return splines that enter one by one, as long as the best adds more than it costs."""
     while free := np.flatnonzero(found.size == 0).tolist():
         gain, better = max(found.with_one(free, shapes), key=lambda one: one[0])
-        if gain < _DECISIVE:
+        if gain <= np.log(found.rivals):
             break
         found = better
     return found
