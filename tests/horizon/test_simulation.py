@@ -58,6 +58,14 @@ def test_another_horizon_that_simulates_better_with_other_parameters(error, verd
         assert parting(found, made) == ()
 
 
+def test_a_free_run_as_good_within_the_plateau_is_no_contradiction():
+    """In chaotic motion errors differ by luck: those of horizons that agree as much as any."""
+    made = rungs([1.0, 1.0, 0.3, 0.25], [1.0, 1.0, 1.0, 2.0])
+    assert confirmed(PLATEAU, made) is PLATEAU
+    made = rungs([1.0, 1.0, 1.0, 0.25], [1.0, 1.0, 1.0, 2.0])
+    assert confirmed(PLATEAU, made).verdict == "no plateau"
+
+
 def test_better_with_the_same_parameters_is_no_contradiction():
     made = rungs([1.0, 1.0, 1.0, 0.1], [1.0, 1.0, 1.0, 1.001])
     assert confirmed(PLATEAU, made) is PLATEAU

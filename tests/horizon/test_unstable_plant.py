@@ -111,7 +111,7 @@ def test_a_plateau_is_refused_only_by_free_runs_whose_start_is_estimated(monkeyp
         return free_runs(problem, climb, free)
 
     monkeypatch.setattr(search, "with_free_runs", noted)
-    assert identify(Unstable(0.5, 0.7), [recorded(4)]).horizon.verdict == "plateau"
+    assert identify(Unstable(0.5, 0.7), [recorded(8)]).horizon.verdict == "plateau"
     assert asked[-1] == ("x",)
 
 
@@ -152,7 +152,7 @@ def tumbling(seed, samples=600, step=0.02):
     return Experiment("swing", step, {"angle": x[:, 0], "speed": x[:, 1], "torque": torque})
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, 7])
 def test_chaotic_motion_is_blamed_neither_on_the_solver_nor_on_the_model(seed):
     """Starts of windows have many minima: two solvers are compared in the same ones."""
     found = identify(Pendulum(15.0, 0.6, 7.0), [tumbling(seed)])

@@ -80,7 +80,10 @@ def parting(choice: Choice, rungs: Sequence[HorizonFit]) -> tuple[str, ...]:
 
 
 def _better(choice: Choice, rungs: Sequence[HorizonFit]) -> tuple[int, float, str] | None:
-    """Return a rung that simulates better with parameters outside the plateau's intervals."""
+    """Return a rung that simulates better with parameters outside the plateau's intervals.
+
+    Better than every rung of the plateau: where motion is chaotic their errors differ by luck.
+    """
     if choice.verdict not in AVERAGED:
         return None
     best, errors = best_in_free_run(rungs), _free_run_errors(rungs)
@@ -88,7 +91,7 @@ def _better(choice: Choice, rungs: Sequence[HorizonFit]) -> tuple[int, float, st
     names = Layout(rungs[best].model).physical
     gap = np.abs(rungs[best].values[: len(names)] - together.values)
     outside = np.flatnonzero(gap > NORMAL_95 * together.deviation)
-    ratio = float(errors[choice.index] / errors[best])
+    ratio = float(errors[list(choice.agreeing)].min() / errors[best])
     if not len(outside) or not ratio > _NEGLIGIBLE:
         return None
     k = outside[int(np.argmax(gap[outside] / np.maximum(together.deviation[outside], 1e-300)))]
