@@ -18,7 +18,7 @@ import numpy as np
 
 from penode.arrays import FloatArray
 from penode.fit.fit import Fit
-from penode.fit.outcome import AVERAGED
+from penode.fit.outcome import AGREED
 from validate.drawn_recordings import Campaign, draw_campaign
 from validate.identified import EXACT, Identified, identified
 from validate.ledger import Record, run_draws
@@ -100,7 +100,7 @@ def line_of(draw: Record) -> str:
 
 def print_table(draws: list[Record]) -> None:
     """Print coverage, errors, and what fixed horizons would have given."""
-    good = [draw for draw in draws if draw["verdict"] in AVERAGED]
+    good = [draw for draw in draws if draw["verdict"] in AGREED]
     if noted := sum(bool(draw["noted"]) for draw in draws):
         print(f"{noted} of {len(draws)} ended otherwise than promised or with a warning.")
     if not good:

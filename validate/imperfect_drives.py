@@ -23,7 +23,7 @@ from penode.bench.sensors import CurrentSensors, Resolver
 from penode.bench.winding import IronLoss, Warming, Winding
 from penode.data.experiment import Experiment
 from penode.errors import InputError
-from penode.fit.outcome import AVERAGED
+from penode.fit.outcome import AGREED
 from validate.drawn_recordings import draw_machine
 from validate.identified import Identified, identified
 from validate.ledger import Record, run_draws
@@ -126,7 +126,7 @@ def line_of(one: Record) -> str:
 
 def print_table(draws: list[Record]) -> None:
     """Print coverage and widths."""
-    good = [one for one in draws if one["verdict"] in AVERAGED]
+    good = [one for one in draws if one["verdict"] in AGREED]
     print(f"{len(good)} of {len(draws)} verdicts are positive;")
     if noted := sum(bool(one["noted"]) for one in draws):
         print(f"{noted} of {len(draws)} ended otherwise than promised or with a warning;")

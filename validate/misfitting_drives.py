@@ -25,7 +25,7 @@ from penode.bench.run import record
 from penode.bench.winding import IronLoss
 from penode.data.experiment import Experiment
 from penode.errors import InputError
-from penode.fit.outcome import AVERAGED
+from penode.fit.outcome import AGREED
 from validate.drawn_recordings import draw_machine
 from validate.identified import Identified, identified
 from validate.imperfect_drives import draw_drive
@@ -145,7 +145,7 @@ def print_table(draws: list[Record]) -> None:
     """Print coverage by law, then of all."""
     for law in (*dict.fromkeys(one["law"] for one in draws), "all"):
         of_it = [one for one in draws if law in (one["law"], "all")]
-        good = [one for one in of_it if one["verdict"] in AVERAGED]
+        good = [one for one in of_it if one["verdict"] in AGREED]
         if good:
             covered = sum(one["covered"] for one in good)
             error = 100 * np.median([abs(one["error"]) for one in good])

@@ -22,7 +22,7 @@ import numpy as np
 from penode import Experiment, Model, identify, physical
 from penode.arrays import Leaf
 from penode.engine import ExtendedKalman
-from penode.fit.outcome import AVERAGED
+from penode.fit.outcome import AGREED
 from validate.ledger import Ledger, Record
 
 #: Steps of the simulation in a sample, samples of a recording and those that an input is held for.
@@ -223,7 +223,7 @@ def print_table(name: str, draws: list[Record]) -> None:
     """Print coverage, verdicts, errors and deviations of one model."""
     parameters = list(CASES[name].truth)
     for kind in (one for one in ("alone", "noise model") if one in draws[0]):
-        good = [d[kind] for d in draws if d[kind]["verdict"] in AVERAGED]
+        good = [d[kind] for d in draws if d[kind]["verdict"] in AGREED]
         covered = np.array([one["covered"] for one in good])
         error = np.array([one["error"] for one in good])
         ratio = np.array([np.divide(d[kind]["std"], d["alone"]["std"]) for d in draws])

@@ -36,7 +36,7 @@ from penode.bench.sensors import CurrentSensors
 from penode.data.experiment import Experiment
 from penode.data.save import save
 from penode.fit.fit import Fit
-from penode.fit.outcome import AVERAGED
+from penode.fit.outcome import AGREED
 from penode.pmsm.points.identify import ANSWERED, identify_points
 from penode.pmsm.points.operating_points import load_runs
 from penode.pmsm.study_file import load_study
@@ -193,7 +193,7 @@ def main_beside(count: int) -> None:
         ]
         print(f"{number:3d} {'; '.join(parts)}", flush=True)
     for name in every[0]:
-        sure = [one[name] for one in every if one[name].verdict in (ANSWERED, *AVERAGED)]
+        sure = [one[name] for one in every if one[name].verdict in (ANSWERED, *AGREED)]
         covered = np.mean([one.resistance for one in sure])
         width = np.median([one.width for one in sure])
         print(

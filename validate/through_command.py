@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from penode.fit.outcome import AVERAGED
+from penode.fit.outcome import AGREED
 from validate.command import Ended, identify
 from validate.drawn_logs import DrawnLog, draw_log, of_kind, recorded_elsewhere
 from validate.ledger import Ledger, Record
@@ -71,7 +71,7 @@ def outcome(ended: Ended, log: DrawnLog) -> dict[str, Any]:
         np.nan if number is None else number
         for number in (estimate["value"], *estimate["interval_95"])
     )
-    positive = horizon["verdict"] in AVERAGED and ended.status == 0
+    positive = horizon["verdict"] in AGREED and ended.status == 0
     record |= {
         "verdict": horizon["verdict"],
         "positive": positive,

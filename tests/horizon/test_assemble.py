@@ -50,7 +50,7 @@ def fit_of(climbed, start=None, choice=None, values=None):
     if values is not None:
         rungs = [replace(r, values=np.array(v)) for r, v in zip(rungs, values, strict=True)]
     start = start or Start(problem.model)
-    choice = choice or Choice(1, "plateau", "Because.", (0, 1))
+    choice = choice or Choice(1, "plateau", "Because.", (0, 1), averaged=True)
     plan = Plan((Stage(1, Still()), Stage(7, Still())))
     return Assembly(problem, start, plan, rungs, choice).fit((), time.monotonic())
 
@@ -67,6 +67,19 @@ def test_estimates_of_a_plateau_are_those_of_its_rungs_together(climbed):
         assert high - low == pytest.approx(2 * 1.96 * estimate.std)
         assert (high + low) / 2 == pytest.approx(estimate.value)
         assert estimate.identifiability is None
+
+
+def test_the_estimate_of_the_selected_rung_is_less_sure_by_half_the_spread(climbed):
+    rungs = climbed[1]
+    there, away = np.array([2e-3, 3e-3, 0.2, 0.05]), np.array([2e-3, 3e-3, 0.21, 0.05])
+    choice = Choice(1, "plateau", "Because.", (0, 1))
+    fit = fit_of(climbed, choice=choice, values=[away, there])
+    own = reported_covariance(rungs[1].influence, rungs[1].series.lags) + rungs[1].prior
+    first, second = (one.deviation[2] ** -2 for one in rungs[:2])
+    apart = 0.01 * np.sqrt(first * second) / (first + second)  # of two points with weights
+    assert fit.parameters["R"].value == fit.model.R == 0.2
+    assert fit.parameters["R"].std == pytest.approx(np.sqrt(own[2, 2] + apart**2 / 2))
+    assert fit.parameters["psi"].std == pytest.approx(np.sqrt(own[3, 3]))
 
 
 FIXED = Choice(1, "fixed", "Asked for.", (1,))
@@ -114,7 +127,7 @@ def test_the_map_beside_a_bent_valley_is_the_chosen_rungs():
     climb = problem.climb(plan, problem.objective.layout.raw(model))
     first, second = with_free_runs(problem, climb).fits
     away = replace(first, values=first.values * 1.5)
-    choice = Choice(1, "plateau", "Because.", (0, 1))
+    choice = Choice(1, "plateau", "Because.", (0, 1), averaged=True)
     fit = Assembly(problem, Start(model), plan, (away, second), choice).fit((), time.monotonic())
     assert fit.parameters["a"].value == second.values[0]
     np.testing.assert_allclose(fit.model.curve.coefficients, second.model.curve.coefficients)
@@ -218,7 +231,7 @@ def test_provenance_names_versions_and_data(oscillator):
 
 #: What reports the mean of a plateau, what one horizon says, and what none is sure of.
 CHOICES = {
-    "mean": Choice(1, "plateau", "Because.", (0, 1)),
+    "mean": Choice(1, "plateau", "Because.", (0, 1), averaged=True),
     "one": FIXED,
     "around": Choice(1, "no plateau", "They differ.", (0, 1)),
 }

@@ -96,7 +96,7 @@ def test_paired_deviation_has_one_entry_a_physical_parameter(rng):
 
 
 def test_consistent_rungs_give_the_shortest_of_the_surest():
-    choice = Plateau().select(
+    choice = Plateau(averaged=True).select(
         ladder([1, 2, 4, 8, 16], [0.2] * 5, [0.05, 0.03, 0.011, 0.010, 0.012])
     )
     assert (choice.index, choice.verdict) == (2, "plateau")
@@ -106,7 +106,7 @@ def test_consistent_rungs_give_the_shortest_of_the_surest():
 
 
 def test_equally_sure_rungs_give_one_step():
-    choice = Plateau().select(ladder([1, 2, 4, 8], [0.2] * 4, [0.01] * 4))
+    choice = Plateau(averaged=True).select(ladder([1, 2, 4, 8], [0.2] * 4, [0.01] * 4))
     assert (choice.index, choice.verdict) == (0, "H = 1 suffices")
     assert "H = 1 to 8, and their weighted mean is the answer, also " in choice.reason
     assert choice.reason.endswith("as residuals do, is shown at H = 1.")
@@ -114,7 +114,30 @@ def test_equally_sure_rungs_give_one_step():
 
 def test_a_tie_is_a_factor():
     made = ladder([1, 2, 4, 8], [0.2] * 4, [0.02, 0.014, 0.012, 0.01])
-    assert [Plateau(tie=tie).select(made).index for tie in (1.0, 1.25, 1.5, 2.1)] == [3, 2, 1, 0]
+    chosen = [Plateau(tie=tie, averaged=True).select(made) for tie in (1.0, 1.25, 1.5, 2.1)]
+    assert [choice.index for choice in chosen] == [3, 2, 1, 0]
+
+
+def test_the_surest_rung_is_the_answer_unless_the_mean_is():
+    made = ladder([1, 2, 4, 8, 16], [0.2] * 5, [0.05, 0.03, 0.011, 0.010, 0.012])
+    choice = Plateau().select(made)
+    assert (choice.index, choice.verdict, choice.averaged) == (3, "plateau", False)
+    assert choice.agreeing == (0, 1, 2, 3, 4)
+    assert "H = 1 to 16, and that of H = 8, the surest, is the answer" in choice.reason
+    assert "shown at" not in choice.reason
+
+
+def test_how_sure_a_rung_is_all_parameters_say_and_none_that_is_learned():
+    made = [
+        rung(h, [0.2, 0.3, 0.0], [*own, learned])
+        for h, own, learned in [
+            (1, (1e-2, 1e-4), 9.0),
+            (4, (1e-3, 1e-4), 9.0),
+            (16, (1e-2, 1e-4), 1.0),
+        ]
+    ]
+    two = [replace(r, influence=np.vstack([r.influence, r.influence / 100])) for r in made]
+    assert Plateau().select(two).index == 1
 
 
 def test_horizons_beyond_the_plateau_are_named():
@@ -229,7 +252,7 @@ def test_the_learned_map_has_a_vote():
     """The physical parameter is as sure everywhere; the map is best known at H = 4."""
     maps = [9.0, 9.0, 1.0, 9.0]
     made = [rung(h, [0.2, 0.0, 0.0], [0.01, m, m]) for h, m in zip((1, 2, 4, 8), maps, strict=True)]
-    assert Plateau().select(made).index == 2
+    assert Plateau(averaged=True).select(made).index == 2
 
 
 def test_a_rung_away_from_the_consensus_is_less_sure():
@@ -237,7 +260,7 @@ def test_a_rung_away_from_the_consensus_is_less_sure():
     wide = 0.01 * np.random.default_rng(0).normal(size=(1, len(windows_of(1))))
     made = [rung(1, 0.205, 0.001, wide), *ladder([2, 4, 8], [0.2] * 3, [0.001] * 3)]
     made[1:] = [rung(r.horizon, r.values, r.deviation, 20 * r.influence) for r in made[1:]]
-    choice = Plateau().select(made)
+    choice = Plateau(averaged=True).select(made)
     assert choice.agreeing == (0, 1, 2, 3)
     assert choice.index == 1
 

@@ -17,11 +17,11 @@ import pytest
 import penode.horizon
 import penode.paper
 from penode import ladder_plan
-from penode.fit.outcome import AVERAGED
+from penode.fit.outcome import AGREED
 from penode.horizon.ladder import LadderProblem, ignore_events
 
 HORIZONS = (1, 4, 16, 40)
-VERDICTS = {*AVERAGED, "fixed", "predicts best", "no plateau"}
+VERDICTS = {*AGREED, "fixed", "predicts best", "no plateau"}
 
 
 def selectors():

@@ -31,6 +31,7 @@ from penode.predictors.band_limited import BandLimitedHold
 from penode.predictors.holds import ZeroOrderHold
 from penode.predictors.one_step import RungeKutta, Substeps
 from penode.predictors.tableaus import RK4
+from penode.training.chunks import CHUNK
 from penode.training.first_order import FirstOrder
 from penode.training.loss import Loss
 from penode.training.residuals import Objective
@@ -93,7 +94,10 @@ def windows_of(some, objective, horizon):
         for e in some
     ]
     options = {"prepared": objective.predictor.prepared, "placement": Jittered(3)}
-    return cut(guessed, Pendulum.states, Pendulum.inputs, horizon, **options)
+    found = cut(guessed, Pendulum.states, Pendulum.inputs, horizon, **options)
+    # Starts that are far are looked for until all of a chunk are found: one chunk of any partition.
+    first, second = (np.flatnonzero(found.recording == k) for k in (0, 1))
+    return found.among(np.concatenate([first[: CHUNK // 4], second[: CHUNK // 4]]))
 
 
 # --- lengths ------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from penode.fit.outcome import AVERAGED, Estimate
+from penode.fit.outcome import AGREED, Estimate
 from penode.report.statements import (
     estimate_text,
     ladder_title,
@@ -30,7 +30,7 @@ def test_red_is_for_refusals_and_green_for_what_was_tested(choice, verdict):
     made = replace(choice, verdict=verdict)
     notice = verdict_notice(made)
     assert (notice.tone == "refusal") == (not made.answered)
-    assert (notice.tone == "good") == (verdict in AVERAGED)
+    assert (notice.tone == "good") == (verdict in AGREED)
     told = notice.text.replace(choice.reason, "").strip()
     assert told.endswith("."), "the reason alone does not say what follows from it"
     assert notice.text == " ".join(notice.text.split())

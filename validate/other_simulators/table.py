@@ -15,7 +15,7 @@ from penode.data.experiment import Experiment
 from penode.data.load import load
 from penode.errors import InputError
 from penode.fit.fit import Fit
-from penode.fit.outcome import AVERAGED
+from penode.fit.outcome import AGREED
 from penode.paper.conventional.linear_methods import CoenergyLeastSquares
 from validate.command import identify
 from validate.identified import Identified, outcome
@@ -126,7 +126,7 @@ def mark_of(truth: Record, result: Record) -> str:
     """Return ``"broken"``, ``"refused"``, ``"right"``, ``"wrong"`` or ``"far"``."""
     if result["verdict"].startswith("status"):
         return "broken"
-    if result["verdict"] not in AVERAGED:
+    if result["verdict"] not in AGREED:
         return "refused"
     if abs(error_of(truth, result)) > FAR:
         return "far"
@@ -175,7 +175,7 @@ def percent(number: float | None, form: str) -> str:
 
 def summary(pairs: list[tuple[Record, Record]]) -> str:
     """Return the goal figures of some recordings, as a line."""
-    positive = [pair for pair in pairs if pair[1]["verdict"] in AVERAGED]
+    positive = [pair for pair in pairs if pair[1]["verdict"] in AGREED]
     noted = sum(bool(result["noted"]) for _, result in pairs)
     odd = f" {noted} ended otherwise than promised or with a warning." if noted else ""
     if not positive:

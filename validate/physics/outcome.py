@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from penode import Fit, InputError, identify
-from penode.fit.outcome import AVERAGED, HorizonSummary
+from penode.fit.outcome import AGREED, HorizonSummary
 from validate.ledger import Record
 from validate.physics.kind import Draw, Kind, draw, rows
 from validate.physics.simulate import simulate
@@ -72,7 +72,7 @@ def found(drawn: Draw, fit: Fit) -> Record:
     values = {name: one.value for name, one in fit.parameters.items()}
     return {
         "verdict": horizon.verdict,
-        "positive": horizon.verdict in AVERAGED,
+        "positive": horizon.verdict in AGREED,
         "reason": horizon.reason,
         "objections": [one.name for one in horizon.objections],
         "selected": horizon.selected,

@@ -15,7 +15,7 @@ from penode.data.load import load
 from penode.data.windows import Contiguous
 from penode.errors import InputError
 from penode.fit.fit import Fit
-from penode.fit.outcome import AVERAGED
+from penode.fit.outcome import AGREED
 from penode.horizon.identifiability import Start
 from penode.horizon.selection import Longest
 from penode.identify import identify
@@ -107,7 +107,7 @@ def by_penode(file: Path, told: dict[str, Any], folder: Path) -> Answer:
     if ended.result is None:
         return {"refused": ended.last_line}
     fit = ended.fit()
-    if fit.horizon.verdict not in AVERAGED:
+    if fit.horizon.verdict not in AGREED:
         return {"refused": f"{fit.horizon.verdict}: {fit.horizon.reason}"}
     return answer_of(fit, told["currents"])
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from penode.validation.metrics import NORMAL_95 as NORMAL_95
 
-#: Verdicts under which the horizons that agree are one answer, and their mean is reported.
-AVERAGED = ("plateau", "H = 1 suffices")
+#: Verdicts under which the horizons that agree are one answer.
+AGREED = ("plateau", "H = 1 suffices")
 
 #: Verdict on a result that objections speak against.
 IMPLAUSIBLE = "implausible"

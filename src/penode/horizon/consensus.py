@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from penode.arrays import FloatArray
-from penode.fit.outcome import AVERAGED
+from penode.fit.outcome import AGREED
 from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import Choice, weighted_covariance
 from penode.training.covariance import (
@@ -93,9 +93,7 @@ class Consensus:
             PRIOR: _shared_prior(rungs, weights),
             **between_recordings(rungs, weights),
         }
-        shown = np.sum([np.diag(part) for part in parts.values()], axis=0)
-        finest = np.maximum((_FINEST * middle) ** 2 - shown, 0.0)
-        return cls(middle, {**parts, NUMERICS: np.diag(finest)})
+        return cls(middle, {**parts, NUMERICS: _numerics(middle, parts)})
 
     def off_the_valley(self, chosen: HorizonFit) -> bool:
         """Return whether the means are outside the joint region of a rung they are means of.
@@ -115,8 +113,13 @@ class Consensus:
         return bool(squared > chdtri(max(int(used.sum()), 1), _BY_CHANCE))
 
     @classmethod
-    def around(cls, chosen: HorizonFit, rungs: Sequence[HorizonFit]) -> "Consensus":
-        """Return what one rung says, less sure by the spread of those it is chosen from."""
+    def around(
+        cls, chosen: HorizonFit, rungs: Sequence[HorizonFit], bias: float = 1.0
+    ) -> "Consensus":
+        """Return what one rung says, less sure by the spread of those it is chosen from.
+
+        A fraction of the squared spread counts as bias: what is not chance that is counted already.
+        """
         values, weights = _weighed(rungs)
         _, spread = _middle(values, weights)
         physical = values.shape[1]
@@ -124,23 +127,31 @@ class Consensus:
         known = np.isfinite(chosen.deviation[:physical])
         statistics = with_deviations(own, np.where(known, np.sqrt(np.diag(own)), np.inf))
         between = between_recordings([chosen], np.ones((1, physical)))
-        parts = {STATISTICS: statistics, HORIZON: spread, **between}
+        parts = {STATISTICS: statistics, HORIZON: bias * spread, **between}
         if np.any(chosen.prior):
             parts[PRIOR] = np.broadcast_to(chosen.prior, statistics.shape)
-        return cls(chosen.values[:physical], parts, mean=False)
+        own_values = chosen.values[:physical]
+        return cls(own_values, {**parts, NUMERICS: _numerics(own_values, parts)}, mean=False)
 
     @classmethod
     def reported(cls, choice: Choice, rungs: Sequence[HorizonFit]) -> "Consensus":
-        """Return what is reported of a climbed ladder: the mean over a plateau, else one rung's.
+        """Return what is reported of a climbed ladder: one rung's estimate, or a plateau's mean.
 
         A mean beside a bent valley of the loss is not reported either.
         """
         chosen, agreeing = rungs[choice.index], [rungs[k] for k in choice.agreeing]
-        if choice.verdict in AVERAGED:
-            together = cls.of(agreeing)
-            if not together.off_the_valley(chosen):
-                return together
-        return cls.around(chosen, agreeing)
+        if choice.verdict not in AGREED:
+            return cls.around(chosen, agreeing)
+        if not choice.averaged:
+            return cls.around(chosen, agreeing, _BIAS)
+        together = cls.of(agreeing)
+        return cls.around(chosen, agreeing) if together.off_the_valley(chosen) else together
+
+
+def _numerics(values: FloatArray, parts: Mapping[str, FloatArray]) -> FloatArray:
+    """Return what is missing of a covariance's parts to the least deviation of values."""
+    shown = np.sum([np.diag(part) for part in parts.values()], axis=0)
+    return np.diag(np.maximum((_FINEST * values) ** 2 - shown, 0.0))
 
 
 def between_recordings(rungs: Sequence[HorizonFit], weights: FloatArray) -> dict[str, FloatArray]:

@@ -34,12 +34,15 @@ class Choice:
         See `penode.fit.fit.HorizonChoice`.
     agreeing : tuple of int
         Indices of the rungs that agree with the selected one, itself included.
+    averaged : bool
+        Whether their mean is the answer, not the estimate of the selected one.
     """
 
     index: int
     verdict: str
     reason: str
     agreeing: tuple[int, ...]
+    averaged: bool = False
 
 
 def choose(selector: "Selector", climb: Climb, plan: Plan) -> Choice:
@@ -116,6 +119,9 @@ class Plateau:
     map. Of several runs the one with the least such error is taken, or the longest of those that
     tie with it: an estimate may be right at short horizons as well as at long ones.
 
+    The answer is the estimate of the rung with the least deviation. Of a learned map that is linear
+    in many coefficients the mean over the rungs, weighted by precision, is better.
+
     Attributes
     ----------
     level : float
@@ -123,20 +129,22 @@ class Plateau:
     rungs, factor : int, float
         A run with fewer rungs, or spanning a smaller factor in H, is no plateau.
     tie : float
-        Rungs within this factor of the smallest root mean squared error are as good; the shortest
-        is taken.
+        Where the mean is the answer, rungs within this factor of the smallest root mean squared
+        error are as good; the shortest shows what needs one horizon, as residuals do.
+    averaged : bool
+        Whether the mean over the rungs is the answer.
     """
 
     level: float = 0.05
     rungs: int = 3
     factor: float = 4.0
     tie: float = 1.25
+    averaged: bool = False
 
     def select(self, rungs: Sequence[HorizonFit]) -> Choice:
         """Return the choice among rungs, shortest horizon first."""
         run = self._run(rungs)
-        error = _expected_errors([rungs[k] for k in run])
-        index = run[int(np.argmax(error <= self.tie * error.min()))]
+        index = run[self._best([rungs[k] for k in run])]
         physical = len(rungs[0].influence)
         known = [k for k in run if not physical or np.isfinite(rungs[k].working[:physical]).any()]
         known = known or list(run)
@@ -154,15 +162,24 @@ class Plateau:
         others = [str(rung.horizon) for k, rung in enumerate(rungs) if k not in run]
         silent = [str(rungs[k].horizon) for k in run if k not in known]
         low, high = rungs[known[0]].horizon, rungs[known[-1]].horizon
+        answer = "their weighted mean" if self.averaged else f"that of H = {chosen}, the surest,"
+        shown = f" What needs one horizon, as residuals do, is shown at H = {chosen}."
         reason = (
-            f"Estimates agree from H = {low} to {high}, and their weighted mean is the answer, "
+            f"Estimates agree from H = {low} to {high}, and {answer} is the answer, "
             "also in what is exported"
             + f" (those at {', '.join(others)} differ by more than chance)" * bool(others)
             + f" (at H = {', '.join(silent)} it has no interval, and no weight)" * bool(silent)
-            + f". What needs one horizon, as residuals do, is shown at H = {chosen}."
+            + f".{shown * self.averaged}"
         )
         verdict = "H = 1 suffices" if chosen == 1 else "plateau"
-        return Choice(index, verdict, reason, tuple(known))
+        return Choice(index, verdict, reason, tuple(known), self.averaged)
+
+    def _best(self, rungs: Sequence[HorizonFit]) -> int:
+        """Return which of agreeing rungs has the least deviation, or shows best what all say."""
+        if not self.averaged:
+            return int(np.argmin(_deviations(rungs)))
+        error = _expected_errors(rungs)
+        return int(np.argmax(error <= self.tie * error.min()))
 
     def _run(self, rungs: Sequence[HorizonFit]) -> tuple[int, ...]:
         """Return the run to choose in: a plateau if there is one, else the longest."""
@@ -174,6 +191,13 @@ class Plateau:
         least = {run: float(_expected_errors([rungs[k] for k in run]).min()) for run in wide}
         sure = [run for run in wide if least[run] <= _AS_SURE * min(least.values())]
         return max(sure, key=lambda run: (span[run], run[0]))
+
+
+def _deviations(rungs: Sequence[HorizonFit]) -> FloatArray:
+    """Return the geometric mean of each rung's deviations of the physical parameters, (rung,)."""
+    physical = len(rungs[0].influence) or None
+    working = np.stack([rung.working[:physical] for rung in rungs])
+    return np.asarray(np.exp(np.log(np.clip(working, 1e-150, 1e150)).mean(axis=1)))
 
 
 def _expected_errors(rungs: Sequence[HorizonFit]) -> FloatArray:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from penode.arrays import FloatArray
-from penode.fit.outcome import AVERAGED, NORMAL_95
+from penode.fit.outcome import AGREED, NORMAL_95
 from penode.horizon.consensus import Consensus
 from penode.horizon.held_out import shortest_of_least
 from penode.horizon.ladder import HorizonFit
@@ -84,7 +84,7 @@ def _better(choice: Choice, rungs: Sequence[HorizonFit]) -> tuple[int, float, st
 
     Better than every rung of the plateau: where motion is chaotic their errors differ by luck.
     """
-    if choice.verdict not in AVERAGED:
+    if choice.verdict not in AGREED:
         return None
     best, errors = best_in_free_run(rungs), _free_run_errors(rungs)
     together = Consensus.reported(choice, rungs)

@@ -12,7 +12,7 @@ from penode.data.windows import Jittered
 from penode.errors import InputError, did_you_mean
 from penode.horizon.held_out import selector_for
 from penode.horizon.ladder import HORIZONS, fitting_plan, ladder_plan
-from penode.horizon.selection import Longest, Selector
+from penode.horizon.selection import Longest, Plateau, Selector
 from penode.pmsm.balance.doubt import Doubt
 from penode.pmsm.balance.term_selection import CANDIDATES, is_open, structure_of
 from penode.pmsm.control.controlled_machine import LINK_VOLTAGE, recorded_link_voltage
@@ -198,6 +198,8 @@ class Study:
         """Return the rule that picks the horizon, given what it may predict."""
         if self.horizon is not None:
             return Longest()
+        if self.purpose == "parameters":  # a map's mean over the horizons is surer than any
+            return Plateau(averaged=True)
         return selector_for(self.purpose, experiments)
 
 

@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 
 from penode.fit.fit import Fit
-from penode.fit.outcome import AVERAGED
 from penode.report.correlations import correlations, correlations_caption, correlations_title
 from penode.report.document import Block, Notice, Section, picture
 from penode.report.ladder import parameter_over_ladder
@@ -39,11 +38,6 @@ _OVER_CAPTION = (
     "A mean beyond chance, four deviations of that of independent samples, is something the model "
     "lacks that goes with the channel; an rms that changes, noise or ripple that does."
 )
-#: Whether the plateau is averaged -> what the reported interval is centred on.
-_CENTRES = {
-    True: "around the mean of the plateau, weighted by precision",
-    False: "the bar of the selected horizon",
-}
 #: What became of it behind the ladder, where operating points were given.
 _MOVED = ", after the operating points have moved and narrowed it"
 
@@ -60,9 +54,9 @@ def parameters(fit: Fit) -> Section | None:
             "Each point is a complete identification at one horizon, its bar 1.96 standard "
             "deviations. Where neighbouring points agree, the value no longer depends on how "
             "far ahead the model predicted; that is the plateau. Shaded blue is the 95 % "
-            f"interval that the data show: {_CENTRES[fit.horizon.verdict in AVERAGED]}, widened "
-            f"by the spread between horizons{moved}. The interval of the answer is wider by the "
-            f"other rows of the uncertainty budget.{_without_interval(fit, name)}",
+            "interval that the data show: around the value reported, widened by the spread "
+            f"between horizons{moved}. The interval of the answer is wider by the other rows of "
+            f"the uncertainty budget.{_without_interval(fit, name)}",
             parameter_over_ladder,
             fit,
             name,

@@ -8,7 +8,7 @@ import numpy as np
 from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.fit.fit import Fit
-from penode.fit.outcome import AVERAGED, NORMAL_95, Objection
+from penode.fit.outcome import AGREED, NORMAL_95, Objection
 from penode.horizon.held_out_check import validation_fails
 from penode.horizon.objections import Check, recordings_trained_on
 from penode.pmsm.conventions.agreement import disagreement_of
@@ -117,7 +117,7 @@ def voltage_limit(fit: Fit, experiments: Sequence[Experiment]) -> Iterator[Objec
 def uncertain_resistance(fit: Fit) -> Fit:
     """Return the fit, not identifiable where its horizons agree on an R that nobody could use."""
     resistance = fit.parameters.get("R")
-    if resistance is None or fit.horizon.verdict not in AVERAGED:
+    if resistance is None or fit.horizon.verdict not in AGREED:
         return fit
     half = NORMAL_95 * resistance.std
     if half <= _WIDE * abs(resistance.value):
