@@ -197,7 +197,8 @@ def _deviations(rungs: Sequence[HorizonFit]) -> FloatArray:
     """Return the geometric mean of each rung's deviations of the physical parameters, (rung,)."""
     physical = len(rungs[0].influence) or None
     working = np.stack([rung.working[:physical] for rung in rungs])
-    return np.asarray(np.exp(np.log(np.clip(working, 1e-150, 1e150)).mean(axis=1)))
+    logs = np.log(np.clip(working, 1e-150, 1e150))
+    return np.asarray(np.exp(logs.sum(axis=1) / max(working.shape[1], 1)))
 
 
 def _expected_errors(rungs: Sequence[HorizonFit]) -> FloatArray:
