@@ -31,6 +31,17 @@ def test_programs_lie_in_the_users_folder_unless_another_is_named(
     assert use_compilation_cache() != folder
 
 
+@pytest.mark.parametrize("said", [None, "2"])
+def test_small_programs_are_kept_too_unless_the_environment_says_from_when(monkeypatch, said):
+    name, seconds = "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", {}
+    monkeypatch.delenv(name)
+    if said:
+        monkeypatch.setenv(name, said)
+    monkeypatch.setattr(compilation_cache.jax.config, "update", seconds.__setitem__)
+    use_compilation_cache()
+    assert seconds == ({} if said else {name.lower(): 0.0})
+
+
 def test_the_least_recently_used_programs_are_removed_once_a_day(tmp_path):
     programs = [tmp_path / version / name for version in ("old", "new") for name in ("a", "b")]
     for age, program in enumerate(programs):

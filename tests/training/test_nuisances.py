@@ -72,6 +72,7 @@ def test_a_training_recording_is_predicted_with_its_own_offset(fit):
     *seen, unseen = fit.comparisons
     for run, comparison, offset in zip(recorded(1e-3), seen, fit.nuisances["offset"], strict=True):
         np.testing.assert_allclose(comparison.measured[:, 0], run.channels["x"] - offset)
+        assert comparison.one_step_rmse < 3e-3
         assert comparison.free_run_rmse < 3e-3
     assert unseen.free_run_rmse > 0.1
     assert fit.horizon.ladder[-1].free_run_rmse < 3e-3

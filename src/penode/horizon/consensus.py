@@ -1,7 +1,8 @@
 """Consensus: what the horizons of a plateau say together.
 
 Windows of another horizon start elsewhere, and leave other errors behind. So the horizons of a
-plateau err in part independently of each other, and their mean may be surer than any.
+plateau err in part independently of each other, and their mean may be surer than any. Of an own
+model the surest horizon's estimate is reported, less sure by what the others differ.
 """
 
 from collections.abc import Mapping, Sequence

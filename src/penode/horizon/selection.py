@@ -119,8 +119,8 @@ class Plateau:
     map. Of several runs the one with the least such error is taken, or the longest of those that
     tie with it: an estimate may be right at short horizons as well as at long ones.
 
-    The answer is the estimate of the rung with the least deviation. Of a learned map that is linear
-    in many coefficients the mean over the rungs, weighted by precision, is better.
+    The answer is the estimate of the rung whose deviations of the physical parameters have the
+    least product, or the mean over the run, weighted by precision, as of machines and their maps.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ class Plateau:
     def _best(self, rungs: Sequence[HorizonFit]) -> int:
         """Return which of agreeing rungs has the least deviation, or shows best what all say."""
         if not self.averaged:
-            return int(np.argmin(_deviations(rungs)))
+            return _surest(rungs)
         error = _expected_errors(rungs)
         return int(np.argmax(error <= self.tie * error.min()))
 
@@ -193,12 +193,11 @@ class Plateau:
         return max(sure, key=lambda run: (span[run], run[0]))
 
 
-def _deviations(rungs: Sequence[HorizonFit]) -> FloatArray:
-    """Return the geometric mean of each rung's deviations of the physical parameters, (rung,)."""
+def _surest(rungs: Sequence[HorizonFit]) -> int:
+    """Return the rung whose deviations of the physical parameters have the least product."""
     physical = len(rungs[0].influence) or None
     working = np.stack([rung.working[:physical] for rung in rungs])
-    logs = np.log(np.clip(working, 1e-150, 1e150))
-    return np.asarray(np.exp(logs.sum(axis=1) / max(working.shape[1], 1)))
+    return int(np.argmin(np.log(np.clip(working, 1e-150, 1e150)).sum(axis=1)))
 
 
 def _expected_errors(rungs: Sequence[HorizonFit]) -> FloatArray:

@@ -198,7 +198,7 @@ class Study:
         """Return the rule that picks the horizon, given what it may predict."""
         if self.horizon is not None:
             return Longest()
-        if self.purpose == "parameters":  # a map's mean over the horizons is surer than any
+        if self.purpose == "parameters":  # a map is better as the mean over the horizons
             return Plateau(averaged=True)
         return selector_for(self.purpose, experiments)
 

@@ -30,9 +30,9 @@ from penode.training.prediction_error import Batch, PredictionError, compiled_wi
 Result = TypeVar("Result")
 
 #: Most windows a chunk, and bytes its sensitivities may have to stay near the core in its caches.
-#: Of the few long windows of a short recording two chunks go side by side, hardly padded; of the
-#: shortest they are so few that chunks are half as wide; from so many samples on most windows are
-#: short and many, for which chunks twice as wide are faster.
+#: Of the few long windows of a short recording two chunks go side by side, hardly padded, of the
+#: shortest recordings chunks half as wide; beyond `_LONG` samples most windows are short and many,
+#: for which chunks twice as wide are faster.
 #: Of models of many states or parameters not even half as many stay near, and windows are few.
 CHUNK, _NARROW, _NEAR, _LONG = 32, 4, 131_072, 100_000
 #: Windows that go through together where each has results of its own, of many windows.
@@ -181,8 +181,7 @@ def over_blocks(
     Corrections of their starts are (free, window), SI units. Blocks are of one size, or as wide as
     a chunk where windows are few: two programs serve any number of windows.
     """
-    few = len(windows) <= _BLOCK
-    width = _width(error, len(windows.states)) if few else _BLOCK
+    width = _BLOCK if len(windows) > _BLOCK else _width(error, len(windows.states))
 
     def of_block(given: tuple[IntArray, PredictionError, Windows]) -> Result:
         places, of_step, few = given

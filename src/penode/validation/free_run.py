@@ -78,7 +78,6 @@ def compare(
     experiment: Experiment,
     role: str = "validation",
     free: Sequence[str] | None = None,
-    begin: FloatArray | None = None,
 ) -> Comparison:
     """Predict one recording step by step and in free run.
 
@@ -92,12 +91,9 @@ def compare(
     role : str
         ``"train"`` or ``"validation"``.
     free : sequence of str, optional
-        States whose initial value the free run estimates, by least squares over the whole
-        recording (NOE with estimated initial state); by default the model's unmeasured ones, and
-        all of a model with outputs.
-    begin : ndarray, shape (state,), optional
-        Where that estimation begins, such as a similar model's `Comparison.start`; by default at
-        what was recorded, and the first samples lead on to the whole recording.
+        States whose initial value the free run estimates, by least squares over as many samples
+        as say anything of it (NOE with estimated initial state); by default the model's unmeasured
+        ones, and all of a model with outputs.
 
     Raises
     ------
@@ -109,18 +105,15 @@ def compare(
     experiment, units = with_unmeasured(experiment, model), measured_units(model)
     with float64():
         batched = with_batch_axis(model)
-        given = None if begin is None else (begin, len(experiment))
-        run = _run_of(predictor, batched, experiment, free, given)
+        run = _run_of(predictor, batched, experiment, free, None)
         if batched.covariances:
             guessed, samples = True, run.states.shape[1] - predictor.past
             read = with_shared_length(run.measured)
             ahead = np.asarray(run_freely(predictor, batched, run.start, run.drive, samples, read))
             ahead = ahead[:, :samples]
         else:
-            states, inputs = (
-                experiment.stack(names).T for names in (model.states, driving_channels(model))
-            )
-            ahead = look_ahead(predictor, batched, states, inputs, 1)
+            inputs = experiment.stack(driving_channels(model)).T
+            ahead = look_ahead(predictor, batched, run.recorded, inputs, 1)
         first = run.states[:, : predictor.past]
         ahead = np.concatenate([first, ahead if guessed else ahead * np.nan], axis=1)
         one_step, free_run = (
@@ -176,6 +169,8 @@ class _Run(NamedTuple):
     start: JaxArray
     # (quantity, time).
     measured: FloatArray
+    # What was recorded of the states, corrected, (state, time).
+    recorded: FloatArray
     # From the first samples on, (state, time).
     states: FloatArray
     # What the predictor prepared of the inputs, (row, padded time).
@@ -208,7 +203,7 @@ def _run_of(
     samples = len(experiment) - predictor.past
     after = np.asarray(run_freely(predictor, model, start, drive, samples))[:, :samples]
     whole = np.concatenate([np.asarray(start)[::-1].T, after], axis=1)
-    return _Run(start, measured, whole, drive, used)
+    return _Run(start, measured, states, whole, drive, used)
 
 
 def _predicted(
