@@ -84,7 +84,8 @@ def test_what_a_prior_adds_is_shared_by_all_rungs():
 
 def test_no_deviation_is_finer_than_five_digits_of_the_value():
     rungs = [rung(h, 5.0, 1e-9, white(h)) for h in (1, 4, 16)]
-    np.testing.assert_allclose(Consensus.of(rungs).deviation, [5e-5])
+    for found in (Consensus.of(rungs), Consensus.around(rungs[1], rungs)):
+        np.testing.assert_allclose(found.deviation, [5e-5])
 
 
 def test_what_rungs_share_does_not_average_out():

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
+from scipy.optimize import brentq
 
 from penode import Experiment, Model, identify, ladder_plan, physical
 from penode.arrays import Leaf
@@ -273,6 +274,29 @@ def test_a_spline_that_data_know_to_be_tiny_does_not_enter(rng):
     assert gain == 0.0
     assert not better.there.any()
     assert not discrepancy._one_by_one(nothing, [shape]).there.any()
+
+
+@pytest.mark.parametrize(("gain", "enters"), [(0.95, False), (1.05, True)])
+def test_a_spline_enters_for_more_than_the_price_of_its_choice(gain, enters):
+    """The price is the logarithm of how many it was chosen from."""
+    count, shape = 6, np.eye(9)
+    nothing = discrepancy._Belief(None, np.zeros(count), np.stack([shape] * count), 2 * count)
+    data = Information(1e4 * np.eye(9 * count), np.zeros(9 * count), 1.0)
+
+    def added(size):
+        data.slope[:9] = size
+        found = replace(nothing, data=data)
+        return found.with_one([0], [shape])[0][0], found
+
+    size = brentq(lambda size: added(size)[0] - gain * np.log(2 * count), 1.0, 1e4)
+    assert discrepancy._one_by_one(added(size)[1], [shape]).there.any() == enters
+
+
+def test_nothing_is_believed_once(rng):
+    """Functions whose likeliest size is zero are none, however many were offered."""
+    data = Information(1e4 * np.eye(72), rng.normal(size=72), 1.0)
+    (nothing,) = discrepancy._beliefs(data, 8)
+    assert not nothing.there.any()
 
 
 def test_starts_are_looked_for_from_where_training_had_them(monkeypatch):

@@ -132,7 +132,7 @@ def test_how_sure_a_rung_is_all_parameters_say_and_none_that_is_learned():
         rung(h, [0.2, 0.3, 0.0], [*own, learned])
         for h, own, learned in [
             (1, (1e-2, 1e-4), 9.0),
-            (4, (1e-3, 1e-4), 9.0),
+            (4, (1.1e-2, 1e-5), 9.0),
             (16, (1e-2, 1e-4), 1.0),
         ]
     ]

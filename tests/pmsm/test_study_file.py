@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from penode.errors import InputError
+from penode.horizon.selection import Plateau
 from penode.pmsm.machine.dead_time import DeadTime
 from penode.pmsm.recording.imperfections import Accuracy
 from penode.pmsm.study_file import load_study
@@ -82,6 +83,7 @@ def test_settings_and_channels_are_read(config):
 def test_an_empty_file_is_the_default_study_on_canonical_columns(config):
     asked = load_study(config(""))
     assert asked.study == load_study().study == Study()
+    assert Study().selector(()) == Plateau(averaged=True)
     assert not asked.mapping.channels
 
 

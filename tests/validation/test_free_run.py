@@ -304,6 +304,23 @@ def test_a_start_is_forgotten_where_later_samples_say_nothing_of_it(damping, for
     assert not free_run._forgotten(slopes[:, :1])
 
 
+def test_a_start_is_estimated_from_its_beginning_and_no_less_than_asked():
+    u = np.sin(0.13 * np.arange(4000))
+    still = Experiment("long", STEP, {"x": 0 * u, "v": 0 * u, "u": u})
+    x = compare(Predictor(STEP), Seen(2.0), still).free_run[:, 0]
+    noisy = x + 1e-3 * np.random.default_rng(0).normal(size=len(u))
+    whole = Experiment("long", STEP, {**still.channels, "x": noisy})
+    with float64():
+        model = with_batch_axis(Hidden(2.0))
+        found = free_run._run_of(Predictor(STEP), model, whole, None, None)
+        begin = np.asarray(found.start)[0], 2 * found.used
+        again = free_run._run_of(Predictor(STEP), model, whole, None, begin)
+    assert found.used < 1000
+    assert 2 * found.used <= again.used < 4000
+    np.testing.assert_allclose(again.start, found.start, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(found.start, 0.0, atol=3e-3)
+
+
 def test_one_step_ahead_of_an_unmeasured_state_without_a_guess_is_unknown():
     run, truth = recorded()
     found = compare(Predictor(STEP), Hidden(2.0), without_speed(run))
