@@ -30,9 +30,9 @@ class Jittered:
     """One start drawn uniformly from each stratum of admissible starts, as long as the horizon.
 
     Regular starts sample a periodic disturbance at few phases, which biases parameters; these
-    do not. The draw depends on the seed and the place of the recording only. Where windows overlap,
-    the first and the last reach the ends of the recording, of which jitter would leave up to a
-    stratum each unused.
+    do not. The draw depends on the seed and the place of the recording only. Where no more than
+    four windows hold a sample though more are wanted, the first and the last reach the ends of the
+    recording: they are few, and jitter would leave up to a stratum at each end unused.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Jittered:
         # `first` sets the draws of recordings apart, the horizon those of a ladder's rungs.
         random = np.random.default_rng([self.seed, first, horizon])
         drawn = random.integers(lower, upper, dtype=np.int64)
-        if stratum < horizon:
+        if stratum == apart < horizon:
             drawn[-1], drawn[0] = last, first
         return drawn
 
