@@ -77,7 +77,7 @@ class Jittered:
         # `first` sets the draws of recordings apart, the horizon those of a ladder's rungs.
         random = np.random.default_rng([self.seed, first, horizon])
         drawn = random.integers(lower, upper, dtype=np.int64)
-        if stratum == apart < horizon:
+        if stratum == apart:
             drawn[-1], drawn[0] = last, first
         return drawn
 
