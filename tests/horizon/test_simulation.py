@@ -10,10 +10,11 @@ from tests.horizon.test_selection import rung
 from penode import Experiment, identify
 from penode.errors import InputError
 from penode.fit.fit import Fit
-from penode.horizon import as_recorded, learned_part
+from penode.horizon import as_recorded, assemble, learned_part
 from penode.horizon.ladder import LadderProblem
 from penode.horizon.selection import Choice
-from penode.horizon.simulation import best_in_free_run, confirmed, parting
+from penode.horizon.simulation import best_in_free_run, better_by_chance, confirmed, parting
+from penode.validation.comparison import Comparison
 
 
 class Made(Lag):
@@ -93,16 +94,35 @@ def test_one_climb_serves_both_purposes_and_is_kept(tmp_path):
     fit = identify(Lag(1.0), [run])
     simulated = identify(Lag(1.0), [run], purpose="simulation")
     assert simulated.horizon.verdict == "predicts best"
-    errors = [h.free_run_rmse for h in fit.horizon.ladder]
-    best = fit.horizon.ladder[best_in_free_run([_Errors(e) for e in errors])]
-    assert float(fit.simulation.a) == pytest.approx(best.parameters["a"])
+    assert fit.horizon.verdict == "plateau"
+    assert float(fit.simulation.a) == float(fit.model.a)
+    assert float(simulated.simulation.a) == float(simulated.model.a)
     fit.save(tmp_path)
     assert float(Fit.load(tmp_path).simulation.a) == float(fit.simulation.a)
 
 
-class _Errors:
-    def __init__(self, error):
-        self.free_run = np.array([error])
+def test_a_free_run_better_beyond_chance_is_simulated_with(monkeypatch):
+    """Where it is within chance, the plateau's model is; both of one climb."""
+    fits = {}
+    for chance in (True, False):
+        monkeypatch.setattr(assemble, "better_by_chance", lambda *given, said=chance: said)
+        fits[chance] = identify(Lag(1.0), [lag(seed=1)])
+    ladder = fits[False].horizon.ladder
+    best = min(ladder, key=lambda h: h.free_run_rmse)
+    assert best.horizon != fits[False].horizon.selected
+    assert float(fits[False].simulation.a) == pytest.approx(best.parameters["a"])
+    assert float(fits[True].simulation.a) == float(fits[True].model.a)
+
+
+@pytest.mark.parametrize(("bias", "chance"), [(0.0, True), (0.02, True), (1.0, False)])
+def test_chance_is_judged_over_stretches_of_a_recording(bias, chance):
+    noise = np.random.default_rng(0).normal(size=(2, 800, 1))
+    measured = np.zeros((800, 1))
+    one, other = (
+        Comparison("run", "train", 0.1, ("x",), ("1",), measured, measured, free_run)
+        for free_run in (noise[0], noise[1] + bias)
+    )
+    assert better_by_chance([one], [other], past=1) == chance
 
 
 def test_a_purpose_that_there_is_not_is_refused():

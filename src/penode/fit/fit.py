@@ -78,7 +78,8 @@ class Fit:
         Where the free run of each training recording starts, of the states whose start it
         estimates: those that are not measured, and all of a model with outputs.
     simulation : Model or None
-        The model of the horizon whose free run on the recordings errs least, of the same climb.
+        Of the same climb, the model whose free run on the recordings errs least; `model` itself
+        where that of a plateau errs more by no more than chance.
     predictor : Predictor or None
         Shortest time step, solver and hold; None where the fit is of another method.
     stationary : StationaryComparison or None

@@ -12,7 +12,7 @@ from penode.data.experiment import Experiment
 from penode.data.stretches import by_recording
 from penode.fit.fit import Estimate, Fit, HorizonChoice, HorizonSummary
 from penode.fit.learned_uncertainty import LearnedUncertainty
-from penode.fit.outcome import Contribution
+from penode.fit.outcome import AGREED, Contribution
 from penode.fit.provenance import provenance_of
 from penode.horizon.consensus import (
     BESIDE,
@@ -31,7 +31,7 @@ from penode.horizon.initial_states import initial_states
 from penode.horizon.ladder import HorizonFit, LadderProblem
 from penode.horizon.loss_weighting import linearised
 from penode.horizon.selection import Choice
-from penode.horizon.simulation import best_in_free_run
+from penode.horizon.simulation import best_in_free_run, better_by_chance, parting
 from penode.horizon.steady import compared_at_rest
 from penode.horizon.uncertainty_budget import Imperfection, budget, raw_shifts
 from penode.models.base import Model
@@ -81,9 +81,7 @@ class Assembly:
         }
         predictor, experiments = self.problem.objective.predictor, self.problem.experiments
         model = self._model(self._raw)
-        own = [self._model(self._raw, k) for k in range(len(experiments))]
-        pairs = zip(own, experiments, strict=True)
-        seen = [compare(predictor.at(e.time_step), m, e, "train") for m, e in pairs]
+        own, seen = self._seen(self._raw)
         unseen = (compare(predictor.at(e.time_step), model, e, "validation") for e in validation)
         comparisons = (*seen, *unseen)
         whole = [with_unmeasured(e, model) for e in experiments]
@@ -107,11 +105,30 @@ class Assembly:
             ),
             correlations=residual_correlations(comparisons[shown], whole[shown], model.inputs),
             nuisances=self._nuisances(),
-            simulation=self._model(self.rungs[best_in_free_run(self.rungs)].solution.raw),
+            simulation=self._simulation(model, seen),
             predictor=predictor,
             warnings=self._warnings(comparisons),
             provenance=provenance,
         )
+
+    def _seen(self, raw: FloatArray) -> tuple[list[Model], list[Comparison]]:
+        """Return the models of the recordings, and each of these beside its predictions."""
+        predictor, experiments = self.problem.objective.predictor, self.problem.experiments
+        own = [self._model(raw, k) for k in range(len(experiments))]
+        pairs = zip(own, experiments, strict=True)
+        return own, [compare(predictor.at(e.time_step), m, e, "train") for m, e in pairs]
+
+    def _simulation(self, model: Model, seen: Sequence[Comparison]) -> Model:
+        """Return the model to simulate with: another's only where it is better beyond chance."""
+        best = best_in_free_run(self.rungs)
+        raw = self.rungs[best].solution.raw
+        agreed = self.choice.verdict in AGREED and not parting(self.choice, self.rungs)
+        past = self.problem.objective.predictor.past
+        if agreed and (
+            best == self.choice.index or better_by_chance(self._seen(raw)[1], seen, past)
+        ):
+            return model
+        return self._model(raw)
 
     @property
     def _visited(self) -> list[Experiment]:

@@ -55,11 +55,9 @@ class HeldOut:
             reason = "Every horizon's prediction diverges somewhere; check the model's map."
             return Choice(len(rungs) - 1, "no plateau", reason, tuple(range(len(rungs))))
         best = shortest_of_least(mean)
-        regimes = np.stack([_logarithms(_in_regimes(each)) for each in errors])
-        excess = regimes - regimes[best]
+        excess, chance = excess_errors(errors, best)
         with np.errstate(invalid="ignore"):  # a rung that diverges has no deviation
-            chance = excess.std(axis=1, ddof=1) / np.sqrt(regimes.shape[1])
-            within = (excess.mean(axis=1) <= chance) | (mean == mean[best])
+            within = (excess <= chance) | (mean == mean[best])
         agreeing = tuple(int(k) for k in np.flatnonzero(within))
         what = " and ".join(_named(steps) for steps in self.look_aheads)
         others = [str(rungs[k].horizon) for k in agreeing if k != best]
@@ -99,6 +97,19 @@ class HeldOut:
 def shortest_of_least(logarithms: FloatArray) -> int:
     """Return the index of the first of the least logarithms of errors (rung,)."""
     return int(np.argmax(logarithms <= logarithms.min() + _EQUAL))
+
+
+def excess_errors(errors: Sequence[list[FloatArray]], best: int) -> tuple[FloatArray, FloatArray]:
+    """Return the logarithm of the factor by which each errs more than the best, and its deviation.
+
+    Both are of the mean over regimes, (candidate,); errors are squared, one array (look-ahead,
+    time, state) for each recording.
+    """
+    regimes = np.stack([_logarithms(_in_regimes(each)) for each in errors])
+    excess = regimes - regimes[best]
+    with np.errstate(invalid="ignore"):  # what diverges has no deviation
+        deviation = excess.std(axis=1, ddof=1) / np.sqrt(regimes.shape[1])
+        return np.asarray(excess.mean(axis=1)), np.asarray(deviation)
 
 
 def _in_regimes(each: list[FloatArray]) -> list[FloatArray]:

@@ -13,10 +13,11 @@ import numpy as np
 from penode.arrays import FloatArray
 from penode.fit.outcome import AGREED, NORMAL_95
 from penode.horizon.consensus import Consensus
-from penode.horizon.held_out import shortest_of_least
+from penode.horizon.held_out import excess_errors, shortest_of_least
 from penode.horizon.ladder import HorizonFit
 from penode.horizon.selection import Choice
 from penode.models.layout import Layout
+from penode.validation.comparison import Comparison
 
 #: Factors between errors of free runs: one that says nothing, and one that chance does not make.
 _NEGLIGIBLE, _MUCH = 1.01, 1.5
@@ -28,6 +29,19 @@ def best_in_free_run(rungs: Sequence[HorizonFit]) -> int:
     No tolerance, as in `HeldOut`: 1 % of noise hides an error of the model of 14 % of that noise.
     """
     return shortest_of_least(np.log(_free_run_errors(rungs)))
+
+
+def better_by_chance(one: Sequence[Comparison], other: Sequence[Comparison], past: int) -> bool:
+    """Return whether free runs of one model err less than another's by no more than chance.
+
+    Chance is judged over recordings, or stretches of a single one; `past` samples are not run.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        errors = [
+            [((c.measured - c.free_run)[None, past:]) ** 2 for c in each] for each in (one, other)
+        ]
+    excess, deviation = excess_errors(errors, 0)
+    return bool(excess[1] <= NORMAL_95 * deviation[1])
 
 
 def confirmed(choice: Choice, rungs: Sequence[HorizonFit]) -> Choice:
