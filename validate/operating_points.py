@@ -4,6 +4,8 @@
 the same gains, by ``penode identify run.csv --points points.csv``, report included, beside what the
 recording and the points say alone (COUNT 20).
 
+``... torque [COUNT]``: the recording alone, with the shaft's torque and without it (COUNT 20).
+
 Each of COUNT (200) draws is one of the bench's machines at 24 to 60 points over its currents, at
 one speed or at three, whose voltages, currents and torque are means over seconds. What the bench
 has of every imperfection is drawn from an ordinary bench's accuracy: gains of currents, voltages,
@@ -176,6 +178,59 @@ def beside(number: int) -> dict[str, Outcome]:
     return found
 
 
+def with_torque(number: int) -> dict[str, tuple[Outcome, float, float, float]]:
+    """Identify a recording with the shaft's torque and without, by the command.
+
+    Of both the outcome, the root mean square of the map's error and of its half width over the
+    largest flux linkage, and the share of its 95 % bands that cover, at recorded currents.
+    """
+    bench, run, found = drawn(number), recorded(drawn(number), number), {}
+    random = np.random.default_rng([38, number])
+    gain = bench.gains[0]
+    current = (run.channels["i_d"] + 1j * run.channels["i_q"]) / gain
+    torque = 1.5 * bench.pole_pairs * np.imag(np.conj(flux(bench.of, current)) * current)
+    largest = np.abs(torque).max()
+    torque = (1 + 0.005 * random.normal()) * (torque - random.uniform(0.0, 0.01) * largest)
+    torque = torque + 0.01 * largest * random.normal(size=len(torque))
+    places = run.stack(("i_d", "i_q"))[::200]
+    truth = flux(bench.of, places[:, 0] + 1j * places[:, 1])
+    with tempfile.TemporaryDirectory() as folder:
+        for name, more in (("without", {}), ("with", {"torque": torque})):
+            file = Path(folder) / f"{name}.csv"
+            save(replace(run, channels={**run.channels, **more}), file)
+            ended = identify([file], Path(folder) / name, "--pole-pairs", str(bench.pole_pairs))
+            fit = ended.fit()
+            gap = fit.flux_map(*places.T) - np.stack([truth.real, truth.imag])
+            half = 1.96 * fit.learned_deviation(places).T
+            sizes = [float(np.sqrt(np.mean(one**2)) / np.abs(truth).max()) for one in (gap, half)]
+            outcome = Outcome.of(fit, {"R": bench.truth["R"]})
+            found[name] = outcome, *sizes, float(np.mean(np.abs(gap) <= half))
+    return found
+
+
+def main_torque(count: int) -> None:
+    """Print a line a draw, and what the torque brings."""
+    every = []
+    for number in range(count):
+        every.append(with_torque(number))
+        parts = [
+            f"{name} {o.verdict} R {100 * o.error:+.2f} ± {100 * o.width:.2f} %, map "
+            f"{100 * error:.3f} ± {100 * half:.3f} %, {100 * covered:.0f} % cover"
+            for name, (o, error, half, covered) in every[-1].items()
+        ]
+        print(f"{number:3d} {'; '.join(parts)}", flush=True)
+    for name in every[0]:
+        sure = [one[name] for one in every if one[name][0].verdict in AGREED]
+        print(
+            f"{name} torque: {len(sure)} of {count} positive, intervals of R cover in "
+            f"{100 * np.mean([one[0].resistance for one in sure]):.0f} %, bands of the map in "
+            f"{100 * np.mean([one[3] for one in sure]):.0f} %; half width of R "
+            f"{100 * np.median([one[0].width for one in sure]):.2f} %, of the map "
+            f"{100 * np.median([one[2] for one in sure]):.3f} %, its error "
+            f"{100 * np.median([one[1] for one in sure]):.3f} %"
+        )
+
+
 def _write(file: Path, columns: Mapping[str, FloatArray]) -> None:
     rows = np.column_stack(list(columns.values()))
     np.savetxt(file, rows, "%.9g", ",", header=",".join(columns), comments="")
@@ -253,7 +308,8 @@ def print_table(found: Mapping[bool, Sequence[Outcome]]) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["beside"]:
-        main_beside(int(sys.argv[2]) if len(sys.argv) > 2 else 20)
+    modes = {"beside": main_beside, "torque": main_torque}
+    if sys.argv[1:2] and sys.argv[1] in modes:
+        modes[sys.argv[1]](int(sys.argv[2]) if len(sys.argv) > 2 else 20)
     else:
         main(int(sys.argv[1]) if len(sys.argv) > 1 else COUNT)

@@ -1,16 +1,18 @@
 """Tables of operating points through the command."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.pmsm.points.test_operating_points import PAIRS, R, measured
 from validate.operating_points import flux
 
-from penode import Experiment, Fit
-from penode.bench.machines import TRACTION_300A
+from penode import Experiment, Fit, InputError
+from penode.bench.machines import TRACTION_300A, torque
 from penode.data.save import save
 from penode.pmsm import export, load_study
+from penode.pmsm.points.operating_points import load_runs
 
 
 def written(folder, points, **columns):
@@ -93,10 +95,34 @@ def test_points_beside_a_recording_narrow_its_answer(tmp_path, penode, slow_run)
     assert "This section is left out" not in page
 
 
+def test_tables_of_one_machine_are_one(tmp_path):
+    """Two sets of a winding, or a table a temperature; channels have to be those of the first."""
+    whole, files = measured(count=30), []
+    for k, rows in enumerate((slice(0, 12), slice(12, 30))):
+        (tmp_path / str(k)).mkdir()
+        part = {name: values[rows] for name, values in whole.channels.items()}
+        files.append(written(tmp_path / str(k), Experiment("part", 1.0, part)))
+    mapping = load_study(None).mapping
+    _, points = load_runs(files, mapping)
+    for name, values in whole.channels.items():
+        np.testing.assert_allclose(points.channels[name], values, rtol=1e-8)
+    assert points.name == "points.csv, points.csv"
+    silent = {name: values for name, values in whole.channels.items() if name != "torque"}
+    other = written(tmp_path, Experiment("part", 1.0, silent))
+    with pytest.raises(
+        InputError, match=r"must be those of points\.csv, got torque in one of them"
+    ):
+        load_runs([files[0], other], mapping)
+    run = tmp_path / "run.csv"
+    save(replace(whole, channels=silent), run)
+    with pytest.raises(InputError, match=r"got it with run\.csv; beside recordings give it with"):
+        load_runs([files[0], run], mapping)
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("identify", "{file}", "{file}", "--out", "{out}"), "must be the only file, got 2"),
+        (("identify", "{file}", "{file}", "--out", "{out}"), "must be given once; remove a copy"),
         (("identify", "{file}", "--horizon", "5", "--out", "{out}"), "which has no horizon"),
         (("identify", "{file}", "--points", "{file}", "--out", "{out}"), "which has no horizon"),
         (("identify", "{file}", "--points-config", "{file}", "--out", "{out}"), "with --points"),
@@ -168,11 +194,18 @@ def test_columns_of_other_names_are_mapped_by_what_init_writes(tmp_path, penode)
     assert found["R_half_width"] == pytest.approx(same["R_half_width"], rel=1e-4)
 
 
-def test_a_torque_that_a_study_file_maps_is_left_out_of_a_recording(tmp_path, slow_run):
-    channels = {**slow_run.channels, "torque": np.zeros(len(slow_run))}
-    save(Experiment("run", slow_run.time_step, channels), tmp_path / "run.csv")
-    names = ("t", *slow_run.channels, "torque")
-    lines = ["[channels]", *(f'{name} = "{name}"' for name in names)]
-    (tmp_path / "study.toml").write_text("\n".join(lines))
-    (run,) = load_study(tmp_path / "study.toml").load_stretches(tmp_path / "run.csv")
-    assert "torque" not in run.channels
+def test_a_torque_in_a_recording_narrows_the_map(tmp_path, penode, slow_run):
+    """That of the simulated machine itself; other options make it quick."""
+    i_d, i_q, theta = (slow_run.channels[n] for n in ("i_d", "i_q", "theta_el"))
+    channels = {**slow_run.channels, "torque": torque(TRACTION_300A, i_d, i_q, theta)}
+    save(replace(slow_run, channels=channels), tmp_path / "run.csv")
+    options = ("--horizon", 20, "--hold", "dq", "--no-inverter", "--angle-orders", "none")
+    pairs = ("--pole-pairs", TRACTION_300A.pole_pairs)
+    ended = penode("identify", tmp_path / "run.csv", *options, *pairs, "--out", tmp_path / "out")
+    assert ended.returncode == 0, ended.stderr
+    again = Fit.load(tmp_path / "out")
+    assert again.stationary.covered["torque"] > 0.8
+    assert "torque of the shaft" in [row.source for row in again.parameters["R"].budget]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "the torque of the shaft narrows the map" in page
+    assert "This section is left out" not in page

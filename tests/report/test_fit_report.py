@@ -175,7 +175,8 @@ def test_maps_that_cannot_be_drawn_are_named(oscillator):
 
 def test_the_caption_says_of_points_what_is_so(oscillator):
     """Points that were joined to a fit moved its answer; those of one objective are in each bar."""
-    words, fit = "after the operating points have moved and narrowed it", oscillator.fit
+    fit = oscillator.fit
+    words = f"after {fit.stationary.name} has moved and narrowed it"
     assert words in fit_report(fit)
     inside = replace(fit, stationary=replace(fit.stationary, distance=1.0))
     assert words not in fit_report(inside)

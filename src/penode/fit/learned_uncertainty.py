@@ -1,5 +1,6 @@
 """How sure the learned map is at any state: the sandwich, and the spread over the horizons."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import jax
@@ -29,11 +30,15 @@ class LearnedUncertainty:
         Raw parameters at the horizons that agree with the selected one, itself included.
     weights : ndarray, shape (horizon,)
         Precision of each of them, summing to 1.
+    shifts : mapping of str to ndarray, shape (parameter,)
+        What a deviation of each imperfection of the recordings, by the source of its row in the
+        budget, moves the raw parameters by; their products are part of the covariance.
     """
 
     covariance: FloatArray = field(default_factory=lambda: _NONE)
     agreeing: FloatArray = field(default_factory=lambda: _NONE)
     weights: FloatArray = field(default_factory=lambda: np.empty(0))
+    shifts: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def deviation(
         self, model: Model, points: FloatArray, direction: FloatArray | None = None

@@ -26,7 +26,7 @@ def text(fit: "Fit") -> str:
     ]
     lines += [f"  {_where(c)}: {_errors(c)}" for c in fit.recordings]
     if fit.stationary is not None:
-        lines.append(f"  {fit.stationary.name} (at rest): {_at_rest(fit.stationary)}")
+        lines.append(f"  {fit.stationary.name} (points): {_at_rest(fit.stationary)}")
     lines += [f"  Warning: {warning}" for warning in fit.warnings]
     return "\n".join([f"Fit of {type(fit.model).__name__}: {_horizon(fit)}", *lines])
 

@@ -221,6 +221,10 @@ class Assembly:
             covariance=self._covariance[np.ix_(kept, kept)],
             agreeing=np.stack([rung.solution.raw[kept] for rung in self._agreeing]),
             weights=map_weights(self._agreeing),
+            shifts={
+                one.source: shift[kept]
+                for one, shift in zip(self._imperfections, self._shifts, strict=True)
+            },
         )
 
     def _nuisances(self) -> dict[str, FloatArray]:

@@ -26,7 +26,7 @@ from penode.pmsm.conventions.check import Conventions, judge
 from penode.pmsm.machine.dead_time import PhaseSigns
 from penode.pmsm.machine.flux_maps import FLUX_MAPS
 from penode.pmsm.machine.standstill import counted_from_zero
-from penode.pmsm.points.beside import with_points
+from penode.pmsm.points.beside import with_points, with_recorded_torque
 from penode.pmsm.points.identify import balances_of
 from penode.pmsm.precheck.objections import machine_checks, uncertain_resistance
 from penode.pmsm.precheck.unused_samples import unused_samples
@@ -88,7 +88,9 @@ def identify(
         On Ctrl-C after the first horizon; a KeyboardInterrupt that carries the fit so far.
     """
     asked = study if pole_pairs is None else replace(study, pole_pairs=pole_pairs)
-    fit = identified(experiments, asked, validation, observer, checkpoint)
+    fit, recordings = identified(experiments, asked, validation, observer, checkpoint)
+    if asked.flux_map == "coenergy":
+        fit = with_recorded_torque(fit, recordings, asked.pole_pairs, asked.accuracy)
     return uncertain_resistance(counted_from_zero(fit))
 
 
@@ -133,7 +135,7 @@ def identify_with_points(
             f"{study.flux_map}."
         )
     balances = balances_of(points, study)
-    fit = identified(experiments, study, validation, observer, checkpoint)
+    fit, _ = identified(experiments, study, validation, observer, checkpoint)
     return uncertain_resistance(counted_from_zero(with_points(fit, balances)))
 
 
@@ -144,8 +146,11 @@ def identified(
     validation: Sequence[Experiment],
     observer: Observer,
     checkpoint: Checkpoint | None,
-) -> Fit:
-    """Return the fit before its verdict says whether R is known well enough."""
+) -> tuple[Fit, list[Experiment]]:
+    """Return the fit before its verdict says whether R is known well enough.
+
+    Behind it are the recordings as it was trained on, corrected.
+    """
     read = _Read.of(experiments, validation, asked)
     words = {entry.name.replace("_", " "): getattr(asked, entry.name) for entry in fields(asked)}
     kept = None if checkpoint is None else checkpoint.begun(words)
@@ -163,7 +168,7 @@ def identified(
         observer=observer,
     )
     reason = " ".join(filter(None, [fit.horizon.reason, left_out(experiments, read.usable)]))
-    return replace(fit, horizon=replace(fit.horizon, reason=reason))
+    return replace(fit, horizon=replace(fit.horizon, reason=reason)), corrected.recordings
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,8 +38,8 @@ _OVER_CAPTION = (
     "A mean beyond chance, four deviations of that of independent samples, is something the model "
     "lacks that goes with the channel; an rms that changes, noise or ripple that does."
 )
-#: What became of it behind the ladder, where operating points were given.
-_MOVED = ", after the operating points have moved and narrowed it"
+#: What became of it behind the ladder, where operating points or a torque were given.
+_MOVED = ", after {name} has moved and narrowed it"
 
 
 def parameters(fit: Fit) -> Section | None:
@@ -47,7 +47,8 @@ def parameters(fit: Fit) -> Section | None:
     if not fit.parameters:
         return None
     # Points of one objective with the recordings are in every bar, and their distance is known.
-    moved = _MOVED if fit.stationary and math.isnan(fit.stationary.distance) else ""
+    points = fit.stationary
+    moved = _MOVED.format(name=points.name) if points and math.isnan(points.distance) else ""
     figures = [
         picture(
             ladder_title(fit, name),

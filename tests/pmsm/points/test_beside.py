@@ -9,14 +9,16 @@ from tests.pmsm.points.test_operating_points import STUDY, R, measured
 from penode import InputError
 from penode.arrays import float64
 from penode.fit.fit import Estimate, HorizonChoice
-from penode.fit.learned_uncertainty import LearnedUncertainty, map_slopes
+from penode.fit.learned_uncertainty import LearnedUncertainty, map_slopes, physical_slopes
 from penode.fit.outcome import Contribution
 from penode.models.layout import Layout
 from penode.pmsm import identify_with_points
 from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.terms import Resistance
-from penode.pmsm.points.beside import _SHARED, _Update, with_points
+from penode.pmsm.points.beside import _Update, with_points
 from penode.pmsm.points.identify import balances_of, identify_points
+from penode.pmsm.points.recorded_torque import SHARED
+from penode.pmsm.recording.imperfections import IMPERFECTIONS
 
 STD = 0.004 * R
 
@@ -39,23 +41,52 @@ def fit():
         horizon=HorizonChoice(50, "plateau", "Horizons agree.", ()),
         stationary=None,
     )
-    return believed(fit, np.linalg.inv(precision), points)
+    return believed(fit, np.linalg.inv(precision))
 
 
-def believed(fit, statistics, points, study=STUDY):
+def moved(fit, accuracy):
+    """Return what a deviation of each gain moves R and the map of recordings by, raw, by source.
+
+    Currents read too large make R smaller and psi that of larger ones; voltages both larger; a
+    speed psi smaller.
+    """
+    layout = Layout(fit.model)
+    raw, learned = layout.raw(fit.model), layout.members(("learned",))
+    of_map, of_resistance = np.where(learned, raw, 0.0), np.zeros(len(raw))
+    place, slope = int(layout.physical_members.argmax()), physical_slopes(fit.model)[0]
+    of_resistance[place] = fit.parameters["R"].value / slope[place]
+    inductance = fit.differential_inductance(*fit.excited.T)
+    target = np.einsum("djm,mj->md", inductance, fit.excited).ravel()
+    columns = map_slopes(fit.model, fit.excited).reshape(target.size, -1)[:, learned]
+    of_current = np.zeros(len(raw))
+    of_current[learned] = np.linalg.lstsq(columns, target, rcond=1e-6)[0]
+    by_gain = {
+        "current_gain": -of_resistance - of_current,
+        "voltage_gain": of_resistance + of_map,
+        "speed_gain": -of_map,
+    }
+    return {
+        IMPERFECTIONS[name].source: accuracy.declared[name] * shift
+        for name, shift in by_gain.items()
+        if accuracy.declared[name]
+    }
+
+
+def believed(fit, statistics, study=STUDY):
     """Return a fit whose covariance is that of statistics and of the gains."""
-    one = _Update(fit, fit.model, balances_of(points, study)[1])
-    covariance, at = statistics + one.moved @ one.moved.T, one.layout.physical_members
+    layout, shifts = Layout(fit.model), moved(fit, study.accuracy)
+    every = np.stack([*shifts.values(), np.zeros(layout.size)])
+    covariance, at = statistics + every.T @ every, layout.physical_members
     place = int(np.flatnonzero(at)[0])
     rows = [Contribution("statistics", float(np.sqrt(statistics[place, place])))]
-    for name, moved in one.shared.items():
-        rows.append(Contribution(one.balance.imperfections[name][0].source, abs(moved[place])))
+    rows += [Contribution(source, abs(shift[place])) for source, shift in shifts.items()]
     std, value = float(np.sqrt(covariance[place, place])), fit.parameters["R"].value
+    raw = layout.raw(fit.model)[None]
     return replace(
         fit,
         parameters={"R": Estimate.of(value, std, "ohm", 0.9, "", tuple(rows))},
         covariance=covariance[np.ix_(at, at)],
-        learned_uncertainty=LearnedUncertainty(covariance, one.before[None], np.ones(1)),
+        learned_uncertainty=LearnedUncertainty(covariance, raw, np.ones(1), shifts),
     )
 
 
@@ -109,7 +140,7 @@ def test_points_narrow_resistance_and_map_and_the_budget_adds_up(fit):
     np.testing.assert_array_equal(both.stationary.states, points.stack(("i_d", "i_q")))
 
 
-@pytest.mark.parametrize("gain", _SHARED)
+@pytest.mark.parametrize("gain", SHARED)
 def test_a_gain_that_both_have_is_not_narrowed_by_points(fit, gain):
     """Each is 2 % too large in both: nothing contradicts, and without torque nothing shows it."""
     points, scale = measured(count=40, seed=9, torque=False), 1.02
@@ -118,12 +149,12 @@ def test_a_gain_that_both_have_is_not_narrowed_by_points(fit, gain):
     wrong = {n: scale * v if n in changed else v for n, v in points.channels.items()}
     declared = replace(STUDY, accuracy=type(STUDY.accuracy)(**{gain: 0.02}))
     wrong = replace(points, channels=wrong)
-    one = update(fit, wrong, declared)
+    one = update(believed(fit, update(fit, points).belief, declared), wrong, declared)
     with float64():
         model = one.layout.plain_model(one.before - one.shared[gain])
     value = float(model.terms[0].R)
     recorded = replace(fit, model=model, parameters={"R": Estimate.of(value, STD, "ohm", 0.9)})
-    both = update(believed(recorded, one.belief, wrong, declared), wrong, declared)
+    both = update(believed(recorded, one.belief, declared), wrong, declared)
     assert both.distance < 1.5
     place = int(np.flatnonzero(both.layout.physical_members)[0])
     assert both.covariance[place, place] > 0.9 * one.shared[gain][place] ** 2
@@ -132,7 +163,8 @@ def test_a_gain_that_both_have_is_not_narrowed_by_points(fit, gain):
 def test_on_an_exact_bench_no_gain_is_shared(fit):
     exact = replace(STUDY, accuracy=type(STUDY.accuracy).exact())
     points = measured(count=40, seed=7)
-    both = with_points(fit, balances_of(points, exact))
+    sharp = believed(fit, update(fit, points).belief, exact)
+    both = with_points(sharp, balances_of(points, exact))
     assert (
         both.parameters["R"].std < with_points(fit, balances_of(points, STUDY)).parameters["R"].std
     )

@@ -7,7 +7,7 @@ deviations of the declared accuracy as priors, the map that of a smooth coenergy
 the noise of voltages and torque are what makes the points most likely.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -31,8 +31,8 @@ from penode.pmsm.recording.imperfections import IMPERFECTIONS, Accuracy
 
 #: Largest inverter voltage that is expected, over the largest voltage.
 _INVERTER = 0.05
-#: Deviation of the gain of a torque sensor, and of when the voltages act, s: a common sample.
-_TORQUE_GAIN, _VOLTAGE_TIME = 0.005, 50e-6
+#: Deviation of when the voltages act, s: a common sample.
+_VOLTAGE_TIME = 50e-6
 #: Share of the current that the iron usually takes.
 _IRON = 0.02
 #: Steps a decade, and decades, between which noise and strength are sought; noise is over the
@@ -104,6 +104,35 @@ class PointsBalance:
     pole_pairs: int | None
     scales: tuple[float, float]
 
+    #: Noise over what points show alone, whose map follows a part of it.
+    noises: ClassVar[tuple[float, ...]] = (1.0, 1.5, 2.2, 3.3)
+    source: ClassVar[str] = "operating points"
+    subject: ClassVar[str] = "the points are"
+    remedy: ClassVar[str] = "Record more operating points."
+    contradiction: ClassVar[str] = (
+        "Check units, signs and temperature of both, or identify them one by one."
+    )
+
+    @property
+    def name(self) -> str:
+        """Of the table."""
+        return self.points.name
+
+    @property
+    def about(self) -> str:
+        """What narrows the map."""
+        return f"{self.name}: {len(self.points)} operating points narrow R and the map"
+
+    @property
+    def at(self) -> FloatArray:
+        """Currents of the points (point, 2), A."""
+        return self.points.stack(CURRENTS)
+
+    @property
+    def quantities(self) -> dict[str, str]:
+        """Units of what is measured."""
+        return dict.fromkeys(VOLTAGES, "V") | ({TORQUE: "Nm"} if self.torque else {})
+
     @property
     def torque(self) -> bool:
         """Whether the torque is an output."""
@@ -135,14 +164,14 @@ class PointsBalance:
 
     @property
     def known(self) -> FloatArray:
-        """Voltage (point, 2) in V that no coefficient changes."""
-        return self._columns[0]
+        """Of each equation, what no coefficient changes: a voltage in V."""
+        return np.concatenate([self._columns[0].ravel(), np.zeros(len(self.points) * self.torque)])
 
     @cached_property
     def target(self) -> FloatArray:
         """Voltages by point and axis, less what is known, and torques behind them."""
         torque = [self.points.channels[TORQUE]] if self.torque else []
-        return np.concatenate([(self._voltages - self.known).ravel(), *torque])
+        return np.concatenate([self._voltages.ravel(), *torque]) - self.known
 
     @property
     def outputs(self) -> tuple[slice, ...]:
@@ -176,29 +205,29 @@ class PointsBalance:
         """Deviation of the noise of u_d and u_q in V, and of the torque in Nm."""
         return self.likeliest[0].noise
 
-    def rows(self, psi: FloatArray) -> FloatArray:
+    def rows(self, slopes: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """Return what each coefficient adds to each equation, of another map.
 
-        `psi` (point, 2, coefficient) is what its coefficients add to the flux linkage in Vs.
+        Its slopes (point, 2, coefficient) are what its coefficients add to the flux linkage in Vs.
         """
-        return self._matrix(self._drive(self.likeliest[0]), psi)
+        return self._matrix(self._drive(self.likeliest[0]), slopes(self.at))
 
     def prior_deviations(self, flat: float) -> FloatArray:
         """Return those of all coefficients but the map's; `flat` of what nothing is believed of."""
         return np.where(self._precision > 0, np.maximum(self._precision, 1e-300) ** -0.5, flat)
 
-    def left(self, psi: FloatArray, values: Mapping[str, float]) -> FloatArray:
-        """Return what psi (point, 2) in Vs and parameters by name leave of each equation."""
+    def left(
+        self, flux: Callable[[FloatArray], FloatArray], values: Mapping[str, float]
+    ) -> FloatArray:
+        """Return what a flux linkage (point, 2) in Vs and parameters leave of each equation."""
+        psi = flux(self.at)
         _, by_parameter, by_psi = self._columns
         names = list(physical_values(self.terms))
         known = np.array([values.get(name, 0.0) for name in names])
         said = by_parameter @ known + np.einsum("pij,pj->pi", by_psi, psi)
-        left = (self._voltages - self.known - said).ravel()
-        if not self.torque:
-            return left
-        i_d, i_q = self.points.stack(CURRENTS).T
+        i_d, i_q = self.at.T
         torque = 1.5 * (self.pole_pairs or 0) * (psi[:, 0] * i_q - psi[:, 1] * i_d)
-        return np.concatenate([left, self.points.channels[TORQUE] - torque])
+        return self.target - np.concatenate([said.ravel(), *([torque] if self.torque else [])])
 
     def _drive(self, solution: PointsSolution) -> KnownDrive:
         place = self.names.index("R") if "R" in self.names else None
@@ -231,7 +260,8 @@ class PointsBalance:
         rows = voltages.reshape(2 * count, -1)
         if not self.torque:
             return rows
-        own = np.stack([-np.ones(count), -_TORQUE_GAIN * self.points.channels[TORQUE]], axis=1)
+        gain = self.accuracy.declared["torque_gain"]
+        own = -np.stack([np.ones(count), gain * self.points.channels[TORQUE]], axis=1)
         i_d, i_q = self.points.stack(CURRENTS).T[:, :, None]
         speed = self.points.channels[SPEED.name][:, None]
         power = by_parameter[:, 0] * i_d + by_parameter[:, 1] * i_q

@@ -8,12 +8,13 @@ recordings: both were measured on one bench, and no number of points makes them 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import cast
 
 import numpy as np
 
-from penode.arrays import BoolArray, FloatArray, float64
+from penode.arrays import FloatArray, float64
+from penode.data.experiment import Experiment
 from penode.fit.fit import Estimate, Fit
 from penode.fit.learned_uncertainty import LearnedUncertainty, map_slopes, physical_slopes
 from penode.fit.outcome import Contribution, Objection
@@ -23,21 +24,22 @@ from penode.pmsm.machine.model import Machine
 from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.term_registry import physical_values
 from penode.pmsm.points.balance import PointsBalance
-from penode.pmsm.points.identify import compared
+from penode.pmsm.points.identify import as_measured
+from penode.pmsm.points.recorded_torque import SHARED, WINDOW, TorqueBalance
+from penode.pmsm.recording.drive_mapping import TORQUE
+from penode.pmsm.recording.imperfections import Accuracy
+from penode.validation.comparison import StationaryComparison
 
-#: Gains that points and recordings share.
-_SHARED = ("current_gain", "voltage_gain", "speed_gain")
+#: Fewest means of a recorded torque.
+_FEWEST = 8
 #: Deviation of the points' angle, rad, which the map of the recordings shows; and that of what
 #: nothing is believed of, SI units.
 _ANGLE, _FLAT = np.deg2rad(3.0), 1e3
-#: Noise of the points over what they show alone, whose map follows a part of it.
-_NOISE = (1.0, 1.5, 2.2, 3.3)
 #: Square of currents in which the map moves least, in reaches of the map, points a side, and the
 #: weight of that beside what it should move at recorded currents.
 _SQUARE, _SIDE, _BEYOND = 1.5, 25, 3e-2
 #: Distance of points from recordings over what both allow beyond which they contradict each other.
 _APART = 2.0
-_SOURCE, _REMEDY = "operating points", "Record more operating points."
 
 
 def with_points(fit: Fit, balances: Sequence[PointsBalance]) -> Fit:
@@ -61,11 +63,41 @@ def with_points(fit: Fit, balances: Sequence[PointsBalance]) -> Fit:
     if inside.sum() < 2:
         return _warned(fit, f"{within}; they were left out")
     used = replace(points, channels={n: v[inside] for n, v in points.channels.items()})
-    updates = [
-        _Update(fit, machine, balance, more)
-        for balance in (replace(one, points=used) for one in balances)
-        for more in _NOISE
-    ]
+    found = _with_equations(fit, [replace(one, points=used) for one in balances])
+    return found if inside.all() else _warned(found, f"{within}; the others were left out")
+
+
+def with_recorded_torque(
+    fit: Fit, recordings: Sequence[Experiment], pole_pairs: int | None, accuracy: Accuracy
+) -> Fit:
+    """Return the fit of recordings, its map narrowed by their torque where they have one.
+
+    `recordings` are corrected; without pole pairs the torque is left out, and a warning says so.
+    """
+    measured = [e for e in recordings if np.any(e.channels.get(TORQUE, 0.0))]
+    if not measured:
+        return fit
+    name = measured[0].place.recording
+    if not fit.horizon.answered or not np.isfinite(fit.covariance).all():
+        return fit
+    if pole_pairs is None:
+        return _warned(fit, f"{name}: the torque was left out: pole_pairs is missing; add it")
+    balance = TorqueBalance(name, measured, pole_pairs, accuracy, cast(Machine, fit.model))
+    if len(balance.target) < _FEWEST:
+        least = f"{_FEWEST * WINDOW:g} s"
+        return _warned(fit, f"{name}: the torque was left out: it lasts less than {least}")
+    found = _with_equations(fit, [balance])
+    if found.horizon.answered:
+        return found
+    # A torque may be one that the drive computes of what it takes for its map.
+    said = found.horizon.objections[-1]
+    return _warned(fit, f"{said.reason} It was left out. {said.repair.removesuffix('.')}")
+
+
+def _with_equations(fit: Fit, equations: Sequence[PointsBalance | TorqueBalance]) -> Fit:
+    """Return a fit with an answer narrowed by equations, the mean over those that may be right."""
+    machine = cast(Machine, fit.model)
+    updates = [_Update(fit, machine, one, more) for one in equations for more in one.noises]
     likely = np.array([one.evidence for one in updates])
     weight = np.exp(likely - likely.max())
     weight /= weight.sum()
@@ -74,11 +106,11 @@ def with_points(fit: Fit, balances: Sequence[PointsBalance]) -> Fit:
     apart = np.stack([one.raw - raw for one in updates])
     spread = (weight * apart.T) @ apart
     own = np.tensordot(weight, np.stack([one.covariance for one in updates]), axes=1)
-    narrowed = _narrowed(fit, best, raw, own + spread, spread)
-    return narrowed if inside.all() else _warned(narrowed, f"{within}; the others were left out")
+    return _narrowed(fit, best, raw, own + spread, spread)
 
 
 def _warned(fit: Fit, sentence: str) -> Fit:
+    """Return a fit with one more warning."""
     return replace(fit, warnings=(*fit.warnings, f"{sentence}."))
 
 
@@ -88,7 +120,7 @@ class _Update:
 
     fit: Fit
     machine: Machine
-    balance: PointsBalance
+    balance: PointsBalance | TorqueBalance
     more: float = 1.0
 
     @cached_property
@@ -123,30 +155,10 @@ class _Update:
 
     @cached_property
     def shared(self) -> dict[str, FloatArray]:
-        """The same by the name of the gain."""
-        learned = self.layout.members(("learned",))
-        of_map = np.where(learned, self.before, 0.0)
-        place = self.layout.physical.index("R")
-        of_resistance = np.zeros_like(self.before)
-        at = int(np.abs(self.slopes[place]).argmax())
-        of_resistance[at] = self.fit.parameters["R"].value / self.slopes[place, at]
-        moved = {
-            "current_gain": of_resistance + self._map_over_current(learned),
-            "voltage_gain": -of_resistance - of_map,
-            "speed_gain": of_map,
-        }
-        found = self.balance.imperfections
-        return {n: found[n][1] * moved[n] for n in _SHARED if n in found}
-
-    def _map_over_current(self, learned: BoolArray) -> FloatArray:
-        """Return raw coefficients of the map L i, by which a gain of the currents changes psi."""
-        at = self.fit.excited
-        inductance = self.machine.maps()["differential_inductance"](*at.T)
-        target = np.einsum("djm,mj->md", inductance, at).ravel()
-        columns = map_slopes(self.machine, at).reshape(target.size, -1)[:, learned]
-        moved = np.zeros_like(self.before)
-        moved[learned] = np.linalg.lstsq(columns, target, rcond=1e-6)[0]
-        return moved
+        """The same by the name of the gain, as what is to be taken off the channels."""
+        shifts = self.fit.learned_uncertainty.shifts
+        sources = {n: one.source for n, (one, _) in self.balance.imperfections.items()}
+        return {n: -shifts[sources[n]] for n in SHARED if sources.get(n) in shifts}
 
     @cached_property
     def matrix(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -155,15 +167,14 @@ class _Update:
         The last are scaled to deviations of 1.
         """
         balance = self.balance
-        psi = map_slopes(self.machine, balance.points.stack(CURRENTS))
-        rows = balance.rows(psi)
+        rows = balance.rows(partial(map_slopes, self.machine))
         names, count = balance.names, len(balance.names)
         terms = list(physical_values(balance.terms))
         of_model = rows[:, count:].copy()
         for k, name in enumerate(terms):
             if name in self.layout.physical:
                 of_model += np.outer(rows[:, k], self.slopes[self.layout.physical.index(name)])
-        own = [k for k, n in enumerate(names) if n not in (*self.layout.physical, *_SHARED)]
+        own = [k for k, n in enumerate(names) if n not in (*self.layout.physical, *SHARED)]
         scale = balance.prior_deviations(_FLAT)[own]
         believed = {n: std for n, (_, std) in balance.imperfections.items()}
         widened = [_ANGLE / believed[names[k]] if names[k] == "angle" else 1.0 for k in own]
@@ -181,9 +192,9 @@ class _Update:
     @cached_property
     def left(self) -> FloatArray:
         """What the recordings' fit leaves of each equation."""
-        psi = np.asarray(self.machine.maps()["flux_map"](*self.balance.points.stack(CURRENTS).T))
+        flux = self.machine.maps()["flux_map"]
         values = {name: self.fit.parameters[name].value for name in self.layout.physical}
-        return self.balance.left(psi.T, values)
+        return self.balance.left(lambda at: np.asarray(flux(*at.T)).T, values)
 
     @cached_property
     def gain(self) -> tuple[FloatArray, FloatArray]:
@@ -227,7 +238,7 @@ class _Update:
         """
         square = _SQUARE * self.machine.flux.current_scale * np.linspace(-1, 1, _SIDE)
         beyond = np.stack(np.meshgrid(square, square), axis=-1).reshape(-1, 2)
-        at = np.concatenate([self.fit.excited, self.balance.points.stack(CURRENTS)])
+        at = np.concatenate([self.fit.excited, self.balance.at])
         learned = self.layout.members(("learned",))
         inside, outside = (
             map_slopes(self.machine, places).reshape(2 * len(places), -1) for places in (at, beyond)
@@ -257,7 +268,13 @@ class _Update:
             else replace(row, std=float(part * row.std))
             for row in before
         ]
-        rows.append(Contribution(_SOURCE, float(np.sqrt(of_points + spread)), remedy=_REMEDY))
+        rows.append(
+            Contribution(
+                self.balance.source,
+                float(np.sqrt(of_points + spread)),
+                remedy=self.balance.remedy,
+            )
+        )
         return tuple(sorted(rows, key=lambda row: -row.std))
 
 
@@ -265,7 +282,7 @@ def _narrowed(
     fit: Fit, best: _Update, raw: FloatArray, covariance: FloatArray, spread: FloatArray
 ) -> Fit:
     """Return the fit at raw parameters; `spread` is the part of their covariance by the knees."""
-    layout, slopes, points = best.layout, best.slopes, best.balance.points
+    layout, slopes = best.layout, best.slopes
     raw = best.before + best.within_support(raw - best.before)
     with float64():
         model: Machine = layout.plain_model(raw)
@@ -279,26 +296,37 @@ def _narrowed(
         rows, std = best.budget(k, total, knees), float(np.sqrt(total))
         shown = old.identifiability, old.meaning, rows
         estimates[name] = Estimate.of(old.value + float(values[k]), std, old.unit, *shown)
-    about = (
-        f"{points.name}: {len(points)} operating points narrow R and the map; recordings are "
-        "predicted without them."
-    )
+    about = f"{best.balance.about}; recordings are predicted without them."
     structure = [*fit.provenance.get("structure", ()), about]
-    narrowed = replace(
+    found = replace(
         fit,
         model=model,
         parameters=estimates,
-        stationary=compared(best.balance, best.left, best.gain[1], best.noise),
+        stationary=_compared(best),
         covariance=slopes @ covariance @ slopes.T,
         learned_uncertainty=LearnedUncertainty(covariance, raw[None], np.ones(1)),
         provenance={**fit.provenance, "structure": structure},
     )
     if best.distance <= _APART:
-        return narrowed
+        return found
     objection = Objection(
         "points contradict",
-        f"{points.name}: the points are {best.distance:.1f} times as far from what the recordings "
-        "say as the accuracy of both allows.",
-        "Check units, signs and temperature of both, or identify them one by one.",
+        f"{best.balance.name}: {best.balance.subject} {best.distance:.1f} times as far from "
+        "what the recordings say as the accuracy of both allows.",
+        best.balance.contradiction,
     )
-    return with_objections(narrowed, [objection])
+    return with_objections(found, [objection])
+
+
+def _compared(one: _Update) -> StationaryComparison:
+    """Return equations beside a model that knew none of them, each told by it and all others.
+
+    Rasmussen and Williams, Gaussian Processes for Machine Learning, 5.4.2.
+    """
+    precision = np.linalg.inv(one.gain[1])
+    spread = np.diag(precision) ** -0.5
+    apart = precision @ one.left
+    target = one.balance.target
+    return as_measured(
+        one.balance, target - one.noise**2 * apart, target - apart * spread**2, spread
+    )

@@ -170,9 +170,9 @@ def _simulated(
     points: Experiment, study: Study, fit: Fit, noise: FloatArray, random: np.random.Generator
 ) -> Experiment:
     """Return points with voltages, and a torque if they have one, of the machine found."""
-    channels, psi = dict(points.channels), fit.flux_map(*points.stack(CURRENTS).T).T
+    channels = dict(points.channels)
     values = {name: estimate.value for name, estimate in fit.parameters.items()}
-    left = _balance(points, study).left(psi, values)
+    left = _balance(points, study).left(lambda at: fit.flux_map(*at.T).T, values)
     voltages = points.stack(VOLTAGES) - left[: 2 * len(points)].reshape(-1, 2)
     torque = channels.get(TORQUE, np.zeros(0)) - left[2 * len(points) :]
     for axis, name in enumerate(VOLTAGES):

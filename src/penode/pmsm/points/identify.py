@@ -45,6 +45,7 @@ from penode.pmsm.points.balance import (
     left_out,
     mixed,
 )
+from penode.pmsm.points.recorded_torque import TorqueBalance
 from penode.pmsm.recording.drive_mapping import TORQUE
 from penode.pmsm.study_settings import DEFAULT_STUDY, Study
 from penode.validation.comparison import StationaryComparison
@@ -224,45 +225,27 @@ def _comparison(balance: PointsBalance, solved: Solved) -> StationaryComparison:
         deviation[rows] = own
     fitted = matrix @ solution.mean
     without, spread = left_out(matrix, balance.target, solution, deviation)
-    return _beside(balance, fitted, without, spread)
+    return as_measured(balance, fitted, without, spread)
 
 
-def compared(
-    balance: PointsBalance, left: FloatArray, expected: FloatArray, noise: FloatArray
+def as_measured(
+    equations: PointsBalance | TorqueBalance,
+    fitted: FloatArray,
+    without: FloatArray,
+    spread: FloatArray,
 ) -> StationaryComparison:
-    """Return the points beside a model that leaves `left`, of covariance `expected`, of them.
-
-    `noise` is the deviation of each equation's own.
-
-    The model knew none of them: each is told by it and by all other points (Rasmussen and Williams,
-    Gaussian Processes for Machine Learning, 5.4.2).
-    """
-    precision = np.linalg.inv(expected)
-    spread = np.diag(precision) ** -0.5
-    without = balance.target - precision @ left * spread**2
-    fitted = balance.target - noise**2 * (precision @ left)
-    return _beside(balance, fitted, without, spread)
-
-
-def _beside(
-    balance: PointsBalance, fitted: FloatArray, without: FloatArray, spread: FloatArray
-) -> StationaryComparison:
-    """Return equations as the quantities that were measured."""
-    count = len(balance.points)
-    known = np.concatenate([balance.known.ravel(), np.zeros(len(balance.target) - 2 * count)])
+    """Return what is fitted of equations, and what is without each, beside what was measured."""
 
     def table(values: FloatArray) -> FloatArray:
-        voltages, torque = values[: 2 * count].reshape(count, 2), values[2 * count :]
-        return np.column_stack([voltages, torque]) if len(torque) else voltages
+        return np.column_stack([values[rows] for rows in equations.outputs])
 
-    names, units = (*VOLTAGES, TORQUE), ("V", "V", "Nm")
-    shown = 2 + balance.torque
+    known = equations.known
     return StationaryComparison(
-        name=balance.points.name,
-        quantities=names[:shown],
-        units=units[:shown],
-        states=balance.points.stack(CURRENTS),
-        measured=table(balance.target + known),
+        equations.name,
+        tuple(equations.quantities),
+        tuple(equations.quantities.values()),
+        states=equations.at,
+        measured=table(equations.target + known),
         fitted=table(fitted + known),
         without=table(without + known),
         deviation=table(spread),

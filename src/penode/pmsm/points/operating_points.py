@@ -1,6 +1,7 @@
 """A table of operating points: read, and checked before any fit."""
 
 from collections.abc import Sequence
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ _MANY, _STEP = 200, 0.02
 def load_runs(
     paths: Sequence[Path], mapping: DriveMapping
 ) -> tuple[list[Experiment], Experiment | None]:
-    """Load files that are all recordings, or one table of operating points.
+    """Load files that are all recordings, or all tables of operating points.
 
     Parameters
     ----------
@@ -37,27 +38,49 @@ def load_runs(
     list of Experiment
         Recordings, or the stretches of them.
     Experiment or None
-        The operating points.
+        The operating points of all tables, those of the first in front.
 
     Raises
     ------
     InputError
-        If a table of points is given beside another file, or as the loaders say.
+        If a table of points is given beside a recording, a table is given twice or has other
+        channels than the first, or as the loaders say.
     """
     recordings: list[Experiment] = []
+    tables: list[Experiment] = []
     for path in paths:
         table, source = read(path)
         own = mapping.suited(table)
-        if not own.is_table_of_points(table):
-            recordings += own.stretches_of(path, table, source)
-        elif len(paths) > 1:
-            raise InputError(
-                f"{path}: a table of operating points (no column {TIME}) must be the only file, "
-                f"got {len(paths)}; beside recordings give it with --points."
-            )
+        if own.is_table_of_points(table):
+            tables.append(points_of(path, own, table, source))
         else:
-            return [], points_of(path, own, table, source)
-    return recordings, None
+            recordings += own.stretches_of(path, table, source)
+    if tables and recordings:
+        raise InputError(
+            f"{tables[0].name}: a table of operating points (no column {TIME}) must stand beside "
+            f"other tables only, got it with {recordings[0].name}; beside recordings give it with "
+            "--points."
+        )
+    return recordings, _joined(tables) if tables else None
+
+
+def _joined(tables: Sequence[Experiment]) -> Experiment:
+    """Return the points of all tables."""
+    first, *others = tables
+    if not others:
+        return first
+    for k, other in enumerate(others, 1):
+        if other.source.sha256 in [one.source.sha256 for one in tables[:k]]:
+            raise InputError(f"{other.name}: operating points must be given once; remove a copy.")
+        if apart := sorted(set(first.channels) ^ set(other.channels)):
+            raise InputError(
+                f"{other.name}: columns must be those of {first.name}, got {apart[0]} in one of "
+                "them alone; add it to the other, or remove it."
+            )
+    channels = {n: np.concatenate([one.channels[n] for one in tables]) for n in first.channels}
+    files = [one.source for one in tables]
+    source = Source(*(", ".join(each) for each in zip(*map(astuple, files), strict=True)))
+    return Experiment(", ".join(one.name for one in tables), 1.0, channels, source)
 
 
 def points_of(path: str | Path, mapping: DriveMapping, table: Table, source: Source) -> Experiment:

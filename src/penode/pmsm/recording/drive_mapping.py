@@ -186,11 +186,13 @@ class DriveMapping:
     ) -> tuple[Experiment, ...]:
         """Make recordings of the columns of a file; see `load_stretches`."""
         table = self._timed(table)
-        origins = {n: channel.origin for n, channel in self.channels.items() if n != TORQUE}
+        origins = {n: channel.origin for n, channel in self.channels.items()}
+        if TORQUE in origins and origins[TORQUE].column not in table.columns:
+            del origins[TORQUE]  # mapped for operating points
         if not self.channels:
             for name in RECORDED:
                 table.require_numbers(str(path), name)
-            origins = {n: Origin(n, si) for n, si in RECORDED.items() if n in table.columns}
+            origins = {n: Origin(n, si) for n, si in MAPPED.items() if n in table.columns}
         constant = {n: self.constants[n] for n in AS_NUMBERS if n in self.constants}
         constant = {name: value for name, value in constant.items() if name not in origins}
         self._require(path, table, {*origins, *constant})
@@ -214,6 +216,7 @@ class DriveMapping:
         if not self.channels:
             return not missing_channels([name for name in RECORDED if name in table.columns])
         named = {name: one.origin.column for name, one in self.channels.items()}
+        named.pop(TORQUE, None)
         if table.clocks:  # channel groups have their own times
             named.pop(TIME, None)
         return all(column in table.columns for column in named.values())

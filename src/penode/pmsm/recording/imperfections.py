@@ -411,7 +411,7 @@ class Accuracy:
 
     Parameters
     ----------
-    current_gain, voltage_gain, speed_gain : float
+    current_gain, voltage_gain, speed_gain, torque_gain : float
         As a fraction of the reading, of all phases together.
     current_mismatch : float
         Of the phases' current gains among each other, as a fraction; needs theta_el.
@@ -433,6 +433,7 @@ class Accuracy:
 
     def __init__(self, **declared: float) -> None:
         usual = {n: one.declared for n, one in IMPERFECTIONS.items() if one.declared < math.inf}
+        usual["torque_gain"] = 0.005  # of the shaft's torque, in no balance of voltages
         for name, value in declared.items():
             if name not in usual:
                 raise InputError(f"accuracy {name} is unknown; known are {', '.join(usual)}.")
@@ -454,9 +455,9 @@ class Accuracy:
     def deviations(self, experiments: Sequence[Experiment]) -> dict[str, float]:
         """Return them by name, SI units; an offset's is that of the largest current."""
         largest = max(float(np.hypot(*e.stack(CURRENTS).T).max()) for e in experiments)
-        units = {name: IMPERFECTIONS[name].declared_unit for name in self.declared}
+        units = {n: one.declared_unit for n, one in IMPERFECTIONS.items() if n in self.declared}
         units[_CurrentOffset.name] = largest
-        return {name: units[name] * value for name, value in self.declared.items()}
+        return {name: unit * self.declared[name] for name, unit in units.items()}
 
 
 DEFAULT_ACCURACY = Accuracy()
