@@ -80,6 +80,7 @@ def test_it_narrows_the_map_and_says_so(fit):
     )
     assert found.stationary.covered["torque"] > 0.85
     assert found.horizon == fit.horizon
+    assert found.stationary.name == "the torque in run.csv"
 
 
 def test_friction_and_inertia_are_not_taken_for_the_map(fit):

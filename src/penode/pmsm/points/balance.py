@@ -119,6 +119,11 @@ class PointsBalance:
         return self.points.name
 
     @property
+    def title(self) -> str:
+        """Of the equations."""
+        return self.name
+
+    @property
     def about(self) -> str:
         """What narrows the map."""
         return f"{self.name}: {len(self.points)} operating points narrow R and the map"

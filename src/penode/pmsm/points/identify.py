@@ -241,7 +241,7 @@ def as_measured(
 
     known = equations.known
     return StationaryComparison(
-        equations.name,
+        equations.title,
         tuple(equations.quantities),
         tuple(equations.quantities.values()),
         states=equations.at,

@@ -65,6 +65,11 @@ class TorqueBalance:
     known: ClassVar[float] = 0.0
 
     @property
+    def title(self) -> str:
+        """Of the equations."""
+        return f"the torque in {self.name}"
+
+    @property
     def about(self) -> str:
         """What narrows the map."""
         means = f"{len(self.target)} means over {1e3 * WINDOW:.0f} ms"
