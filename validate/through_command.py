@@ -12,7 +12,7 @@ import argparse
 import os
 import shutil
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from multiprocessing import get_context
@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from penode.fit.outcome import AGREED
+from penode.horizon.consensus import LEFT_OUT
 from validate.command import Ended, identify
 from validate.drawn_logs import DrawnLog, draw_log, of_kind, recorded_elsewhere
 from validate.ledger import Ledger, Record
@@ -80,11 +81,20 @@ def outcome(ended: Ended, log: DrawnLog) -> dict[str, Any]:
         "R": value,
         "interval": [low, high],
         "covered": log.resistance is not None and low <= log.resistance <= high,
+        "widened": widened(estimate.get("budget", ())),
     }
     if positive and log.flux_map and not log.refuse:
         fit = ended.fit()
         record["map"] = map_error(fit, log.flux_map, fit.supported)
     return record
+
+
+def widened(budget: Sequence[Mapping[str, Any]]) -> float:
+    """Return the deviation of R over what it is without the row of what the model leaves out."""
+    squares = {row["source"]: (row["std"] or np.nan) ** 2 for row in budget}
+    whole = sum(squares.values())
+    rest = whole - squares.get(LEFT_OUT, 0.0)
+    return float(np.sqrt(whole / rest)) if rest > 0 else np.nan
 
 
 def is_positive(one: Record) -> bool:
@@ -130,6 +140,10 @@ def print_table(draws: Sequence[Record]) -> None:
     print(summary("all", draws))
     before = [one["seconds"] for one in draws if not one["result"]]
     after = [one["seconds"] for one in draws if one["result"] and not is_positive(one)]
+    wider = [one["widened"] for one in draws if is_positive(one) and "widened" in one]
+    if wider:
+        middle, high = np.nanquantile(wider, [0.5, 0.9])
+        print(f"{LEFT_OUT} widens R by {middle:.2f} in the median, by {high:.2f} in one of ten")
     print(_times("refused before training", before))
     print(_times("not positive after training", after))
     print(_times("positive", [one["seconds"] for one in draws if is_positive(one)]))

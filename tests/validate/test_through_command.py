@@ -4,11 +4,13 @@ import json
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 from validate.command import Ended
 from validate.drawn_logs import BENCH, PLANT, DrawnLog
 from validate.sampled_drive.kinds import HELD_OUT, KINDS, draw
 
+from penode.horizon.consensus import LEFT_OUT
 from validate import drawn_logs, through_command
 
 
@@ -81,6 +83,16 @@ def test_the_table_counts_what_went_wrong(capsys):
     assert "covered 2 of 4 (50 %); largest error 20.00 %" in table
     assert "positive on a log that has no answer 1" in table
     assert "refused before training: 3, median 10.0 s, longest 20.0 s, 1 took over 15 s" in table
+
+
+def test_what_the_model_leaves_out_widens_by_the_whole_over_the_rest(capsys):
+    rows = [("a", 3.0), (LEFT_OUT, 4.0)]
+    budget = [{"source": source, "std": std} for source, std in rows]
+    assert through_command.widened(budget) == pytest.approx(5 / 3)
+    assert through_command.widened(budget[:1]) == 1.0
+    assert np.isnan(through_command.widened([{"source": "a", "std": None}]))
+    through_command.print_table([record(0, widened=1.0), record(1, widened=1.5), record(2)])
+    assert "widens R by 1.25 in the median" in capsys.readouterr().out
 
 
 def test_half_of_the_logs_are_the_plant_s_all_kinds_at_held_out_seeds(tmp_path, monkeypatch):
