@@ -1,14 +1,18 @@
 """The torque of the shaft in a recording: what it narrows, what else it is made of, refusals."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from tests.pmsm.points.test_beside import believed
 from tests.pmsm.points.test_operating_points import L_D, L_Q, PAIRS, PSI, STUDY, R, measured
 
-from penode import Experiment
+from penode import Experiment, InputError
 from penode.arrays import float64
+from penode.data.experiment import Source
+from penode.data.mapping import Origin
+from penode.data.table import Signal, table_of
 from penode.fit.fit import Estimate, HorizonChoice
 from penode.fit.learned_uncertainty import map_slopes
 from penode.models.layout import Layout
@@ -18,6 +22,7 @@ from penode.pmsm.machine.terms import Resistance
 from penode.pmsm.points.beside import _Update, with_recorded_torque
 from penode.pmsm.points.identify import identify_points
 from penode.pmsm.points.recorded_torque import TorqueBalance
+from penode.pmsm.recording.drive_mapping import DriveMapping, DriveOrigin
 
 STEP, DRAG, VISCOUS, INERTIA = 1e-3, 0.8, 0.02, 0.3
 AT = np.array([[-60.0, 90.0], [-20.0, -120.0]])
@@ -166,3 +171,21 @@ def test_the_column_is_read_where_a_file_has_it(tmp_path):
     study.write_text(f'[channels]\n{mapped}\ntorque = {{ column = "torque", unit = "mNm" }}\n')
     found = load_study(study).load(file).channels["torque"]
     np.testing.assert_allclose(found, 1e-3 * run.channels["torque"], rtol=1e-6)
+
+
+def test_a_torque_of_another_clock_is_read_only_where_it_is_asked_for():
+    run, source = recording(), Source("run.mf4", "0")
+    units = {"i_d": "A", "i_q": "A", "u_d": "V", "u_q": "V", "omega_el": "rad/s", "torque": "Nm"}
+    signals = []
+    for name, unit in units.items():
+        values = run.channels[name][:: 10 if name == "torque" else 1]
+        t = STEP * (10 if name == "torque" else 1) * np.arange(len(values))
+        signals.append(Signal(name, name, unit, partial(np.asarray, values), t))
+    table = table_of("run.mf4", signals)
+    (plain,) = DriveMapping().stretches_of("run.mf4", table, source)
+    assert "torque" not in plain.channels
+    mapped = {n: DriveOrigin(Origin(n, unit)) for n, unit in units.items()}
+    (both,) = DriveMapping(mapped, resample=True).stretches_of("run.mf4", table, source)
+    assert "torque" in both.channels
+    with pytest.raises(InputError, match="resample"):
+        DriveMapping(mapped).stretches_of("run.mf4", table, source)

@@ -17,6 +17,7 @@ from penode.data.mapping import Origin
 from penode.data.table import TIME, Table, list_names
 from penode.data.units import unit_name
 from penode.errors import InputError
+from penode.pmsm.machine.space_vectors import CURRENTS
 from penode.pmsm.machine.standstill import TURN, stands_still
 from penode.pmsm.machine.terms import ANGLE, SPEED
 from penode.pmsm.recording.channels import CANONICAL, missing_channels
@@ -193,6 +194,8 @@ class DriveMapping:
             for name in RECORDED:
                 table.require_numbers(str(path), name)
             origins = {n: Origin(n, si) for n, si in MAPPED.items() if n in table.columns}
+            if table.clocks.get(TORQUE) != table.clocks.get(CURRENTS[0]):
+                origins.pop(TORQUE, None)  # of another device, and nobody asked for it
         constant = {n: self.constants[n] for n in AS_NUMBERS if n in self.constants}
         constant = {name: value for name, value in constant.items() if name not in origins}
         self._require(path, table, {*origins, *constant})
