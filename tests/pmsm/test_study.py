@@ -11,6 +11,7 @@ import pytest
 import penode
 from penode.bench.machines import TRACTION_300A
 from penode.errors import InputError
+from penode.fit.learned_uncertainty import physical_slopes
 from penode.horizon.objections import CHECKS, objections, with_objections
 from penode.pmsm import study as study_module
 from penode.pmsm.result_files import GRID, flux_map_csv, write
@@ -34,6 +35,16 @@ def test_resistance_is_right_and_inside_its_interval(fit):
     assert estimate.unit == "ohm"
     assert fit.horizon.selected == 27
     assert fit.horizon.verdict == "fixed"
+
+
+def test_a_fit_knows_what_each_gain_moves_its_estimate_by(fit):
+    """Voltages half a per cent too large make R about as much larger, currents smaller."""
+    shifts, slopes = fit.learned_uncertainty.shifts, physical_slopes(fit.model)[0]
+    share = {
+        source: slopes @ shifts[source] / fit.parameters["R"].value
+        for source in ("gain of the voltages", "gain of the currents", "gain of the speed")
+    }
+    assert list(share.values()) == pytest.approx([0.005, -0.005, 0.0], abs=1.5e-3)
 
 
 def test_what_no_recording_shows_is_in_the_result(fit):

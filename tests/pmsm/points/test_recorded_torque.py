@@ -84,6 +84,10 @@ def test_it_narrows_the_map_and_says_so(fit):
         found.parameters["R"].std ** 2, rel=1e-6
     )
     assert found.stationary.covered["torque"] > 0.85
+    one = found.stationary
+    left, without = one.measured - one.fitted, one.measured - one.without
+    assert (np.sign(left) == np.sign(without)).all()
+    assert (np.abs(left) < np.abs(without)).all()
     assert found.horizon == fit.horizon
     assert found.stationary.name == "the torque in run.csv"
 
