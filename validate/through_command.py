@@ -91,7 +91,8 @@ def outcome(ended: Ended, log: DrawnLog) -> dict[str, Any]:
 
 def widened(budget: Sequence[Mapping[str, Any]]) -> float:
     """Return the deviation of R over what it is without the row of what the model leaves out."""
-    squares = {row["source"]: (row["std"] or np.nan) ** 2 for row in budget}
+    known = {row["source"]: np.nan if row["std"] is None else row["std"] for row in budget}
+    squares = {source: std**2 for source, std in known.items()}
     whole = sum(squares.values())
     rest = whole - squares.get(LEFT_OUT, 0.0)
     return float(np.sqrt(whole / rest)) if rest > 0 else np.nan

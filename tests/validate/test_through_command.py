@@ -86,7 +86,7 @@ def test_the_table_counts_what_went_wrong(capsys):
 
 
 def test_what_the_model_leaves_out_widens_by_the_whole_over_the_rest(capsys):
-    rows = [("a", 3.0), (LEFT_OUT, 4.0)]
+    rows = [("a", 3.0), (LEFT_OUT, 4.0), ("b", 0.0)]
     budget = [{"source": source, "std": std} for source, std in rows]
     assert through_command.widened(budget) == pytest.approx(5 / 3)
     assert through_command.widened(budget[:1]) == 1.0
